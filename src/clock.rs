@@ -7,6 +7,7 @@
 
 pub mod exposure;
 pub mod quality;
+pub mod written_time;
 
 use std::sync::Mutex;
 use std::time::Duration;

@@ -3,7 +3,7 @@
 use super::Quantity;
 
 /// Largest distance of the nearest tag, s.
-const MAX_NEAREST_S: f64 = 5.0;
+pub const MAX_NEAREST_S: f64 = 5.0;
 /// Largest distance of tags from which the change of the quantity is estimated, s.
 const MAX_NEIGHBOUR_S: f64 = 60.0;
 /// Limits above which a value contradicts its neighbours: in standard deviations of the instrument, and in multiples of the

@@ -4,8 +4,9 @@ use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
 
-use super::times::TimeFormat;
+use super::times::{TimeFormat, parse_date};
 use super::{QUANTITY_COUNT, Quantity};
+use crate::clock::written_time::parse_offset;
 use crate::installation::parse_rows;
 
 /// Format of a feed's lines.
@@ -56,9 +57,21 @@ pub struct Layout {
     /// Format of the time tag.
     #[serde(default, skip_serializing_if = "is_default_format")]
     pub time_format: TimeFormat,
-    /// Date of seconds of a day.
+    /// Date of seconds of a day; its year is that of days of a year.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub date: Option<jiff::civil::Date>,
+    /// Number of the field with the date.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub date_field: Option<usize>,
+    /// Offset from UTC of times without a zone, s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub zone_s: Option<i32>,
+    /// Number of the field with that offset, as `-05:00` or in hours.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub zone_field: Option<usize>,
+    /// Numbers that stand for missing values.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub missing: Vec<f64>,
     /// Decimal sign.
     #[serde(default = "default_decimal", skip_serializing_if = "is_default_decimal")]
     pub decimal: char,
@@ -102,8 +115,19 @@ pub(super) const IWG1: [(usize, Quantity, f64, &str); 6] = [
 impl Layout {
     /// Creates a layout of separated fields.
     pub fn separated(separator: char, time_field: usize, column: Vec<QuantityColumn>) -> Self {
-        let (time_format, date, decimal) = (TimeFormat::default(), None, default_decimal());
-        Self { begins_with: None, separator, time_field, time_format, date, decimal, column }
+        Self {
+            begins_with: None,
+            separator,
+            time_field,
+            time_format: TimeFormat::default(),
+            date: None,
+            date_field: None,
+            zone_s: None,
+            zone_field: None,
+            missing: vec![],
+            decimal: default_decimal(),
+            column,
+        }
     }
 
     /// Creates the layout of IWG1 with a platform's own fields.
@@ -134,8 +158,13 @@ impl Layout {
         if begins.is_some_and(|word| fields.first().is_none_or(|first| first.as_ref() != word)) {
             return None;
         }
-        let time = self.time_format.seconds(field_text(fields, self.time_field)?, self.date)?;
-        let mut sample = Sample { time_s: time, values: [None; QUANTITY_COUNT] };
+        let date = self.date_field.map_or(Some(self.date), |k| parse_date(field_text(fields, k)?).map(Some))?;
+        let zone_s = match self.zone_field {
+            Some(k) => zone_seconds(field_text(fields, k)?)?,
+            None => self.zone_s.map_or(0.0, f64::from),
+        };
+        let time_s = self.time_format.seconds(field_text(fields, self.time_field)?, date, zone_s)?;
+        let mut sample = Sample { time_s, values: [None; QUANTITY_COUNT] };
         for column in &self.column {
             let value = if let Cell::Value(value) = self.cell(fields, column) { Some(value) } else { None };
             sample.values[column.quantity.index()] = value;
@@ -155,6 +184,7 @@ impl Layout {
             _ => text.to_owned(),
         };
         match text.parse::<f64>() {
+            Ok(number) if self.missing.contains(&number) => Cell::Blank,
             Ok(number) => {
                 let value = column.scale * number + column.offset;
                 column.quantity.plausible(value).map_or(Cell::OutOfRange(value), Cell::Value)
@@ -162,6 +192,12 @@ impl Layout {
             Err(_) => Cell::Text,
         }
     }
+}
+
+/// Parses an offset from UTC: `-05:00`, or hours.
+fn zone_seconds(text: &str) -> Option<f64> {
+    let hours = || text.parse::<f64>().ok().filter(|h| h.abs() <= 14.0).map(|h| 3600.0 * h);
+    parse_offset(text).map(|offset| f64::from(offset.seconds())).or_else(hours)
 }
 
 /// Returns a field by its number, from 1.

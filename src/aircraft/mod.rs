@@ -3,7 +3,7 @@
 //! | file | from | to |
 //! |---|---|---|
 //! | `mapping` | mapping file written by the user | quantity of each column |
-//! | `table`, `iwg1`, `units` | text of a table, its mapping | layout and lines, contents of the cells, errors |
+//! | `table`, `iwg1`, `icartt`, `units`, `statements` | text of a table, its mapping | layout and lines, contents of the cells, errors |
 //! | `times` | time tag | seconds since 1970; likely format of an unreadable tag |
 //! | `layout` | line of text, positions of its fields | sample: time tag and quantities |
 //! | `tags` | tags and receipt times of their lines | impossible tags |
@@ -12,20 +12,23 @@
 //! | `air` | state | air on both sides of the window, temperature of the wing |
 
 mod air;
+mod icartt;
 mod interpolate;
 mod iwg1;
 mod join;
 mod layout;
 mod mapping;
+mod statements;
 mod table;
 mod tags;
 mod times;
 mod units;
 
 pub use air::{flight_conditions, pressure_contradiction};
+pub use interpolate::MAX_NEAREST_S;
 pub use join::{AircraftState, AircraftTrack, JoinedValue, ReceivedLine, UnusedLines, state_to_json};
 pub use layout::{Cell, Layout, LineFormat, QuantityColumn, Sample};
-pub use mapping::{MappedColumn, Mapping};
+pub use mapping::{MappedColumn, Mapping, StatedOnce, TableFormat};
 pub use table::{AircraftTable, ColumnTally, TableContents};
 pub use tags::impossible_delay_s;
 pub use times::{DAY_S, TimeFormat, format_time, guess_format};

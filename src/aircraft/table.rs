@@ -2,9 +2,12 @@
 
 use std::borrow::Cow;
 
-use super::layout::{Cell, Layout, LineFormat, QuantityColumn};
-use super::mapping::{MappedColumn, Mapping};
-use super::units::{self, UnitAgreement};
+use jiff::civil::Date;
+
+use super::icartt::{self, IcarttHead};
+use super::layout::{Cell, Layout, QuantityColumn};
+use super::mapping::{MappedColumn, Mapping, StatedOnce, TableFormat};
+use super::statements::{check_date, check_date_and_zone, check_unit, check_units};
 use super::{Quantity, iwg1};
 use crate::installation::{KeyFault, Row, RowsError, parse_rows, separator_line};
 
@@ -40,12 +43,16 @@ pub struct TableContents {
     pub tallies: Vec<ColumnTally>,
     /// Times of its records, seconds since 1970, in their order.
     pub times_s: Vec<f64>,
+    /// Times of the records with a value, in ascending order.
+    pub valued_s: Vec<f64>,
     /// Lines and time tags of records without a readable time.
     pub unread: Vec<(u64, String)>,
 }
 
 /// Number of rows in which the header is searched for.
-const MAX_HEADER_ROW: usize = 50;
+const MAX_HEADER_ROW: usize = 500;
+/// Number of rows below the header that may be units.
+const MAX_UNIT_ROWS: usize = 3;
 /// Separators that are tried if the mapping has none.
 const SEPARATORS: [char; 4] = [',', ';', '\t', '|'];
 
@@ -55,16 +62,19 @@ impl AircraftTable {
     /// # Errors
     /// Returns the first error of the table; a key without a line belongs to the mapping.
     pub fn parse(mapping: &Mapping, text: &str) -> Result<Self, KeyFault> {
-        match mapping.format {
-            LineFormat::Iwg1 => {
-                let (lines, remarks) = iwg1::split_records(text)?;
-                let own = mapping.column.iter().filter_map(|c| Some(column_from_mapping(c, c.field?)));
-                let layout = Layout::iwg1(&own.collect::<Vec<_>>());
-                let layout = Layout { time_format: mapping.time_format, date: mapping.date, ..layout };
-                Ok(Self { layout, lines, remarks })
-            }
-            LineFormat::Text => read_table_with_header(mapping, text),
+        if mapping.format == TableFormat::Iwg1 {
+            let (lines, remarks) = iwg1::split_records(text)?;
+            let own = mapping.column.iter().filter_map(|c| Some(column_from_mapping(c, c.field?)));
+            let layout = Layout::iwg1(&own.collect::<Vec<_>>());
+            let layout = Layout { time_format: mapping.time_format, date: stated_date(mapping), ..layout };
+            return Ok(Self { layout, lines, remarks });
         }
+        let head = IcarttHead::read(text);
+        if head.is_none() && mapping.format == TableFormat::Icartt {
+            return Err(icartt::missing_head_fault());
+        }
+        let completed = head.as_ref().map(|head| head.complete_mapping(mapping));
+        read_table_with_header(completed.as_ref().unwrap_or(mapping), head.as_ref(), text)
     }
 
     /// Counts the contents of the cells.
@@ -78,20 +88,26 @@ impl AircraftTable {
             out_of_range: (0, None),
         };
         let mut tallies: Vec<ColumnTally> = quantities.iter().map(none).collect();
-        let (mut times_s, mut unread) = (vec![], vec![]);
+        let (mut times_s, mut valued_s, mut unread) = (vec![], vec![], vec![]);
         for (line, text) in &self.lines {
             let fields = self.layout.fields(text);
             let Some(sample) = self.layout.sample(&fields) else {
-                let tag = self.layout.time_field.checked_sub(1).and_then(|k| fields.get(k));
-                unread.push((*line, tag.map(ToString::to_string).unwrap_or_default()));
+                let Layout { date_field, time_field, zone_field, .. } = self.layout;
+                let places = [date_field, Some(time_field), zone_field].into_iter().flatten();
+                let tag: Vec<&str> = places.filter_map(|k| fields.get(k.checked_sub(1)?)).map(AsRef::as_ref).collect();
+                unread.push((*line, tag.join(" ")));
                 continue;
             };
             times_s.push(sample.time_s);
+            if sample.values.iter().any(Option::is_some) {
+                valued_s.push(sample.time_s);
+            }
             for (tally, column) in tallies.iter_mut().zip(quantities) {
                 tally.count_cell(&self.layout, &fields, column);
             }
         }
-        TableContents { tallies, times_s, unread }
+        valued_s.sort_by(f64::total_cmp);
+        TableContents { tallies, times_s, valued_s, unread }
     }
 }
 
@@ -149,7 +165,17 @@ fn has_thousands_separators(text: &str) -> bool {
 }
 
 fn column_from_mapping(named: &MappedColumn, field: usize) -> QuantityColumn {
-    QuantityColumn { field, quantity: named.quantity, scale: named.scale, offset: named.offset }
+    let (scale, offset) = named.conversion();
+    QuantityColumn { field, quantity: named.quantity, scale, offset }
+}
+
+/// Returns the date of all lines: that of the seconds of a day, or the first of the year.
+fn stated_date(mapping: &Mapping) -> Option<Date> {
+    match (&mapping.date, mapping.year) {
+        (Some(StatedOnce::Value(date)), _) => Some(*date),
+        (_, Some(year)) => Date::new(year, 1, 1).ok(),
+        _ => None,
+    }
 }
 
 /// Text split by a separator.
@@ -162,15 +188,15 @@ struct SplitTable {
     columns: usize,
 }
 
-/// Splits a text by a separator; `None` if no row is the header.
+/// Splits a text by a separator; the header is the first row with most of the mapping's columns and the time. `None` if no
+/// row has the time.
 fn split_by(mapping: &Mapping, text: &str, separator: char) -> Result<Option<SplitTable>, RowsError> {
     let rows = parse_rows(text, separator)?;
     let has = |row: &Row, name: &Option<String>| row.cells.iter().any(|cell| Some(cell) == name.as_ref());
-    let header = rows.iter().take(MAX_HEADER_ROW).position(|row| has(row, &mapping.time));
-    Ok(header.map(|header| {
-        let columns = mapping.column.iter().filter(|c| has(&rows[header], &c.name)).count();
-        SplitTable { separator, rows, header, columns }
-    }))
+    let columns = |row: &Row| mapping.column.iter().filter(|c| has(row, &c.name)).count();
+    let with_time = rows.iter().take(MAX_HEADER_ROW).enumerate().filter(|(_, row)| has(row, &mapping.time));
+    let best = with_time.map(|(k, row)| (columns(row), k)).max_by_key(|(count, k)| (*count, std::cmp::Reverse(*k)));
+    Ok(best.map(|(columns, header)| SplitTable { separator, rows, header, columns }))
 }
 
 /// Splits a text by the separator of the mapping or of a first line `sep=;`, or else by the one that yields most of the
@@ -192,7 +218,7 @@ fn detect_separator(mapping: &Mapping, text: &str) -> Result<(SplitTable, bool),
     }
 }
 
-fn read_table_with_header(mapping: &Mapping, text: &str) -> Result<AircraftTable, KeyFault> {
+fn read_table_with_header(mapping: &Mapping, head: Option<&IcarttHead>, text: &str) -> Result<AircraftTable, KeyFault> {
     let (SplitTable { separator, rows, header: at, .. }, given) = detect_separator(mapping, text)?;
     let mut remarks: Vec<String> = vec![];
     if !given && separator != ',' {
@@ -201,10 +227,22 @@ fn read_table_with_header(mapping: &Mapping, text: &str) -> Result<AircraftTable
     if at > 0 {
         remarks.push(format!("omitted before the header: {}", count_text(at, "line")));
     }
-    let mut rows = rows.into_iter().skip(at);
-    let header = rows.next().ok_or_else(|| missing_header_fault(text, "", None))?;
-    let layout = locate_columns(mapping, &header, separator)?;
-    let lines = select_records(&layout, mapping, &header, rows.collect(), &mut remarks)?;
+    let (above, rest) = rows.split_at(at);
+    let (header, data) = rest.split_first().ok_or_else(|| missing_header_fault(text, "", None))?;
+    let mut layout = locate_columns(mapping, header, separator)?;
+    if let Some(head) = head {
+        layout.missing = head.missing_values();
+        for (named, column) in mapping.column.iter().zip(&mut layout.column) {
+            column.scale *= head.column_factor(named.name.as_deref().unwrap_or_default());
+        }
+        check_date(mapping, (icartt::DATE_LINE as u64 + 1, ""), head.date)?;
+    }
+    check_units(mapping, &layout, (above, header), &mut remarks)?;
+    let data = select_records(&layout, mapping, header, data, &mut remarks)?;
+    for row in data.first().into_iter().chain(data.last()) {
+        check_date_and_zone(mapping, &layout, header, row)?;
+    }
+    let lines = data.into_iter().map(|row| (row.line, row.text.clone())).collect();
     Ok(AircraftTable { layout, lines, remarks })
 }
 
@@ -241,7 +279,7 @@ fn missing_header_fault(text: &str, time: &str, given: Option<char>) -> KeyFault
     }
 }
 
-/// Locates the mapping's columns; units in their names must be those of the mapping.
+/// Locates the mapping's columns.
 fn locate_columns(mapping: &Mapping, header: &Row, separator: char) -> Result<Layout, KeyFault> {
     let place = |name: &str| {
         let mut found = header.cells.iter().enumerate().filter(|(_, cell)| *cell == name).map(|(k, _)| k + 1);
@@ -258,75 +296,62 @@ fn locate_columns(mapping: &Mapping, header: &Row, separator: char) -> Result<La
     };
     let mut columns = vec![];
     for named in &mapping.column {
-        let name = named.name.as_deref().unwrap_or_default();
-        columns.push(column_from_mapping(named, place(name)?));
-        if let Some(unit) = units::unit_in_name(name) {
-            // Brackets in a name may contain anything: an unknown unit is ignored.
-            check_unit(named, unit, header.line)?;
-        }
+        columns.push(column_from_mapping(named, place(named.name.as_deref().unwrap_or_default())?));
     }
-    let time_field = place(mapping.time.as_deref().unwrap_or_default())?;
-    let text = Layout::separated(separator, time_field, columns);
-    Ok(Layout { time_format: mapping.time_format, date: mapping.date, decimal: mapping.decimal, ..text })
+    let stated = |key: &str, name: &str, other: &str| {
+        let remedy = format!("write {other}, or the name of a column: {}", header.cells.join(", "));
+        let problem = format!("\"{name}\" is not a {key} and not a column of the table");
+        place(name).map(Some).map_err(|_| KeyFault::on_line(0, key, problem, remedy))
+    };
+    let date_field = match &mapping.date {
+        Some(StatedOnce::Column(name)) => stated("date", name, "2026-06-01")?,
+        _ => None,
+    };
+    let (zone_s, zone_field) = match &mapping.zone {
+        Some(StatedOnce::Column(name)) => (None, stated("zone", name, "+02:00")?),
+        Some(StatedOnce::Value(zone)) => (Some(zone.seconds()), None),
+        None => (None, None),
+    };
+    Ok(Layout {
+        time_format: mapping.time_format,
+        date: stated_date(mapping),
+        date_field,
+        zone_s,
+        zone_field,
+        decimal: mapping.decimal,
+        ..Layout::separated(separator, place(mapping.time.as_deref().unwrap_or_default())?, columns)
+    })
 }
 
-/// Checks the unit that a table names against the mapping; `false` if the unit is unknown.
-fn check_unit(named: &MappedColumn, unit: &str, line: u64) -> Result<bool, KeyFault> {
-    let name = named.name.as_deref().unwrap_or_default();
-    let quantity = named.quantity.name();
-    match units::compare_unit(named.quantity, unit, named.scale, named.offset) {
-        UnitAgreement::Same => Ok(true),
-        UnitAgreement::Unknown => Ok(false),
-        UnitAgreement::Different(scale, offset) => {
-            let problem = format!(
-                "is in {unit}, but the mapping converts it to {quantity} by scale = {}, offset = {}",
-                named.scale, named.offset
-            );
-            Err(KeyFault::on_line(line, name, problem, format!("write scale = {scale}, offset = {offset}")))
-        }
-        UnitAgreement::WrongDimension => {
-            let problem = format!("is in {unit}, which is not a unit of {quantity}");
-            Err(KeyFault::on_line(line, name, problem, "name the column of that quantity"))
-        }
-    }
-}
-
-/// Returns the records below the header, without a row of units.
-fn select_records(
+/// Returns the records below the header, without rows of units.
+fn select_records<'a>(
     layout: &Layout,
     mapping: &Mapping,
     header: &Row,
-    data: Vec<Row>,
+    data: &'a [Row],
     remarks: &mut Vec<String>,
-) -> Result<Vec<(u64, String)>, KeyFault> {
+) -> Result<Vec<&'a Row>, KeyFault> {
     let width = header.cells.len();
     if let Some(row) = data.iter().find(|row| row.exceeds(width)) {
         let problem = format!("has {} cells under a header of {width}", row.cells.len());
         let remedy = "put quotes around a text with a separator, and a line end between two records";
         return Err(KeyFault::on_line(row.line, "", problem, remedy));
     }
-    let (data, short): (Vec<Row>, Vec<Row>) = data.into_iter().partition(|row| row.cells.len() >= width);
+    let (mut data, short): (Vec<&Row>, Vec<&Row>) = data.iter().partition(|row| row.cells.len() >= width);
     if let Some(first) = short.first() {
         let lines = count_text(short.len(), "line");
         remarks
             .push(format!("omitted because they have fewer cells than the header: {lines}, line {} first", first.line));
     }
-    let mut data = data.into_iter().peekable();
-    if let Some(row) = data.peek().filter(|row| is_unit_row(layout, row)) {
+    let units = data.iter().take(MAX_UNIT_ROWS).take_while(|row| is_unit_row(layout, row)).count();
+    for row in data.drain(..units) {
         for (named, column) in mapping.column.iter().zip(&layout.column) {
-            let unit = row.cells.get(column.field - 1).map(|u| u.trim_matches(['[', ']', '(', ')']));
-            let unit = unit.unwrap_or_default();
-            if !check_unit(named, unit, row.line)? {
-                remarks.push(format!(
-                    "the unit {unit} of {} is unknown: the mapping's scale is used",
-                    named.quantity.name()
-                ));
-            }
+            let unit = row.cells.get(column.field - 1).map(String::as_str).unwrap_or_default();
+            check_unit(named, unit, row.line, remarks)?;
         }
         remarks.push(format!("line {} is a row of units", row.line));
-        data.next();
     }
-    Ok(data.map(|row| (row.line, row.text)).collect())
+    Ok(data)
 }
 
 /// Returns whether a row has no time and no number in any mapped column, but a text in one.

@@ -4,6 +4,8 @@ use jiff::civil::{Date, DateTime};
 use jiff::tz::TimeZone;
 use serde::{Deserialize, Serialize};
 
+use crate::clock::written_time::WrittenTime;
+
 /// Format of the times in a table or feed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -31,6 +33,8 @@ pub enum TimeFormat {
     SecondsOfDay,
     /// `20260601075950`.
     Compact,
+    /// IRIG: day of the year and time, `152:07:59:50`, after the year if there is one.
+    Irig,
 }
 
 /// Length of a day, s.
@@ -49,62 +53,38 @@ const GPS_LESS_UTC_S: f64 = 18.0;
 const GPS_2017_S: f64 = 1_167_264_018.0;
 
 impl TimeFormat {
-    /// List of the formats.
-    pub const ALL: [Self; 11] = [
-        Self::Utc,
-        Self::UnixMs,
-        Self::UnixUs,
-        Self::UnixNs,
-        Self::ExcelDays,
-        Self::Excel1904Days,
-        Self::MatlabDays,
-        Self::JulianDays,
-        Self::GpsSeconds,
-        Self::SecondsOfDay,
-        Self::Compact,
+    /// Formats, each with its name in a mapping and its description in messages.
+    const ALL: [(Self, &str, &str); 12] = [
+        (Self::Utc, "utc", "ISO 8601 or seconds since 1970"),
+        (Self::UnixMs, "unix_ms", "milliseconds since 1970"),
+        (Self::UnixUs, "unix_us", "microseconds since 1970"),
+        (Self::UnixNs, "unix_ns", "nanoseconds since 1970"),
+        (Self::ExcelDays, "excel_days", "a spreadsheet's day numbers"),
+        (Self::Excel1904Days, "excel1904_days", "day numbers of a spreadsheet that begins with 1904"),
+        (Self::MatlabDays, "matlab_days", "MATLAB's day numbers"),
+        (Self::JulianDays, "julian_days", "Julian dates"),
+        (Self::GpsSeconds, "gps_seconds", "GPS seconds since 1980"),
+        (Self::SecondsOfDay, "seconds_of_day", "seconds or times of a day"),
+        (Self::Compact, "compact", "14 digits, year to second"),
+        (Self::Irig, "irig", "days of the year with a time (IRIG)"),
     ];
 
-    /// Returns the name used in a mapping.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Utc => "utc",
-            Self::UnixMs => "unix_ms",
-            Self::UnixUs => "unix_us",
-            Self::UnixNs => "unix_ns",
-            Self::ExcelDays => "excel_days",
-            Self::Excel1904Days => "excel1904_days",
-            Self::MatlabDays => "matlab_days",
-            Self::JulianDays => "julian_days",
-            Self::GpsSeconds => "gps_seconds",
-            Self::SecondsOfDay => "seconds_of_day",
-            Self::Compact => "compact",
-        }
+    /// Returns the name used in a mapping, and a description for messages.
+    pub fn texts(self) -> (&'static str, &'static str) {
+        Self::ALL.iter().find(|(format, ..)| *format == self).map_or(("", ""), |(_, name, text)| (name, text))
     }
 
-    /// Returns a description for messages.
-    pub fn description(self) -> &'static str {
-        match self {
-            Self::Utc => "ISO 8601 or seconds since 1970",
-            Self::UnixMs => "milliseconds since 1970",
-            Self::UnixUs => "microseconds since 1970",
-            Self::UnixNs => "nanoseconds since 1970",
-            Self::ExcelDays => "a spreadsheet's day numbers",
-            Self::Excel1904Days => "day numbers of a spreadsheet that begins with 1904",
-            Self::MatlabDays => "MATLAB's day numbers",
-            Self::JulianDays => "Julian dates",
-            Self::GpsSeconds => "GPS seconds since 1980",
-            Self::SecondsOfDay => "seconds or times of a day",
-            Self::Compact => "14 digits, year to second",
-        }
-    }
-
-    /// Converts a time into seconds since 1970, UTC; `date` is that of [`TimeFormat::SecondsOfDay`]. `None` if the text
-    /// does not have this format.
-    pub fn seconds(self, text: &str, date: Option<Date>) -> Option<f64> {
+    /// Converts a time into seconds since 1970, UTC. `date` is that of [`TimeFormat::SecondsOfDay`], its year that of
+    /// [`TimeFormat::Irig`] without one; `zone_s` is the offset from UTC of times of a calendar that have no zone, s. `None`
+    /// if the text does not have this format.
+    pub fn seconds(self, text: &str, date: Option<Date>, zone_s: f64) -> Option<f64> {
         let number = || text.parse::<f64>().ok().filter(|s| s.is_finite() && *s >= 0.0);
-        let days = |of_1970: f64| number().filter(|n| *n >= of_1970).map(|n| (n - of_1970) * DAY_S);
+        let days = |of_1970: f64| number().filter(|n| *n >= of_1970).map(|n| (n - of_1970) * DAY_S - zone_s);
         match self {
-            Self::Utc => number().filter(|s| *s > 0.0).or_else(|| parse_iso(text)),
+            Self::Utc => number()
+                .filter(|s| *s > 0.0)
+                .or_else(|| parse_iso(text, zone_s))
+                .or_else(|| day_of_year(text, None).map(|s| s - zone_s)),
             Self::UnixMs => number().map(|n| n * 1e-3),
             Self::UnixUs => number().map(|n| n * 1e-6),
             Self::UnixNs => number().map(|n| n * 1e-9),
@@ -114,24 +94,57 @@ impl TimeFormat {
             Self::JulianDays => days(JULIAN_1970),
             Self::GpsSeconds => number().filter(|n| *n >= GPS_2017_S).map(|n| n + GPS_EPOCH_S - GPS_LESS_UTC_S),
             Self::SecondsOfDay => {
-                let midnight = date?.to_zoned(TimeZone::UTC).ok()?.timestamp();
-                let of_day = number().filter(|n| *n <= DAY_S).or_else(|| time_of_day(text));
-                of_day.map(|n| n + unix_seconds(midnight))
+                let of_day = number().filter(|n| *n <= MAX_SECONDS_OF_DAY).or_else(|| time_of_day(text));
+                of_day.map(|n| n - zone_s).zip(midnight_s(date?)).map(|(n, midnight)| n + midnight)
             }
             Self::Compact => {
                 let (day, time) = text.split_at_checked(8)?;
                 let digits = day.bytes().all(|b| b.is_ascii_digit()) && time.len() >= 6;
-                digits.then(|| parse_iso(&format!("{day}T{time}")))?
+                digits.then(|| parse_iso(&format!("{day}T{time}"), zone_s))?
             }
+            Self::Irig => day_of_year(text, date.map(Date::year)).map(|s| s - zone_s),
         }
     }
 }
 
-/// Parses ISO 8601; UTC if it has no zone.
-fn parse_iso(text: &str) -> Option<f64> {
+/// Largest second of a day: files of several days count on after midnight (ICARTT, section 2.3.1 of its standard).
+const MAX_SECONDS_OF_DAY: f64 = 4.0 * DAY_S;
+
+/// Returns the midnight with which a day begins, seconds since 1970, UTC.
+fn midnight_s(date: Date) -> Option<f64> {
+    date.to_zoned(TimeZone::UTC).ok().map(|midnight| unix_seconds(midnight.timestamp()))
+}
+
+/// Parses a day of the year with a time: `2026:152:07:59:50.0`, `2026-152T07:59:50Z`, and `152:07:59:50` in a known year.
+fn day_of_year(text: &str, year: Option<i16>) -> Option<f64> {
+    let parts: Vec<&str> = text.trim_end_matches(['Z', 'z']).split([':', ' ', '-', '/', 'T']).collect();
+    let (year, [day, hour, minute, second]) = match parts[..] {
+        [day, hour, minute, second] => (year?, [day, hour, minute, second]),
+        [year, day, hour, minute, second] if year.len() == 4 => (year.parse().ok()?, [day, hour, minute, second]),
+        _ => return None,
+    };
+    let whole = |text: &str, low: u16, high: u16| text.parse().ok().filter(|n: &u16| (low..=high).contains(n));
+    let (day, hour, minute) = (whole(day, 1, 366)?, whole(hour, 0, 23)?, whole(minute, 0, 59)?);
+    let second = second.parse::<f64>().ok().filter(|s| (0.0..61.0).contains(s))?;
+    let begin = midnight_s(Date::new(year, 1, 1).ok()?)?;
+    Some(begin + DAY_S * f64::from(day - 1) + 3600.0 * f64::from(hour) + 60.0 * f64::from(minute) + second)
+}
+
+/// Parses a date: `2026-06-01`, `2026/06/01`, `20260601`, or `2026-152` by the day of the year.
+pub(super) fn parse_date(text: &str) -> Option<Date> {
+    let midnight = format!("{text} 00:00:00");
+    let calendar = WrittenTime::find(&midnight, 1950).filter(|_| text.len() <= 10).map(|time| time.local.date());
+    calendar.or_else(|| {
+        let begin = jiff::Timestamp::from_second(day_of_year(&midnight, None)? as i64).ok()?;
+        Some(begin.to_zoned(TimeZone::UTC).date())
+    })
+}
+
+/// Parses ISO 8601; without a zone of its own at an offset from UTC, s.
+fn parse_iso(text: &str, zone_s: f64) -> Option<f64> {
     let utc = |civil: DateTime| civil.to_zoned(TimeZone::UTC).map(|z| z.timestamp());
-    let stamp = text.parse::<jiff::Timestamp>().ok();
-    stamp.or_else(|| utc(text.parse::<DateTime>().ok()?).ok()).map(unix_seconds)
+    let stamp = text.parse::<jiff::Timestamp>().ok().map(unix_seconds);
+    stamp.or_else(|| utc(text.parse::<DateTime>().ok()?).ok().map(|civil| unix_seconds(civil) - zone_s))
 }
 
 /// Parses a time of day such as `07:59:50` into seconds since midnight.
@@ -151,20 +164,25 @@ pub fn format_time(time_s: f64) -> String {
     stamp.map_or_else(|_| format!("{time_s} s"), |stamp| stamp.to_string())
 }
 
-/// Returns the likely format of tags that, read as `declared`, are not near a flight.
+/// Returns the likely format of tags that, read as declared, are not near a flight; those without a zone are at an offset
+/// from UTC, s.
 ///
 /// It is the format that places most of them between the flight's first and last frame (seconds since 1970), with the
 /// flight's date for seconds of a day. `None` if no format places more than half of them.
-pub fn guess_format(tags: &[&str], declared: TimeFormat, frames: (f64, f64)) -> Option<TimeFormat> {
+pub fn guess_format(
+    tags: &[&str],
+    (declared, zone_s): (Option<TimeFormat>, f64),
+    frames: (f64, f64),
+) -> Option<TimeFormat> {
     let date = jiff::Timestamp::from_second(frames.0 as i64).ok()?.to_zoned(TimeZone::UTC).date();
     let within = |format: &TimeFormat| {
         let about = |tag: &&&str| {
-            let time_s = format.seconds(tag, Some(date));
+            let time_s = format.seconds(tag, Some(date), zone_s);
             time_s.is_some_and(|t| t > frames.0 - MAX_DISTANCE_S && t < frames.1 + MAX_DISTANCE_S)
         };
         tags.iter().filter(about).count()
     };
-    let others = TimeFormat::ALL.into_iter().filter(|f| *f != declared);
+    let others = TimeFormat::ALL.into_iter().map(|(format, ..)| format).filter(|f| Some(*f) != declared);
     let (count, format) = others.map(|f| (within(&f), f)).max_by_key(|(count, f)| (*count, f.specificity()))?;
     (2 * count > tags.len()).then_some(format)
 }
@@ -207,18 +225,30 @@ mod tests {
             (TimeFormat::GpsSeconds, "1464336008", 0.0),
             (TimeFormat::SecondsOfDay, "28790.0", 0.0),
             (TimeFormat::Compact, "20260601075950", 0.0),
+            (TimeFormat::Irig, "152:07:59:50.000", 0.0),
+            (TimeFormat::Irig, "2026:152:07:59:50.000", 0.0),
+            (TimeFormat::Utc, "2026-152T07:59:50Z", 0.0),
         ] {
-            let found = format.seconds(text, date).unwrap();
+            let found = format.seconds(text, date, 0.0).unwrap();
             assert!((found - BEGIN_S).abs() <= within_s, "{format:?} {text}: {}", found - BEGIN_S);
-            let read = TimeFormat::Utc.seconds(text, None).is_some_and(|t| (t - BEGIN_S).abs() < 3600.0);
-            let guess = guess_format(&[text], TimeFormat::Utc, (BEGIN_S, BEGIN_S + 60.0));
-            assert_eq!(guess, Some(format).filter(|f| *f != TimeFormat::Utc), "{text}");
+            let read = TimeFormat::Utc.seconds(text, None, 0.0).is_some_and(|t| (t - BEGIN_S).abs() < 3600.0);
+            let guess = guess_format(&[text], (Some(TimeFormat::Utc), 0.0), (BEGIN_S, BEGIN_S + 60.0));
+            assert_eq!(guess, Some(format).filter(|f| *f != TimeFormat::Utc && !read), "{text}");
             assert_eq!(read, guess.is_none(), "{text}");
+            let local = format.seconds(text, date, 3600.0).map(|s| (s - found).round());
+            let civil = !text.contains('+') && (text.contains([':', '.']) && !text.starts_with("28790"));
+            assert!(!civil || local == Some(-3600.0), "{format:?} {text}: {local:?}");
         }
-        assert_eq!(TimeFormat::SecondsOfDay.seconds("28790", None), None);
-        assert_eq!(TimeFormat::SecondsOfDay.seconds("2026-06-02T07:59:50", date), None);
-        assert_eq!(TimeFormat::GpsSeconds.seconds("1", None), None);
-        assert_eq!(TimeFormat::Compact.seconds("2026060107595", None), None);
-        assert_eq!(guess_format(&["2026-06-02T07:59:50Z"], TimeFormat::Utc, (BEGIN_S, BEGIN_S)), None);
+        assert_eq!(TimeFormat::SecondsOfDay.seconds("28790", None, 0.0), None);
+        assert_eq!(TimeFormat::SecondsOfDay.seconds("115190", Some("2026-05-31".parse().unwrap()), 0.0), Some(BEGIN_S));
+        assert_eq!(TimeFormat::SecondsOfDay.seconds("2026-06-02T07:59:50", date, 0.0), None);
+        assert_eq!(TimeFormat::GpsSeconds.seconds("1", None, 0.0), None);
+        assert_eq!(TimeFormat::Compact.seconds("2026060107595", None, 0.0), None);
+        assert_eq!(TimeFormat::Irig.seconds("152:07:59:50", None, 0.0), None);
+        assert_eq!(guess_format(&["2026-06-02T07:59:50Z"], (Some(TimeFormat::Utc), 0.0), (BEGIN_S, BEGIN_S)), None);
+        for text in ["2026-06-01", "2026/06/01", "20260601", "2026-152"] {
+            assert_eq!(parse_date(text), date, "{text}");
+        }
+        assert_eq!((parse_date("17"), parse_date("07:59:50"), parse_date("0.78")), (None, None, None));
     }
 }

@@ -78,6 +78,7 @@ fn import_table(
         return Err(Failure::Failed(what));
     }
     print_notes(import.empty_columns());
+    print_notes(&import.gaps);
     let complete = unread.is_empty() && import.quantities.iter().all(|r| r.frames > 0);
     Ok(Completion::from_success(complete && !import.passes_midnight()))
 }

@@ -8,8 +8,9 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
 use super::{Failure, print_notes, progress_bar, stop_signal};
-use crate::desk::image_files::{self, DatingOptions, ImageCollection};
+use crate::desk::image_files::{self, ImageCollection};
 use crate::desk::image_names::image_names;
+use crate::desk::image_times::DatingOptions;
 use crate::installation::printable_path;
 use crate::pipeline::guard::{PANIC_REASON, catch_panic};
 use crate::record::Reason;
@@ -64,7 +65,7 @@ pub fn expand_folders(arguments: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
 pub fn read_collection(files: &[PathBuf], dating: &DatingOptions) -> Result<ImageCollection, Failure> {
     let mut images = Vec::with_capacity(files.len());
     run_jobs(files, 0, "reading", |file| (file.clone(), image_files::read_image(file)), collect_into(&mut images))?;
-    Ok(ImageCollection::from_images(images, dating))
+    ImageCollection::from_images(images, dating)
 }
 
 /// Returns a `take` that keeps all results.

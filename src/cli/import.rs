@@ -3,17 +3,19 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use jiff::Timestamp;
 use jiff::tz::Offset;
+use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 
 use super::default_paths::load_installation;
 use super::{Completion, Failure, batch, print_json, print_line, print_notes, progress_bar};
-use crate::camera::exif;
-use crate::desk::image_files::{DatedImage, DatingOptions};
-use crate::desk::image_names::image_name;
+use crate::clock::written_time::parse_offset;
+use crate::clock::{Clock, SystemClock};
+use crate::desk::image_files::ImageCollection;
+use crate::desk::image_times::{DatedImage, DatingOptions};
 use crate::desk::import::{ImportedSeries, Importer};
 use crate::desk::stored_flights;
+use crate::desk::time_list::TimeList;
 use crate::installation::printable_path;
 
 /// Import the images of a camera's card into a store: dated, in series, each once.
@@ -35,6 +37,12 @@ pub struct ImportArgs {
     /// Time zone of the camera's clock for images without one, for example +02:00 [default: UTC]
     #[arg(long, value_name = "ZONE", value_parser = parse_zone, allow_hyphen_values = true)]
     zone: Option<Offset>,
+    /// Camera's clock less its true time, for example -42s or 3653d: subtracted from the times of its images
+    #[arg(long, value_name = "DURATION", default_value = "0s", value_parser = parse_offset_duration, allow_hyphen_values = true)]
+    clock_offset: SignedDuration,
+    /// Times of the images, CSV with the columns image and utc; before those of the images themselves
+    #[arg(long, value_name = "FILE")]
+    times: Option<PathBuf>,
     /// Time of the first image that has none, for example 2026-03-01T07:00:00Z
     #[arg(long, value_name = "TIME")]
     start: Option<Timestamp>,
@@ -53,12 +61,23 @@ pub struct ImportArgs {
 }
 
 fn parse_zone(text: &str) -> Result<Offset, String> {
-    exif::parse_offset(text).ok_or_else(|| "give the offset from UTC, for example +02:00".to_owned())
+    parse_offset(text).ok_or_else(|| "give the offset from UTC, for example +02:00".to_owned())
 }
 
 fn parse_duration(text: &str) -> Result<Duration, String> {
     let read = text.parse().ok().and_then(|read: jiff::SignedDuration| Duration::try_from(read).ok());
     read.filter(|d| !d.is_zero()).ok_or_else(|| "give a duration above 0, for example 60s or 5m".to_owned())
+}
+
+/// Parses a duration, or a number of seconds.
+fn parse_offset_duration(text: &str) -> Result<SignedDuration, String> {
+    let seconds = || text.parse().ok().and_then(|s: f64| SignedDuration::try_from_secs_f64(s).ok());
+    // A calendar's day counts as 24 hours.
+    let span = || {
+        let hours = jiff::SpanRelativeTo::days_are_24_hours();
+        text.parse::<jiff::Span>().ok()?.to_duration(hours).ok()
+    };
+    seconds().or_else(span).ok_or_else(|| "give a duration or seconds, for example -42s, 1h, 3653d or 0.25".to_owned())
 }
 
 fn parse_clock_sigma(text: &str) -> Result<f64, String> {
@@ -70,7 +89,15 @@ pub(super) fn run(args: &ImportArgs) -> Result<Completion, Failure> {
     // Errors of the installation are reported before anything is copied.
     let installation = args.installation.as_deref().map(load_installation).transpose()?;
     let files = installation.as_ref().map(|i| i.files()).transpose()?;
-    let dating = DatingOptions { zone: args.zone, start: args.start, every: args.every, gap: args.gap };
+    let dating = DatingOptions {
+        zone: args.zone,
+        clock_offset: args.clock_offset,
+        list: args.times.as_deref().map(TimeList::read).transpose()?,
+        start: args.start,
+        every: args.every,
+        gap: args.gap,
+        now: SystemClock::new().stamp().utc,
+    };
     let card = batch::read_collection(&batch::expand_folders(&args.pictures)?, &dating)?;
     print_notes(card.duplicates.iter().map(|(file, known)| {
         format!("{}: same image as {}; imported once", printable_path(file), printable_path(known))
@@ -80,6 +107,7 @@ pub(super) fn run(args: &ImportArgs) -> Result<Completion, Failure> {
     if card.series.is_empty() {
         return Err(Failure::Failed("none of the files is an image that can be imported".to_owned()));
     }
+    check_zone_known(args, &card)?;
     let (store, recovery) = stored_flights::open_store(&args.store)?;
     let resumed = |series| format!("{series}: interrupted earlier; its images are kept, the others are imported now");
     print_notes(recovery.series.iter().map(resumed));
@@ -108,9 +136,21 @@ pub(super) fn run(args: &ImportArgs) -> Result<Completion, Failure> {
     Ok(Completion::from_success(card.refused.is_empty()))
 }
 
+/// Checks that a stated error of the clock is not one of images in an unknown zone, whose times may be wrong by hours.
+fn check_zone_known(args: &ImportArgs, card: &ImageCollection) -> Result<(), Failure> {
+    let without = card.series.iter().flatten().filter(|p| p.zoneless).count();
+    if without == 0 || args.zone.is_some() || args.clock_sigma.is_none() {
+        return Ok(());
+    }
+    Err(Failure::Usage(format!(
+        "--clock-sigma states the error of UTC, but {without} images have no time zone; give --zone (+00:00 if the camera was \
+         set to UTC)"
+    )))
+}
+
 fn print_series(args: &ImportArgs, imported: &ImportedSeries) -> Result<(), Failure> {
     let ImportedSeries { pictures, flight, series, taken, already } = imported;
-    let name = |p: &DatedImage| image_name(&p.file);
+    let name = |p: &DatedImage| p.name.clone();
     let time = |p: Option<&DatedImage>| p.and_then(|p| p.utc).map(|t| t.to_string());
     let (first, last) = (pictures.first(), pictures.last());
     if args.json {

@@ -5,13 +5,15 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::Failure;
+use super::{Failure, read_text_file};
 use crate::aircraft::{
     self, AircraftTable, AircraftTrack, ColumnTally, DAY_S, Mapping, Quantity, ReceivedLine, TableContents, TimeFormat,
 };
 use crate::clock::Stamp;
-use crate::clock::exposure::Exposure;
+use crate::clock::exposure::{Exposure, ExposureSource};
+use crate::clock::written_time::{duration_text, offset_text};
 use crate::installation::{self, Fault};
+use crate::measure::estimation::robust::median;
 use crate::report::aircraft as joined;
 use crate::store::aircraft::AircraftLine;
 use crate::store::{FlightRef, RealDisk, Store, StoreError};
@@ -21,6 +23,9 @@ const LINES_PER_WRITE: usize = 5000;
 
 /// Minimum time of a flight, seconds since 1970: 1 January 1980, before any digital camera.
 const MIN_UNIX_TIME_S: f64 = 315_532_800.0;
+
+/// Largest offset of a zone from UTC, h.
+const MAX_ZONE_H: i32 = 14;
 
 /// Number of frames that use a source, by source number and quantity.
 pub type FrameCounts = BTreeMap<(usize, Quantity), usize>;
@@ -53,6 +58,8 @@ pub struct TableImport {
     pub quantities: Vec<QuantityFrames>,
     /// Reason why no frame gets a value; `None` if at least one does.
     pub no_value_because: Option<String>,
+    /// Remark on frames within the table's times that are too far from its lines.
+    pub gaps: Option<String>,
 }
 
 /// Number of frames for which a quantity comes from the table.
@@ -62,13 +69,6 @@ pub struct QuantityFrames {
     pub frames: usize,
     /// Number of these frames that had a value from an earlier source.
     pub replaced: usize,
-}
-
-fn read_text_file(file: &Path) -> Result<String, Fault> {
-    let trouble = |problem: String, remedy: &str| Fault::new(file, "file", problem, remedy);
-    let bytes = std::fs::read(file)
-        .map_err(|error| trouble(format!("cannot be read ({error})"), "name a file of UTF-8 text"))?;
-    installation::decode_text(bytes).map_err(|(problem, remedy)| trouble(problem.into(), remedy))
 }
 
 impl TableImport {
@@ -102,8 +102,11 @@ impl TableImport {
         frames: &[(Stamp, Option<Exposure>)],
     ) -> Self {
         let contents = table.contents();
+        let is_imported = |e: &Exposure| e.exposure_source == ExposureSource::CameraClock;
+        let imported = frames.iter().any(|(_, exposure)| exposure.as_ref().is_some_and(is_imported));
         let (repeated, before) = (track.unused.repeated, count_frames_by_source(&track, frames));
-        let frames_s = frames.iter().filter_map(|(stamp, exposure)| track.time_s(stamp, exposure.as_ref())).collect();
+        let frames_s: Vec<f64> =
+            frames.iter().filter_map(|(stamp, exposure)| track.time_s(stamp, exposure.as_ref())).collect();
         track.begin_source(source);
         let lines = table.lines.iter().map(|(_, line)| ReceivedLine { at: None, line: line.clone() });
         track.add_lines(&table.layout, &lines.collect::<Vec<_>>());
@@ -122,23 +125,36 @@ impl TableImport {
         quantities.retain(|r| r.frames > 0 || mapping.column.iter().any(|c| c.quantity == r.quantity));
         let (samples, repeated) = (track.len(), track.unused.repeated - repeated);
         let frames = frames.len();
-        let mut import =
-            Self { mapping, table, contents, source, samples, repeated, frames, quantities, no_value_because: None };
-        import.no_value_because = import.explain_no_value(frames_s);
+        let mut import = Self {
+            mapping,
+            table,
+            contents,
+            source,
+            samples,
+            repeated,
+            frames,
+            quantities,
+            no_value_because: None,
+            gaps: None,
+        };
+        import.gaps = import.describe_gaps(&frames_s);
+        import.no_value_because = import.explain_no_value(frames_s, imported);
         import
     }
 
     /// Explains why no frame gets a value; `None` if at least one does.
-    fn explain_no_value(&self, mut frames_s: Vec<f64>) -> Option<String> {
+    fn explain_no_value(&self, mut frames_s: Vec<f64>, imported: bool) -> Option<String> {
         if self.quantities.iter().any(|reached| reached.frames > 0) {
             return None;
         }
         frames_s.sort_by(f64::total_cmp);
         let (Some(first), Some(last)) = (frames_s.first(), frames_s.last()) else {
-            return Some(
-                "no frame of this flight has a UTC time: the clock was not synchronised and no data feed was recorded"
-                    .into(),
-            );
+            let cause = if imported {
+                "the images were imported without --clock-sigma; import them with it and --zone into a new store"
+            } else {
+                "the clock was not synchronised and no data feed was recorded"
+            };
+            return Some(format!("no frame of this flight has a UTC time: {cause}"));
         };
         if self.table.lines.is_empty() {
             return Some("the table has no lines below its header".into());
@@ -154,7 +170,7 @@ impl TableImport {
         if let Some(cause) = times {
             why_none.insert(0, cause);
         } else if values {
-            why_none = vec![self.times_outside_flight((*first, *last))];
+            why_none = vec![self.explain_distance(&frames_s)];
         }
         Some(why_none.join("; "))
     }
@@ -174,16 +190,83 @@ impl TableImport {
         let fields = |(_, line): &(u64, String)| self.table.layout.fields(line).get(field).map(ToString::to_string);
         let tags: Vec<String> = self.table.lines.iter().filter_map(fields).collect();
         let tags: Vec<&str> = tags.iter().map(String::as_str).collect();
-        let likeliest = aircraft::guess_format(&tags, self.mapping.time_format, frames)?;
+        let layout = &self.table.layout;
+        let (declared, zone_s) = (layout.time_format, layout.zone_s.map_or(0.0, f64::from));
+        // Days of a year without the year are unreadable, not of another format.
+        let yearless = declared == TimeFormat::Irig && layout.date.is_none();
+        let excluded = Some(declared).filter(|_| !yearless);
+        let likeliest = aircraft::guess_format(&tags, (excluded, zone_s), frames)?;
         let day = aircraft::format_time(frames.0).chars().take(10).collect::<String>();
-        let date = if likeliest == TimeFormat::SecondsOfDay { format!(", date = \"{day}\"") } else { String::new() };
+        let more = match likeliest {
+            TimeFormat::SecondsOfDay => format!(", date = \"{day}\""),
+            TimeFormat::Irig => format!(", year = {}", day.get(..4).unwrap_or_default()),
+            _ => String::new(),
+        };
+        let ((name, text), (_, other)) = (likeliest.texts(), declared.texts());
         Some(format!(
-            "its times are {} ({}), not {}; write time_format = \"{}\"{date} in the mapping",
-            likeliest.description(),
+            "its times are {text} ({}), not {}; write time_format = \"{name}\"{more} in the mapping",
             tags.first().copied().unwrap_or_default(),
-            self.mapping.time_format.description(),
-            likeliest.name()
+            if yearless { "with a year" } else { other },
         ))
+    }
+
+    /// Returns the distance of a time to the nearest line with a value, s; infinite without one.
+    fn distance_s(&self, time_s: f64) -> f64 {
+        let valued = &self.contents.valued_s;
+        let place = valued.partition_point(|t| *t < time_s);
+        let near = [place.checked_sub(1), Some(place)].into_iter().flatten().filter_map(|k| valued.get(k));
+        near.map(|t| (t - time_s).abs()).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Counts the frames that get a value if the table's times are shifted by some seconds.
+    fn count_near(&self, frames_s: &[f64], shift_s: f64) -> usize {
+        frames_s.iter().filter(|t| self.distance_s(**t - shift_s) <= aircraft::MAX_NEAREST_S).count()
+    }
+
+    /// Returns the median time between lines with a value, s.
+    fn median_step_s(&self) -> Option<f64> {
+        median(self.contents.valued_s.windows(2).map(|pair| pair[1] - pair[0]).collect())
+    }
+
+    /// Remarks on frames within the table's times that get no value because its lines are too far apart.
+    fn describe_gaps(&self, frames_s: &[f64]) -> Option<String> {
+        let (first, last) = (self.contents.valued_s.first()?, self.contents.valued_s.last()?);
+        let within: Vec<f64> = frames_s.iter().copied().filter(|t| (*first..=*last).contains(t)).collect();
+        let lost = within.len() - self.count_near(&within, 0.0);
+        (lost > 0).then(|| {
+            let (near, step) = (aircraft::MAX_NEAREST_S, self.median_step_s().unwrap_or(0.0));
+            format!("{lost} frames within the table's times are more than {near} s from a line with a value: its lines are {step} s apart")
+        })
+    }
+
+    /// Explains why lines with values reach no frame: lines too far apart, local time, or another flight.
+    fn explain_distance(&self, frames_s: &[f64]) -> String {
+        let (valued, near) = (&self.contents.valued_s, aircraft::MAX_NEAREST_S);
+        let (Some(first), Some(last)) = (frames_s.first(), frames_s.last()) else { return String::new() };
+        let (Some(from), Some(to)) = (valued.first(), valued.last()) else { return String::new() };
+        if *from - near <= *last && *to + near >= *first {
+            let nearest = frames_s.iter().map(|t| self.distance_s(*t)).fold(f64::INFINITY, f64::min);
+            let step = self.median_step_s().map_or(String::new(), |s| format!(" are {s:.0} s apart, and"));
+            return format!(
+                "no line with a value lies within {near} s of a frame: the lines with values{step} come as near as \
+                 {nearest:.0} s; export the table with more lines"
+            );
+        }
+        let quarters = (-4 * MAX_ZONE_H..=4 * MAX_ZONE_H).map(|quarter| 900.0 * f64::from(quarter));
+        let fitting = quarters.map(|s| (self.count_near(frames_s, s), s)).filter(|(count, _)| *count > 0);
+        let best = fitting.max_by(|(n, s), (m, r)| {
+            let whole = |s: f64| s % 3600.0 == 0.0;
+            n.cmp(m).then(whole(*s).cmp(&whole(*r))).then(r.abs().total_cmp(&s.abs()))
+        });
+        let Some((count, shift_s)) = best else { return self.times_outside_flight((*first, *last)) };
+        let zone_s = self.table.layout.zone_s.unwrap_or(0) - shift_s as i32;
+        let zone = jiff::tz::Offset::from_seconds(zone_s).map(offset_text).unwrap_or_default();
+        let way = if shift_s > 0.0 { "before" } else { "after" };
+        format!(
+            "its times are exactly {} {way} those of {count} frames: local time; write zone = \"{zone}\" in the mapping, or \
+             import the images again with the right --zone into a new store",
+            duration_text(shift_s)
+        )
     }
 
     /// Reports times that lie outside the flight.
@@ -222,7 +305,10 @@ impl TableImport {
     /// Returns whether the table gives seconds of the day that restart at midnight.
     pub fn passes_midnight(&self) -> bool {
         let back = |pair: &[f64]| pair[0] - pair[1] > 0.5 * DAY_S;
-        self.mapping.time_format == TimeFormat::SecondsOfDay && self.contents.times_s.windows(2).any(back)
+        let layout = &self.table.layout;
+        layout.time_format == TimeFormat::SecondsOfDay
+            && layout.date_field.is_none()
+            && self.contents.times_s.windows(2).any(back)
     }
 
     /// Explains for each mapped column without a value why it has none.

@@ -1,15 +1,14 @@
 //! Image files of a camera's card: found in folders, dated by their metadata, and split into series at pauses.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use jiff::Timestamp;
-use jiff::tz::Offset;
-use serde_json::{Map, Value};
 
+use super::image_times::{DatedImage, DatingOptions, TimeRemark, date_images};
 use super::{Failure, image_names};
-use crate::camera::exif::{self, CaptureMetadata};
+use crate::camera::exif;
 use crate::camera::replay::format_from_path;
 use crate::installation::printable_path;
 use crate::pipeline::decode;
@@ -17,56 +16,6 @@ use crate::store::sha256_hex;
 
 /// File name extensions of images, for messages.
 const IMAGE_EXTENSIONS: &str = ".jpg, .png, .pgm, .ppm or .tif";
-
-/// Options for dating images and splitting them into series.
-#[derive(Clone, Debug)]
-pub struct DatingOptions {
-    /// Time zone of the camera's clock for images without one; UTC by default.
-    pub zone: Option<Offset>,
-    /// Time of the first image that has none.
-    pub start: Option<Timestamp>,
-    /// Interval between images without a time.
-    pub every: Duration,
-    /// Pause that begins a new series: a camera takes the images of a series within seconds of each other.
-    pub gap: Duration,
-}
-
-impl Default for DatingOptions {
-    fn default() -> Self {
-        Self { zone: None, start: None, every: Duration::from_secs(1), gap: Duration::from_secs(60) }
-    }
-}
-
-/// An image file with its time.
-#[derive(Clone, Debug, PartialEq)]
-pub struct DatedImage {
-    pub file: PathBuf,
-    pub digest: String,
-    /// Metadata of the file.
-    pub taken: CaptureMetadata,
-    /// Time of the shot, from the metadata or the options; `None` if unknown.
-    pub utc: Option<Timestamp>,
-}
-
-impl DatedImage {
-    /// Returns whether the time is from the image's own metadata.
-    pub fn has_own_time(&self) -> bool {
-        self.taken.local_time.is_some()
-    }
-
-    /// Resolution of the camera's clock, s.
-    pub fn clock_step_s(&self) -> f64 {
-        0.1f64.powi(self.taken.subsecond_digits as i32)
-    }
-
-    /// Returns the file name given by the camera and the settings of the shot.
-    pub fn settings(&self) -> Map<String, Value> {
-        let mut all = Map::from_iter([("source".to_owned(), image_names::image_name(&self.file).into())]);
-        all.extend(self.taken.local_time.map(|t| ("camera_time".to_owned(), t.to_string().into())));
-        all.extend(self.taken.settings.iter().map(|(k, v)| ((*k).to_owned(), v.clone().into())));
-        all
-    }
-}
 
 /// Replaces each folder among the arguments by the images in it and below, ordered by name; `note` receives remarks.
 ///
@@ -79,9 +28,18 @@ pub fn expand_folders(arguments: &[PathBuf], note: impl Fn(String)) -> Result<Ve
             all.push(argument.clone());
             continue;
         }
+        let mut left_out = BTreeMap::new();
         let (pictures, others): (Vec<PathBuf>, Vec<PathBuf>) =
-            list_files(argument)?.into_iter().partition(|f| format_from_path(f).is_some());
+            list_files(argument, &mut left_out)?.into_iter().partition(|f| format_from_path(f).is_some());
         let folder = printable_path(argument);
+        if !left_out.is_empty() {
+            let (count, places): (usize, Vec<&str>) =
+                (left_out.values().sum(), left_out.keys().map(String::as_str).collect());
+            note(format!(
+                "{folder}: {count} thumbnails, deleted and hidden images are skipped ({}); name such a folder to use it",
+                places.join(", ")
+            ));
+        }
         if let Some(what) = unsupported_images_note(&pictures, &others) {
             note(format!("{folder}: {what}"));
         }
@@ -116,31 +74,65 @@ fn unsupported_images_note(pictures: &[PathBuf], others: &[PathBuf]) -> Option<S
 
 /// Returns whether a folder contains an image, at any depth.
 pub fn contains_images(folder: &Path) -> bool {
-    list_files(folder).is_ok_and(|all| all.iter().any(|file| format_from_path(file).is_some()))
+    list_files(folder, &mut BTreeMap::new()).is_ok_and(|all| all.iter().any(|file| format_from_path(file).is_some()))
 }
 
-/// Lists the files in a folder and below, ordered by name, without hidden files and links to folders.
-fn list_files(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+/// First characters of folders of a system or another program: hidden ones, and those of a NAS or a recycle bin.
+const SYSTEM_STARTS: [char; 5] = ['.', '@', '$', '#', '~'];
+/// Beginnings of the names of folders of thumbnails, of deleted images and of pieces found by a file system check.
+const FOREIGN_STARTS: [&str; 5] = ["thm", "thumb", "_thumb", "recycle", "found.0"];
+/// Names of folders of deleted images, of a file system check, and of a camera's own data.
+const FOREIGN_FOLDERS: [&str; 6] = ["trash", "deleted", "lost+found", "misc", "canonmsc", "system volume information"];
+
+/// Returns whether a folder belongs to a system or another program, by its name.
+fn is_foreign_folder(name: &str) -> bool {
+    let name = name.to_lowercase();
+    // A name of several words, such as "thumb targets", is one of the user.
+    let rest = FOREIGN_STARTS.iter().find_map(|start| name.strip_prefix(start));
+    name.starts_with(SYSTEM_STARTS)
+        || FOREIGN_FOLDERS.contains(&name.as_str())
+        || rest.is_some_and(|rest| !rest.contains([' ', '-', '_']))
+}
+
+/// Lists the files in a folder and below, ordered by name, without links to folders; `left_out` receives the number of
+/// images in each foreign folder, and of hidden ones.
+fn list_files(folder: &Path, left_out: &mut BTreeMap<String, usize>) -> Result<Vec<PathBuf>, Failure> {
     let unreadable =
         |e: std::io::Error| Failure::Failed(format!("{} cannot be read ({e}); check the path", printable_path(folder)));
     let mut entries = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {
         let entry = entry.map_err(unreadable)?;
-        let hidden = entry.file_name().to_string_lossy().starts_with('.');
-        if !hidden {
-            entries.push((natural_sort_key(&image_names::image_name(&entry.path())), entry));
+        let name = image_names::image_name(&entry.path());
+        let is_folder = entry.file_type().map_err(unreadable)?.is_dir();
+        let images = match is_folder {
+            true if is_foreign_folder(&name) => count_images(&entry.path()),
+            false if name.starts_with('.') => usize::from(format_from_path(&entry.path()).is_some()),
+            _ => {
+                entries.push((natural_sort_key(&name), entry.path(), is_folder));
+                continue;
+            }
+        };
+        if images > 0 {
+            *left_out.entry(if is_folder { name } else { "hidden files".into() }).or_default() += images;
         }
     }
     entries.sort_by(|a, b| a.0.cmp(&b.0));
     let mut all = Vec::new();
-    for (_, entry) in entries {
-        match entry.file_type().map_err(unreadable)? {
-            kind if kind.is_dir() => all.extend(list_files(&entry.path())?),
-            _ if entry.path().is_file() => all.push(entry.path()),
-            _ => {}
+    for (_, path, is_folder) in entries {
+        if is_folder {
+            all.extend(list_files(&path, left_out)?);
+        } else if path.is_file() {
+            all.push(path);
         }
     }
     Ok(all)
+}
+
+/// Counts the images in a folder and below; 0 if it cannot be read.
+fn count_images(folder: &Path) -> usize {
+    let mut below = BTreeMap::new();
+    let own = list_files(folder, &mut below).unwrap_or_default();
+    own.iter().filter(|file| format_from_path(file).is_some()).count() + below.values().sum::<usize>()
 }
 
 /// Returns a sort key that puts `IMG_9` before `IMG_10`: runs of digits compare by value.
@@ -172,13 +164,19 @@ pub struct ImageCollection {
     pub duplicates: Vec<(PathBuf, PathBuf)>,
     /// Files that are not images or cannot be read, with the reason.
     pub refused: Vec<(PathBuf, String)>,
-    /// Remarks on the times, each with the options of `wingd import` that help.
-    pub remarks: Vec<(String, &'static str)>,
+    /// Remarks on times and sizes, each with the options of `wingd import` that help.
+    pub remarks: Vec<TimeRemark>,
 }
 
 impl ImageCollection {
     /// Dates the images, each the result of [`read_image`], and splits them into series.
-    pub fn from_images(images: Vec<(PathBuf, Result<DatedImage, String>)>, dating: &DatingOptions) -> Self {
+    ///
+    /// # Errors
+    /// Returns an error if a list of times is given that does not fit the images.
+    pub fn from_images(
+        images: Vec<(PathBuf, Result<DatedImage, String>)>,
+        dating: &DatingOptions,
+    ) -> Result<Self, Failure> {
         let mut card = Self::default();
         let mut pictures: Vec<DatedImage> = Vec::new();
         for (file, read) in images {
@@ -190,10 +188,29 @@ impl ImageCollection {
                 },
             }
         }
-        card.remarks = date_images(&mut pictures, dating);
+        let files: Vec<PathBuf> = pictures.iter().map(|p| p.file.clone()).collect();
+        pictures.iter_mut().zip(image_names::image_names(&files)).for_each(|(p, name)| p.name = name);
+        card.remarks = date_images(&mut pictures, dating)?;
+        card.remarks.extend(size_remark(&pictures));
         card.series = split_into_series(pictures, dating.gap);
-        card
+        Ok(card)
     }
+}
+
+/// Reports images of another size than most.
+fn size_remark(pictures: &[DatedImage]) -> Option<TimeRemark> {
+    let mut counts: BTreeMap<(usize, usize), usize> = BTreeMap::new();
+    pictures.iter().filter_map(|p| p.size).for_each(|size| *counts.entry(size).or_default() += 1);
+    let (usual, _) = counts.iter().max_by_key(|(size, count)| (**count, **size))?;
+    let mut others = pictures.iter().filter(|p| p.size.is_some_and(|size| size != *usual));
+    let first = others.next()?;
+    let ((w, h), (usual_w, usual_h)) = (first.size?, usual);
+    let what = format!(
+        "{} images have another size than the others: {} has {w} x {h} px, most have {usual_w} x {usual_h} px",
+        others.count() + 1,
+        first.name
+    );
+    Some((what, "thumbnails, crops and other cameras do not belong in this store".into()))
 }
 
 /// Reads an image and its metadata; it has no time yet.
@@ -208,45 +225,9 @@ pub fn read_image(file: &Path) -> Result<DatedImage, String> {
     if bytes.is_empty() {
         return Err("is empty; copy it from the camera again".to_owned());
     }
-    if let Some(why) = decode::unreadable_cause(&bytes) {
-        return Err(why.to_string());
-    }
-    Ok(DatedImage { file: file.to_owned(), digest: sha256_hex(&bytes), taken: exif::read_metadata(&bytes), utc: None })
-}
-
-/// Dates the images and returns remarks on their times.
-fn date_images(pictures: &mut [DatedImage], dating: &DatingOptions) -> Vec<(String, &'static str)> {
-    let mut undated: u32 = 0;
-    let mut zoneless = 0;
-    for picture in pictures.iter_mut() {
-        let Some(local) = picture.taken.local_time else {
-            let since = dating.every.checked_mul(undated);
-            picture.utc = dating.start.zip(since).and_then(|(start, since)| start.checked_add(since).ok());
-            undated += 1;
-            continue;
-        };
-        zoneless += usize::from(picture.taken.offset.is_none());
-        let zone = picture.taken.offset.or(dating.zone).unwrap_or(Offset::UTC);
-        picture.utc = zone.to_timestamp(local).ok();
-    }
-    let mut remarks = Vec::new();
-    if zoneless > 0 && dating.zone.is_none() {
-        let what = format!("{zoneless} images have no time zone: assumed UTC");
-        remarks.push((what, "if the camera was set to another zone, give --zone"));
-    }
-    let undated_are = |how: &str| format!("{undated} images have no time: {how}");
-    match dating.start {
-        _ if undated == 0 => {}
-        None => {
-            let how = undated_are("kept in the order of the files");
-            remarks.push((how, "give --start and --every if you know them"));
-        }
-        Some(start) => {
-            let how = format!("dated in the order of the files, from {start} every {:?}", dating.every);
-            remarks.push((undated_are(&how), "as given by --start and --every"));
-        }
-    }
-    remarks
+    let size = decode::read_size(&bytes).map_err(|why| why.to_string())?;
+    let (digest, taken) = (sha256_hex(&bytes), exif::read_metadata(&bytes));
+    Ok(DatedImage { file: file.to_owned(), digest, size, taken, ..DatedImage::default() })
 }
 
 /// Sorts images by time and splits them at pauses; images without a time form the last series, in the order given.
@@ -288,7 +269,7 @@ mod tests {
 
     fn at(utc: Option<&str>, digest: &str) -> DatedImage {
         let utc = utc.map(|t| t.parse().unwrap());
-        DatedImage { file: PathBuf::from(digest), digest: digest.into(), taken: CaptureMetadata::default(), utc }
+        DatedImage { file: PathBuf::from(digest), digest: digest.into(), utc, ..DatedImage::default() }
     }
 
     #[test]
@@ -312,6 +293,18 @@ mod tests {
         assert_eq!(of(&["a/1.dng", "a/2.NEF", "a/notes.txt"]), None);
         let remarks = of(&["a/1.dng", "a/3.HEIC", "b/1.dng"]).unwrap();
         assert!(remarks.starts_with("2 images") && remarks.contains("first 3.HEIC"), "{remarks}");
+    }
+
+    #[test]
+    fn folders_of_systems_and_programs_are_left_out() {
+        for name in
+            ["@eaDir", "$RECYCLE.BIN", "#recycle", "lost+found", ".Trashes", "THMBNL", "MISC", "FOUND.001", "Thumbs"]
+        {
+            assert!(is_foreign_folder(name), "{name}");
+        }
+        for name in ["DCIM", "100CANON", "misc flights", "2026-06-01", "Thumb_targets"] {
+            assert!(!is_foreign_folder(name), "{name}");
+        }
     }
 
     #[test]

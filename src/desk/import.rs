@@ -7,11 +7,13 @@ use jiff::{SignedDuration, Timestamp};
 use serde_json::Value;
 
 use super::Failure;
-use super::image_files::{DatedImage, split_at_pauses};
+use super::image_files::split_at_pauses;
+use super::image_times::{DatedImage, TimeSource};
 use crate::camera::file_extension;
 use crate::camera::replay::format_from_path;
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
+use crate::clock::written_time::duration_text;
 use crate::installation::printable_path;
 use crate::store::manifest::{SeriesCause, SeriesManifest, SeriesState, Shot};
 use crate::store::{FlightRef, NewFrame, OpenSeries, SeriesPlan, Store, StoreConfig, catalogue, layout, sha256_hex};
@@ -35,14 +37,21 @@ struct ExistingFlight {
     span: Option<(Timestamp, Timestamp)>,
 }
 
+/// An image that the store has.
+struct StoredImage {
+    flight: String,
+    /// Time and standard deviation of the camera's clock; `None` if it was imported without a time.
+    time: Option<(Timestamp, Option<f64>)>,
+}
+
 /// Importer of images into a store.
 pub struct Importer<'a> {
     store: &'a Store,
     /// Flight requested by the user.
     requested: Option<String>,
     clock_sigma_s: Option<f64>,
-    /// Flight of each image in the store, by digest.
-    flight_of_digest: BTreeMap<String, String>,
+    /// Images in the store, by digest.
+    stored: BTreeMap<String, StoredImage>,
     flights: Vec<ExistingFlight>,
     pause: Duration,
     /// Receives the number of images finished since the last call.
@@ -61,7 +70,7 @@ impl<'a> Importer<'a> {
             store,
             requested: None,
             clock_sigma_s,
-            flight_of_digest: BTreeMap::new(),
+            stored: BTreeMap::new(),
             flights: Vec::new(),
             pause: StoreConfig::new("").new_flight_after,
             progress,
@@ -86,8 +95,11 @@ impl<'a> Importer<'a> {
         let mut span = None;
         for series in catalogue::list_series(disk, flight)? {
             let manifest = catalogue::read_series_manifest(disk, &series)?;
-            let digests = manifest.frames().map(|frame| (frame.sha256.clone(), flight.id.clone()));
-            self.flight_of_digest.extend(digests);
+            for shot in &manifest.shots {
+                let Some(frame) = &shot.frame else { continue };
+                let time = shot.exposure.as_ref().map(|e| (shot.stamp.utc, e.clock_sigma_s));
+                self.stored.insert(frame.sha256.clone(), StoredImage { flight: flight.id.clone(), time });
+            }
             span = merge_spans(span, imported_span(&manifest));
         }
         let name = catalogue::read_flight_manifest(disk, flight).ok().and_then(|manifest| manifest.name);
@@ -101,12 +113,14 @@ impl<'a> Importer<'a> {
     /// Imports all series; each is added to `imported` when it is complete.
     ///
     /// # Errors
-    /// Returns an error if an image or the store cannot be read or written; the next import resumes there.
+    /// Returns an error if the store has images with other times, or if an image or the store cannot be read or written;
+    /// the next import resumes there.
     pub fn import_all(
         mut self,
         series: Vec<Vec<DatedImage>>,
         imported: &mut Vec<ImportedSeries>,
     ) -> Result<(), Failure> {
+        self.check_stored_times(&series)?;
         let begin = |series: &Vec<DatedImage>| series.first().and_then(|p| p.utc);
         let end = |series: &Vec<DatedImage>| series.last().and_then(|p| p.utc);
         for flight in split_at_pauses(series, self.pause, begin, end) {
@@ -118,6 +132,41 @@ impl<'a> Importer<'a> {
         Ok(())
     }
 
+    /// Checks that images which the store has would get the times that they have there: these are never changed.
+    fn check_stored_times(&self, series: &[Vec<DatedImage>]) -> Result<(), Failure> {
+        let stored = |p: &DatedImage| self.stored.get(&p.digest)?.time;
+        let shift_s = |p: &DatedImage| Some(p.utc?.duration_since(stored(p)?.0).as_secs_f64());
+        let other_sigma = |p: &DatedImage| {
+            self.clock_sigma_s.is_some() && stored(p).is_some_and(|known| known.1 != self.clock_sigma_s)
+        };
+        let changed = |p: &&DatedImage| match self.stored.get(&p.digest) {
+            None => false,
+            Some(known) if p.has_own_time() => {
+                known.time.is_none() || shift_s(p).is_some_and(|s| s.abs() > SAME_TIME_S) || other_sigma(p)
+            }
+            Some(_) => p.source == Some(TimeSource::Start),
+        };
+        let changed: Vec<&DatedImage> = series.iter().flatten().filter(changed).collect();
+        let Some(first) = changed.first() else { return Ok(()) };
+        let flight = self.stored.get(&first.digest).map(|known| known.flight.as_str()).unwrap_or_default();
+        let difference = match (stored(first), first.utc, shift_s(first).filter(|s| s.abs() > SAME_TIME_S)) {
+            (Some((then, _)), Some(now), Some(s)) => {
+                let way = if s > 0.0 { "later" } else { "earlier" };
+                format!("is there with {then}, and would now have {now}, {} {way}", duration_text(s))
+            }
+            (Some(_), ..) => "is there with another --clock-sigma".into(),
+            (None, ..) => "is there without its time".into(),
+        };
+        let what = format!(
+            "{} images are in the store with other times, which are never changed ({} of {flight} {difference}), so nothing \
+             was imported; repeat --zone, --clock-offset, --clock-sigma, --times and --start of the first import, or import \
+             into a new store",
+            changed.len(),
+            first.name
+        );
+        Err(Failure::from_path_error(self.store.root(), what))
+    }
+
     /// Returns the flight that images belong to: the one requested; one that has some of them; one whose imported images
     /// are near in time. `None`: a new one.
     fn find_flight(&self, series: &[Vec<DatedImage>]) -> Result<Option<String>, Failure> {
@@ -125,8 +174,8 @@ impl<'a> Importer<'a> {
             return Ok(self.flights.iter().any(|f| f.id == *wanted).then(|| wanted.clone()));
         }
         let pictures = || series.iter().flatten();
-        if let Some(held) = pictures().find_map(|p| self.flight_of_digest.get(&p.digest)) {
-            return Ok(Some(held.clone()));
+        if let Some(held) = pictures().find_map(|p| self.stored.get(&p.digest)) {
+            return Ok(Some(held.flight.clone()));
         }
         let span = pictures().filter_map(|p| p.utc).fold(None, |span, t| merge_spans(span, Some((t, t))));
         let near = |known: &&ExistingFlight| known.span.zip(span).is_some_and(|(a, b)| gap_between(a, b) <= self.pause);
@@ -139,12 +188,11 @@ impl<'a> Importer<'a> {
         pictures: Vec<DatedImage>,
         flight: &mut Option<String>,
     ) -> Result<ImportedSeries, Failure> {
-        let new: Vec<&DatedImage> =
-            pictures.iter().filter(|p| !self.flight_of_digest.contains_key(&p.digest)).collect();
+        let new: Vec<&DatedImage> = pictures.iter().filter(|p| !self.stored.contains_key(&p.digest)).collect();
         let already = pictures.len() - new.len();
         (self.progress)(already as u64);
         let Some(first) = new.first() else {
-            let held = pictures.first().and_then(|p| self.flight_of_digest.get(&p.digest)).cloned();
+            let held = pictures.first().and_then(|p| self.stored.get(&p.digest)).map(|known| known.flight.clone());
             return Ok(ImportedSeries { pictures, flight: held.unwrap_or_default(), series: None, taken: 0, already });
         };
         let began = ImportClock::starting_with(first);
@@ -171,7 +219,8 @@ impl<'a> Importer<'a> {
         };
         self.store.close_series(open, state, &last, remark.into_iter().collect())?;
         copied?;
-        self.flight_of_digest.extend(new.iter().map(|p| (p.digest.clone(), id.clone())));
+        let known = |p: &&DatedImage| (p.digest.clone(), StoredImage { flight: id.clone(), time: None });
+        self.stored.extend(new.iter().map(known));
         Ok(ImportedSeries { taken: new.len(), flight: id, series: Some(name), already, pictures })
     }
 
@@ -211,6 +260,9 @@ impl<'a> Importer<'a> {
         Ok(())
     }
 }
+
+/// Largest difference between two readings of one time, s: stored times may be rounded.
+const SAME_TIME_S: f64 = 1e-3;
 
 /// Settings of an image that describe the camera.
 const CAMERA_SETTINGS: [&str; 3] = ["make", "model", "serial_number"];

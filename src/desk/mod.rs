@@ -8,6 +8,7 @@ pub mod clock_page;
 pub mod flight_marks;
 pub mod image_files;
 pub mod image_names;
+pub mod image_times;
 pub mod import;
 pub mod learning;
 pub mod manual_points;
@@ -18,6 +19,7 @@ pub mod stored_flights;
 pub mod stored_frames;
 pub mod stress;
 pub mod time_check;
+pub mod time_list;
 
 use std::fmt::Display;
 use std::path::Path;
@@ -55,6 +57,17 @@ impl Failure {
     pub fn from_write_error(file: &Path, error: &dyn Display, remedy: &str) -> Self {
         Self::Failed(format!("{} cannot be written ({error}); {remedy}", file.display()))
     }
+}
+
+/// Reads a text file named by the user.
+///
+/// # Errors
+/// Returns an error with file and remedy if it cannot be read or is not text.
+fn read_text_file(file: &Path) -> Result<String, Fault> {
+    let trouble = |problem: String, remedy: &str| Fault::new(file, "file", problem, remedy);
+    let bytes = std::fs::read(file)
+        .map_err(|error| trouble(format!("cannot be read ({error})"), "name a file of UTF-8 text"))?;
+    crate::installation::decode_text(bytes).map_err(|(problem, remedy)| trouble(problem.into(), remedy))
 }
 
 impl From<Vec<Fault>> for Failure {

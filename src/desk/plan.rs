@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::{CHECK_WRITE_ACCESS, Failure};
-use crate::installation::{self, Installation};
+use crate::installation::{self, DEFAULT_CENTRE_SIGMA_M, Installation};
 use crate::measure::plan::{self, LayoutDraft, LayoutPrecision, PlanOptions};
 use crate::measure::setup::{Orientation, Setup, SetupUncertainty, WingSide};
 use crate::report::layout_figure;
@@ -69,7 +69,7 @@ pub fn draft_installation(draft: &LayoutDraft, options: &PlanOptions, frames: us
         tempfile::tempdir().map_err(|e| Failure::Failed(format!("no temporary folder: {e}; {CHECK_WRITE_ACCESS}")))?;
     let mut first = setup_without_markers(draft);
     first.markers = plan::even_layout(draft, options.tip_deflection_m);
-    write_setup(folder.path(), &first)?;
+    write_setup(folder.path(), &first, None, [""; 2])?;
     let mut installation = installation::load(folder.path())?;
     installation.setup = plan::best_layout(draft, &installation.setup, options, frames).map_err(plan_failure)?;
     Ok(installation)
@@ -84,7 +84,7 @@ fn setup_without_markers(draft: &LayoutDraft) -> Setup {
         projection_centre_sigma_m: 0.002,
         mount_repeatability_px: 10.0,
         span_direction: nalgebra::Vector2::new(1.0, 0.0),
-        configured_side: Some(WingSide::Right),
+        configured_side: Some(draft.side),
         root_offset_m: DEFAULT_ROOT_OFFSET_M.min(0.1 * draft.span_m),
         axis_chord_offset_m: None,
         skin_height: None,
@@ -101,27 +101,49 @@ fn setup_without_markers(draft: &LayoutDraft) -> Setup {
 /// Distance from the camera to the bending root, as in the template of `wingd init`.
 const DEFAULT_ROOT_OFFSET_M: f64 = 0.6;
 
-/// Writes a layout: `installation.toml`, `camera.toml`, `survey.csv` to be replaced by the true survey, and the drawing.
+/// Returns the setup of a drafted wing with the values that are known: of its layout, those that the user stated.
+pub fn drafted_facts(layout: &Setup, side: Option<WingSide>) -> Setup {
+    Setup {
+        configured_side: side,
+        projection_centre_sigma_m: DEFAULT_CENTRE_SIGMA_M,
+        uncertainty: SetupUncertainty::DEFAULT,
+        thermal: None,
+        ..layout.clone()
+    }
+}
+
+/// Writes a layout: `installation.toml`, in which values of the plan that are not `facts` are comments, `camera.toml`,
+/// `survey.csv` to be replaced by the true survey, and the drawing.
 ///
 /// # Errors
 /// Returns an error if a file cannot be written.
 pub fn write_layout(
     folder: &Path,
     setup: &Setup,
+    facts: &Setup,
     attitude: &Orientation,
     tip_deflection_m: f64,
 ) -> Result<(), Failure> {
-    write_setup(folder, setup)?;
+    let fixed = setup.markers.iter().any(|m| m.fixed);
+    let heads = [
+        "# Written by wingd plan. The survey frame has its origin in the lens, x outboard, z up: replace projection_centre_m,\n\
+         # root_offset_m and mount_repeatability_px by yours. Lines that begin with # are assumptions of the plan: if one is\n\
+         # true, delete its # and \"assumed\"; without them results are less precise than planned.\n",
+        if fixed {
+            "# A template: glue the markers near these positions, then replace the numbers by those of the total station.\n\
+             # F01 and so on need places that are rigid to the cabin and near the given directions from the lens, at any\n\
+             # distance at which they are sharp; omit those for which there is no place.\n"
+        } else {
+            "# A template: glue the markers near these positions, then replace the numbers by those of the total station.\n"
+        },
+    ];
+    write_setup(folder, setup, Some(facts), heads)?;
     let drawing = folder.join("layout.svg");
     std::fs::write(&drawing, layout_figure::layout_svg(setup, attitude, tip_deflection_m))
         .map_err(|error| Failure::from_write_error(&drawing, &error, CHECK_WRITE_ACCESS))
 }
 
-fn write_setup(folder: &Path, setup: &Setup) -> Result<(), Failure> {
-    let heads = [
-        "# Written by wingd plan. The survey frame has its origin in the lens, x outboard, z up.\n",
-        "# A template: glue the markers near these positions, then replace the numbers by those of the total station.\n",
-    ];
-    installation::write_installation(folder, setup, heads)
+fn write_setup(folder: &Path, setup: &Setup, facts: Option<&Setup>, heads: [&str; 2]) -> Result<(), Failure> {
+    installation::write_installation(folder, setup, facts, heads)
         .map_err(|(file, error)| Failure::from_write_error(&file, &error, CHECK_WRITE_ACCESS))
 }

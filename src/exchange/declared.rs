@@ -39,6 +39,24 @@ const FOREIGN_MODELS: [&str; 29] = [
     "inversebrownconrady",
 ];
 
+/// Parameters of unsupported models by their keys, normalized like a model's name: with another value than 0, every ray is
+/// another one.
+const FOREIGN_PARAMETERS: [(&str, &str); 5] = [
+    ("xi", "omnidirectional"),
+    ("alpha beta", "unified or double sphere"),
+    ("fov omega", "FOV"),
+    ("thinprism s1 s2 s3 s4 sx1 sy1 sx2 sy2", "thin prism"),
+    ("tau taux tauy tilt", "tilted sensor"),
+];
+
+/// Returns the unsupported model of which an entry is a parameter that is not 0.
+fn foreign_parameter(entry: &KeyedEntry) -> Option<&'static str> {
+    let key = normalize_model_name(&entry.key);
+    let (_, model) = FOREIGN_PARAMETERS.iter().find(|(keys, _)| keys.split(' ').any(|k| k == key))?;
+    let numbers = entry.node.get("data").ok().flatten().unwrap_or(&entry.node).numbers(&entry.key).unwrap_or_default();
+    numbers.iter().any(|value| *value != 0.0).then_some(*model)
+}
+
 /// Values that mean "not this model" or "no name".
 const NO_MODEL_WORDS: [&str; 6] = ["", "0", "false", "no", "none", "off"];
 
@@ -93,6 +111,10 @@ pub(super) fn check_declared_models(
                 &entry.key,
                 &declared_model_name(&entry.key, entry.node.text()),
             ));
+        }
+        if let Some(model) = foreign_parameter(entry) {
+            let problem = format!("is a parameter of the {model} model, which is not a supported lens model");
+            return Err(KeyFault::on_line(entry.node.line, &entry.key, problem, MODEL_REMEDY));
         }
         if is(ignored) || declares {
             left.push(entry.key.clone());

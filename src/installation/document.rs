@@ -14,7 +14,7 @@ use crate::measure::setup::{
 /// Default shift between two mountings, px (paper, section 3.1.3).
 const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
 /// Default standard deviation of the projection centre, each axis, m: a tape measure held at the lens.
-pub(super) const DEFAULT_CENTRE_SIGMA_M: f64 = 0.010;
+pub const DEFAULT_CENTRE_SIGMA_M: f64 = 0.010;
 
 /// Contents of `installation.toml` and the files that it names.
 pub(super) struct InstallationParts {

@@ -51,6 +51,7 @@ use sha2::{Digest, Sha256};
 
 pub use camera::{CalibrationReport, load_camera, write_camera};
 pub(crate) use camera::{CameraFile, read_camera};
+pub use document::DEFAULT_CENTRE_SIGMA_M;
 pub use fault::{Fault, KeyFault};
 pub use flight_prior::{FLIGHT_PRIOR_FILE, PriorFlight, StoredFlightPrior, write_flight_prior};
 pub use mountings::{Mountings, read_mountings};

@@ -23,13 +23,14 @@ const SURVEY_FILE: &str = "survey.csv";
 /// lens.
 ///
 /// `head` and `survey_head` are comments, or empty, that begin `installation.toml` and `survey.csv`. Positions are written
-/// to 0.1 mm.
+/// to 0.1 mm. Values of `installation.toml` that differ from those of `facts`, if given, are written as comments.
 ///
 /// # Errors
 /// Returns the file that cannot be written, and the cause.
 pub fn write_installation(
     folder: &Path,
     setup: &Setup,
+    facts: Option<&Setup>,
     [head, survey_head]: [&str; 2],
 ) -> Result<(), (PathBuf, io::Error)> {
     let at = |path: &Path| {
@@ -40,11 +41,37 @@ pub fn write_installation(
     let camera = folder.join(CAMERA_FILE);
     write_camera(&camera, &setup.lens, None).map_err(at(&camera))?;
     let file = folder.join(INSTALLATION_FILE);
-    let text = toml::to_string(&installation_document(setup)).map_err(|error| at(&file)(io::Error::other(error)))?;
+    let document = |setup: &Setup| {
+        toml::to_string(&installation_document(setup)).map_err(|error| at(&file)(io::Error::other(error)))
+    };
+    let mut text = document(setup)?;
+    if let Some(facts) = facts {
+        text = comment_assumptions(&text, &document(facts)?);
+    }
     std::fs::write(&file, format!("{head}{text}")).map_err(at(&file))?;
     let file = folder.join(SURVEY_FILE);
     let survey = survey_csv(&setup.markers).map_err(at(&file))?;
     std::fs::write(&file, [survey_head.as_bytes(), &survey].concat()).map_err(at(&file))
+}
+
+/// Turns the lines of a document that are not in another one, which has the known values, into comments.
+fn comment_assumptions(text: &str, facts: &str) -> String {
+    let with_sections = |text: &str| {
+        let mut section = String::new();
+        let one = |line: &str| {
+            if line.starts_with('[') {
+                section = line.to_owned();
+            }
+            (section.clone(), line.to_owned())
+        };
+        text.lines().map(one).collect::<Vec<_>>()
+    };
+    let known = with_sections(facts);
+    let line = |(section, line): (String, String)| {
+        let fact = line.is_empty() || known.contains(&(section, line.clone()));
+        if fact { format!("{line}\n") } else { format!("# {line} # assumed\n") }
+    };
+    with_sections(text).into_iter().map(line).collect()
 }
 
 /// Returns a value that differs from its default.
@@ -161,7 +188,7 @@ mod tests {
     /// Writes a setup and reads it back.
     fn read_back(setup: &Setup) -> Setup {
         let folder = tempfile::tempdir().unwrap();
-        write_installation(folder.path(), setup, ["# a comment\n", "# another\n"]).unwrap();
+        write_installation(folder.path(), setup, None, ["# a comment\n", "# another\n"]).unwrap();
         load(folder.path()).unwrap().setup
     }
 
@@ -177,6 +204,16 @@ mod tests {
     fn an_installation_reads_back_as_written() {
         let setup = fixture();
         assert_eq!(read_back(&setup), setup);
+    }
+
+    #[test]
+    fn assumptions_are_comments_beside_the_known_values() {
+        let text = "a = 1\n\n[camera]\nx = 0\nshift = 0.0\n\n[thermal]\nt = 15.0\n";
+        let written = comment_assumptions(text, "a = 1\n\n[camera]\nx = 0\n");
+        assert_eq!(
+            written,
+            "a = 1\n\n[camera]\nx = 0\n# shift = 0.0 # assumed\n\n# [thermal] # assumed\n# t = 15.0 # assumed\n"
+        );
     }
 
     #[test]

@@ -3,6 +3,7 @@
 
 mod draft;
 mod fixed_targets;
+mod measurable;
 mod optics;
 mod prediction;
 mod requirement;
@@ -10,19 +11,18 @@ mod resolution;
 mod terms;
 mod view;
 
-pub use draft::{LayoutDraft, best_layout, even_layout};
+pub use draft::{DraftVariant, LayoutDraft, best_layout, even_layout, predict_variants};
 pub use optics::{Optics, OpticsPlan};
 pub use prediction::{AlternativeLayout, LayoutChange, LayoutPrecision, LayoutPrediction, MarkerSigma, TipSigma};
 pub use requirement::{
     Remedy, Requirement, RequirementResult, VarianceFraction, assumed_attitude, check_requirement, predict_precision,
 };
-use resolution::facing_footprint;
 pub use resolution::{Footprint, SkinProfile, skin_footprint};
 
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::adjust::{AdjustError, Observation, Options};
+use super::adjust::{AdjustError, Options};
 use super::setup::{Orientation, Setup};
 use prediction::SimulatedFlight;
 
@@ -56,8 +56,11 @@ pub struct MarkerPlan {
     pub span_m: f64,
     /// Distance from the projection centre, on the ground, m.
     pub distance_m: f64,
-    /// Whether the marker is on the sensor on the ground and in flight.
+    /// Whether the marker can be measured on the ground and in flight: it is on the sensor, and large enough.
     pub visible: bool,
+    /// Whether its image is too small or too flat on the ground or in flight.
+    #[serde(skip)]
+    pub too_small: bool,
     /// Footprint of a pixel on the ground.
     pub ground: Footprint,
     /// Footprint of a pixel in flight, on the sloped skin.
@@ -171,23 +174,17 @@ fn field_of_view_deg(setup: &Setup) -> [f64; 3] {
 
 /// Predicts footprint and size in the image, visibility and standard deviation of each marker.
 fn plan_markers(setup: &Setup, simulation: &SimulatedFlight, prediction: Option<&LayoutPrediction>) -> Vec<MarkerPlan> {
-    let c = setup.lens.focal_px();
     let one = |(index, marker): (usize, &super::setup::SurveyMarker)| {
         let ground = simulation.ground[index];
-        let flight = simulation.flight[index];
-        let covers = |point: &Vector3<f64>, slope: f64| {
-            if marker.fixed { facing_footprint(point, c) } else { skin_footprint(point, slope, c) }
-        };
-        let on_ground = covers(&ground, simulation.skin.slope(ground.x));
-        let seen = |o: &Observation| o.marker == index;
+        let [on_ground, in_flight] = simulation.footprints(index);
         MarkerPlan {
             id: marker.id.clone(),
             shape: marker.shape.name(),
             span_m: ground.x,
             distance_m: ground.norm(),
-            visible: simulation.observations.iter().any(seen)
-                && simulation.orientation.ground.iter().any(|g| g.marker == index),
-            flight: covers(&flight, simulation.slope_at(&flight)),
+            visible: simulation.is_measured(index),
+            too_small: !simulation.is_large_enough(index),
+            flight: in_flight,
             image_px: [
                 1e3 * marker.diameter_m / on_ground.spanwise_mm,
                 1e3 * marker.diameter_m / on_ground.streamwise_mm,
@@ -231,9 +228,15 @@ fn layout_fault_remarks(plan: &InstallationPlan) -> Vec<String> {
         let found: Vec<&str> = plan.markers.iter().filter(|m| select(m)).map(|m| m.id.as_str()).collect();
         (!found.is_empty()).then(|| found.join(", "))
     };
-    if let Some(hidden) = ids(&|m| !m.visible) {
+    if let Some(hidden) = ids(&|m| !m.visible && !m.too_small) {
         remarks.push(format!(
             "outside the image on the ground or in flight: {hidden}; turn the camera or move the markers"
+        ));
+    }
+    if let Some(lost) = ids(&|m| !m.visible && m.too_small) {
+        remarks.push(format!(
+            "too small or too flat to be measured, {}: {lost}; use larger prints, a longer lens or a higher camera",
+            "on the ground or in flight"
         ));
     }
     if let Some(small) = ids(&|m| m.shape == "circle" && m.image_px[0] < MIN_IMAGE_PX) {

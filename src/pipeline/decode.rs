@@ -72,11 +72,18 @@ pub fn decode_partial(
     catch_panic(|| decode_without_panic_guard(bytes, format, wanted)).unwrap_or(Err(DecodeError::DecoderPanic))
 }
 
-/// Returns why an image file cannot be read. For a JPEG only the first bytes are checked: a damaged one is still worth
-/// keeping.
-pub fn unreadable_cause(bytes: &[u8]) -> Option<DecodeError> {
+/// Returns width and height of an image file, px. Of a JPEG only the header is read, and a damaged one gives `None`: it is
+/// still worth keeping.
+///
+/// # Errors
+/// Returns why another file cannot be read.
+pub fn read_size(bytes: &[u8]) -> Result<Option<(usize, usize)>, DecodeError> {
     let zeros = bytes.iter().take_while(|b| **b == 0).count();
-    if bytes[zeros..].starts_with(&JPEG_START) { None } else { decode_image(bytes, None).err() }
+    if bytes[zeros..].starts_with(&JPEG_START) {
+        let header = catch_panic(|| jpeg::header::read_header(&bytes[zeros..])).and_then(Result::ok);
+        return Ok(header.map(|(data, _)| (data.frame.width.into(), data.frame.height.into())));
+    }
+    decode_image(bytes, None).map(|raster| Some((raster.width(), raster.height())))
 }
 
 /// Bytes at which the decoder panics, for tests of the consequences.

@@ -53,6 +53,32 @@ fn every_case_is_read_correctly_or_refused_by_name() {
 }
 
 #[test]
+fn parameters_of_other_models_are_refused_by_name() {
+    let directory = tempfile::tempdir().unwrap();
+    let (file, camera) = (directory.path().join("camera.yaml"), directory.path().join("camera.toml"));
+    let sound = std::fs::read_to_string(fixture("cameras/opencv.yaml")).unwrap();
+    let convert = |more: &str| {
+        std::fs::write(&file, format!("{sound}\n{more}\n")).unwrap();
+        outcome(&["convert", &file.to_string_lossy(), &camera.to_string_lossy()])
+    };
+    for (more, model) in [
+        ("xi: 1.2", "xi: is a parameter of the omnidirectional model"),
+        ("xi: !!opencv-matrix\n   rows: 1\n   cols: 1\n   dt: d\n   data: [ 1.2 ]", "omnidirectional"),
+        ("fov: 0.93", "FOV"),
+        ("alpha: 0.6", "unified or double sphere"),
+        ("thin_prism: [ 0.001, 0.002, 0., 0. ]", "thin prism"),
+        ("tau: [ 0., 0.02 ]", "tilted sensor"),
+    ] {
+        let (status, printed) = convert(more);
+        assert!(status == Some(78) && printed.contains(model) && !camera.exists(), "{more}: {printed}");
+    }
+    for zero in ["xi: 0.", "thin_prism: [ 0., 0., 0., 0. ]", "tau: [ 0., 0. ]"] {
+        let (status, printed) = convert(zero);
+        assert!(status == Some(0) && camera.exists(), "{zero}: {printed}");
+    }
+}
+
+#[test]
 fn one_of_several_cameras_is_read_by_its_name() {
     let directory = tempfile::tempdir().unwrap();
     let out = directory.path().join("camera.toml").to_string_lossy().into_owned();

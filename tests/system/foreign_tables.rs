@@ -34,19 +34,19 @@ fn table(name: &str) -> String {
 }
 
 /// Exit status, standard output, and messages.
-fn import_table(store: &str, file: &str, mapping: &str) -> (Option<i32>, Value, String) {
+pub fn import_table(store: &str, file: &str, mapping: &str) -> (Option<i32>, Value, String) {
     let done = run(&["aircraft-data", store, file, "--mapping", mapping, "--flight", "f0001", "--json"]);
     let answer = serde_json::from_slice(&done.stdout).unwrap_or_default();
     (done.status.code(), answer, String::from_utf8(done.stderr).unwrap())
 }
 
-fn frames(answer: &Value, quantity: &str) -> u64 {
+pub fn frames(answer: &Value, quantity: &str) -> u64 {
     let all = answer["quantities"].as_array().unwrap();
     all.iter().find(|q| q["quantity"] == quantity).unwrap()["frames"].as_u64().unwrap()
 }
 
 /// A quantity at the flight's first frames: value and source.
-fn joined(store: &str, quantity: &str) -> Option<(f64, u64)> {
+pub fn joined(store: &str, quantity: &str) -> Option<(f64, u64)> {
     let lines = stdout(&["export", store, "--format", "jsonl"]);
     let first: Value = serde_json::from_str(lines.lines().next().unwrap()).unwrap();
     let joined_value = &first["aircraft"][quantity];

@@ -5,6 +5,7 @@ mod aircraft_feed;
 mod bad_input;
 mod calibrate_command;
 mod camera_mutations;
+mod card_import;
 mod check_command;
 #[path = "../common/mod.rs"]
 mod common;
@@ -59,5 +60,6 @@ mod store_verify;
 mod stress_live;
 mod survey_typo;
 mod table_mutations;
+mod table_statements;
 mod thirty_hours;
 mod three_deflections;

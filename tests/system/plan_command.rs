@@ -221,6 +221,17 @@ fn plan_prints_single_and_joint_precision() {
     assert!(one["flight"]["frames"] == 10 && together < 0.8 * alone, "{together} {alone}");
 }
 
+/// Takes the assumptions of a layout, which are comments, as true.
+fn assume(layout: &Path) {
+    let file = layout.join("installation.toml");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let fact = |line: &str| match line.strip_suffix(" # assumed") {
+        Some(assumed) => format!("{}\n", assumed.trim_start_matches("# ")),
+        None => format!("{line}\n"),
+    };
+    std::fs::write(&file, text.lines().map(fact).collect::<String>()).unwrap();
+}
+
 #[test]
 fn a_requirement_is_answered_for_a_wing_without_an_installation() {
     let folder = tempfile::tempdir().unwrap();
@@ -246,7 +257,8 @@ fn a_requirement_is_answered_for_a_wing_without_an_installation() {
     assert!(number(&strict["proposal_sigma_m"]) < number(&strict["sigma_tip_deflection_m"]));
     assert!(easy["remedies"].as_array().unwrap().iter().all(|r| r["sigma_taken_m"].is_null()));
     assert_eq!(easy["layout"].as_array().unwrap().len(), 22);
-    // The written draft is an installation with the predicted precision.
+    // The written draft is, with its assumptions, an installation with the predicted precision.
+    assume(&layout);
     let path = layout.to_str().unwrap();
     let again: Value =
         serde_json::from_str(&stdout(&["plan", "--installation", path, "--frames", "10", "--json"])).unwrap();
@@ -257,4 +269,78 @@ fn a_requirement_is_answered_for_a_wing_without_an_installation() {
     let (names, texts, _) = tags(&svg);
     assert_eq!(names[0], "svg");
     assert!(svg.contains("mm\"") && texts.iter().any(|t| t == "M20") && !svg.contains("NaN"));
+}
+
+/// Main dimensions of a wing of 28 m with a lens of 16 mm.
+fn wing_of_28_m<'a>(height: &'a str, chord: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    let wing =
+        ["plan", "--span", "28", "--height", height, "--chord", chord, "--focal", "16", "--sensor", "4000x3000x1.55"];
+    [&wing[..], more].concat()
+}
+
+#[test]
+fn a_layout_that_cannot_be_measured_is_refused_in_the_first_line() {
+    let text = stdout(&wing_of_28_m("0.2", "4", &["--want", "5mm"]));
+    let first = text.lines().next().unwrap();
+    assert!(first.starts_with("NO: M18, the outermost marker, is too small or too flat in the image"), "{first}");
+    let answer: Value = serde_json::from_str(&stdout(&wing_of_28_m("0.2", "4", &["--want", "1m", "--json"]))).unwrap();
+    assert_eq!((&answer["reached"], &answer["proposal_reached"]), (&false.into(), &false.into()));
+    assert!(answer["obstacle"].as_str().unwrap().contains("a higher camera"), "{}", answer["obstacle"]);
+    let variants = answer["variants"].as_array().unwrap();
+    let usable = |v: &&Value| v["sigma_tip_deflection_m"].as_f64().is_some();
+    assert!(variants.iter().filter(usable).all(|v| number(&v["height_m"]) > 0.5), "{variants:?}");
+    assert!(variants.iter().any(|v| usable(&v)), "a higher camera is proposed: {variants:?}");
+    let sound = stdout(&wing_of_28_m("2.2", "4", &["--want", "1m"]));
+    assert!(sound.starts_with("YES: ") && sound.contains("Most precise: "), "{sound}");
+    assert!(stdout(&wing_of_28_m("2.2", "4", &[])).starts_with("Tip deflection: "));
+}
+
+#[test]
+fn a_layout_writes_assumptions_as_comments_and_the_side_as_given() {
+    let folder = tempfile::tempdir().unwrap();
+    let layout = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let write = |name: &str, more: &[&str]| -> (String, Value) {
+        let at = layout(name);
+        let options = [&["--want", "4mm", "--fixed", "2", "--json", "--layout", &at], more].concat();
+        let answer = serde_json::from_str(&stdout(&wing_of_28_m("2.2", "4", &options))).unwrap();
+        (std::fs::read_to_string(folder.path().join(name).join("installation.toml")).unwrap(), answer)
+    };
+    let (right, answer) = write("right", &[]);
+    assert!(
+        right.contains("# side = \"right\" # assumed") && right.contains("# mount_shift_m = 0.0 # assumed"),
+        "{right}"
+    );
+    let (left, _) = write("left", &["--side", "left"]);
+    assert!(left.contains("\nside = \"left\"\n"), "{left}");
+    let survey = std::fs::read_to_string(folder.path().join("left/survey.csv")).unwrap();
+    let trailing = survey.lines().find(|line| line.starts_with("M20")).unwrap();
+    assert!(trailing.split(',').nth(4).unwrap().parse::<f64>().unwrap() > 0.0, "{trailing}");
+    // With its assumptions the layout keeps what the proposal promises.
+    assume(&folder.path().join("right"));
+    let frames = answer["proposal_frames"].to_string();
+    let again = stdout(&["plan", "--installation", &layout("right"), "--frames", &frames, "--json"]);
+    let again: Value = serde_json::from_str(&again).unwrap();
+    let predicted = &again["flight"]["expected"]["sigma_tip_deflection_m"];
+    let ratio = number(predicted) / number(&answer["proposal_sigma_m"]);
+    assert!((0.98..1.02).contains(&ratio), "{ratio}");
+}
+
+#[test]
+fn fixed_targets_leave_the_wing_markers_free() {
+    let text = stdout(&wing_of_28_m("1.4", "12", &["--fixed", "4", "--want", "1m", "--json"]));
+    let answer: Value = serde_json::from_str(&text).unwrap();
+    let layout = answer["layout"].as_array().unwrap();
+    let direction = |m: &Value| {
+        let [x, y, z] = [0, 1, 2].map(|k| number(&m["position_m"][k]));
+        (nalgebra::Vector3::new(x, y, z), number(&m["diameter_m"]))
+    };
+    let (fixed, wing): (Vec<&Value>, Vec<&Value>) = layout.iter().partition(|m| m["fixed"] == true);
+    assert_eq!(fixed.len(), 4);
+    for (target, size) in fixed.into_iter().map(direction) {
+        for (marker, diameter) in wing.iter().map(|m| direction(m)) {
+            let apart = target.angle(&marker);
+            let together = 0.5 * (size / target.norm() + diameter / marker.norm());
+            assert!(apart > together, "{target} {marker}");
+        }
+    }
 }

@@ -39,6 +39,13 @@ def rms(values):
     return math.sqrt(sum(v * v for v in values) / len(values)) if values else float("nan")
 
 
+def assume(layout):
+    """Takes the plan's assumptions, which are comments, as true."""
+    file = layout / "installation.toml"
+    lines = (line.removesuffix(" # assumed").removeprefix("# ") if line.endswith(" # assumed") else line for line in file.read_text().splitlines())
+    file.write_text("\n".join(lines) + "\n")
+
+
 def in_world(folder):
     """Holds the undrawn widths at 0 in a layout's installation."""
     file = folder / "installation.toml"
@@ -74,6 +81,7 @@ def main(program, root, count):
         options = ["--span", span, "--height", height, "--chord", chord, "--focal", focal, "--sensor", sensor]
         options += ["--markers", markers, "--fixed", fixed, "--frames", frames, "--want", want, "--layout", layout, "--json"]
         plan = json.loads(wingd(program, "plan", *options))
+        assume(layout)
         in_world(layout)
         frames = plan["proposal_frames"]
         again = json.loads(wingd(program, "plan", "--installation", layout, "--frames", max(frames, 2), "--json"))

@@ -81,7 +81,7 @@ fn read_frame_list(path: &Path) -> Result<Vec<ReplayItem>, CameraError> {
 pub fn format_from_path(path: &Path) -> Option<Format> {
     let extension = path.extension()?.to_str()?.to_ascii_lowercase();
     match extension.as_str() {
-        "jpg" | "jpeg" | "jpe" | "mpo" => Some(Format::Jpeg),
+        "jpg" | "jpeg" | "jpe" | "jfif" | "mpo" => Some(Format::Jpeg),
         "png" | "pgm" | "ppm" | "pnm" | "tif" | "tiff" => Some(Format::File { extension }),
         _ => None,
     }

@@ -3,6 +3,7 @@
 use crate::cli::Failure;
 use crate::measure::geometry::Lens;
 use crate::measure::plan::LayoutDraft;
+use crate::measure::setup::WingSide;
 
 /// Dimensions of a wing that has no installation yet.
 #[derive(clap::Args, Debug)]
@@ -11,6 +12,9 @@ pub struct DraftArgs {
     /// Distance from the camera to the wing tip along the span, m
     #[arg(long, value_name = "M", requires_all = ["height", "chord", "focal", "sensor"], conflicts_with = "installation")]
     pub span: Option<f64>,
+    /// Side of the wing; without it a right one is drawn, and `side` is left to you
+    #[arg(long, requires = "span", value_parser = ["left", "right"])]
+    side: Option<String>,
     /// Camera above the skin at the root, m; the wing is assumed level
     #[arg(long, value_name = "M", requires = "span")]
     height: Option<f64>,
@@ -19,7 +23,7 @@ pub struct DraftArgs {
     chord: Option<f64>,
     /// Focal length, mm
     #[arg(long, value_name = "MM", requires = "span")]
-    focal: Option<f64>,
+    pub focal: Option<f64>,
     /// Sensor: pixels across, pixels down, pixel pitch in micrometres
     #[arg(long, value_name = "WxHxUM", requires = "span", value_parser = parse_sensor)]
     sensor: Option<Sensor>,
@@ -50,6 +54,11 @@ fn parse_sensor(text: &str) -> Result<Sensor, String> {
 }
 
 impl DraftArgs {
+    /// Returns the side of the wing if it is given.
+    pub fn wing_side(&self) -> Option<WingSide> {
+        self.side.as_deref().map(|side| if side == "left" { WingSide::Left } else { WingSide::Right })
+    }
+
     /// Returns the dimensions.
     ///
     /// # Errors
@@ -76,6 +85,7 @@ impl DraftArgs {
         let centre = |side: u32| 0.5 * (f64::from(side) - 1.0);
         let (cx, cy) = (centre(sensor.width), centre(sensor.height));
         Ok(LayoutDraft {
+            side: self.wing_side().unwrap_or(WingSide::Right),
             span_m,
             height_m,
             chord_m,

@@ -5,15 +5,20 @@ mod requirement;
 
 use std::path::PathBuf;
 
+use serde_json::{Value, json};
+
 use super::default_paths::{load_installation, resolve_installation};
 use super::{Completion, Failure, print_json, print_line, write_output};
 use crate::desk::CHECK_WRITE_ACCESS;
-use crate::desk::plan::{draft_installation, flight_precision, plan_failure, prior_precision, write_layout};
+use crate::desk::plan::{
+    draft_installation, drafted_facts, flight_precision, plan_failure, prior_precision, write_layout,
+};
 use crate::installation::Installation;
 use crate::measure::plan::{
-    self, AlternativeLayout, InstallationPlan, LayoutPrecision, LayoutPrediction, MarkerPlan, Optics, PlanOptions,
-    Requirement, TipSigma,
+    self, AlternativeLayout, DraftVariant, InstallationPlan, LayoutPrecision, LayoutPrediction, MarkerPlan, Optics,
+    PlanOptions, Requirement, TipSigma,
 };
+use crate::measure::setup::Setup;
 use crate::record::DeflectionReference;
 use crate::report::grid::Grid;
 use crate::report::number::format_fixed;
@@ -65,9 +70,10 @@ pub(super) fn run(args: &PlanArgs) -> Result<Completion, Failure> {
         return Err(Failure::Usage("--pixel-sigma must be in (0, 100] px, --tip-deflection within 100 m".into()));
     }
     let frames = args.frames.map_or(1, usize::from);
-    let installation = match args.draft.span {
+    let draft = args.draft.span.map(|_| args.draft.to_draft()).transpose()?;
+    let installation = match &draft {
         None => load_installation(&resolve_installation(args.installation.as_deref())?)?,
-        Some(_) => draft_installation(&args.draft.to_draft()?, &plan_options(args, None), frames)?,
+        Some(draft) => draft_installation(draft, &plan_options(args, None), frames)?,
     };
     let options = plan_options(args, Some(&installation));
     let (setup, orientation) = (&installation.setup, installation.orientation.as_ref());
@@ -75,28 +81,70 @@ pub(super) fn run(args: &PlanArgs) -> Result<Completion, Failure> {
     if let Some(file) = &args.figure {
         write_output(file, &plan_figure::plan_svg(&plan), CHECK_WRITE_ACCESS)?;
     }
-    let joint = flight_precision(&installation, &options, frames)?;
-    let with_prior = prior_precision(&installation, &options, frames)?;
+    let (mut joint, mut with_prior) = (None, None);
+    if plan.prediction.is_some() {
+        joint = flight_precision(&installation, &options, frames)?;
+        with_prior = prior_precision(&installation, &options, frames)?;
+    }
     let requirement = args.want.map(|sigma_m| Requirement { sigma_m, frames });
     let proposal = requirement.map(|wanted| plan::check_requirement(setup, orientation, &options, &wanted));
     let proposal = proposal.transpose().map_err(plan_failure)?;
     if let Some(folder) = &args.layout {
-        match &proposal {
-            Some((_, setup, attitude)) => write_layout(folder, setup, attitude, options.tip_deflection_m)?,
-            None => {
-                let attitude = plan::assumed_attitude(setup, orientation, &options).map_err(plan_failure)?;
-                write_layout(folder, setup, &attitude, options.tip_deflection_m)?;
-            }
-        }
+        let assumed = || plan::assumed_attitude(setup, orientation, &options).map_err(plan_failure);
+        let (layout, attitude) = match &proposal {
+            Some((_, layout, attitude)) => (layout, attitude.clone()),
+            None => (setup, assumed()?),
+        };
+        let facts = match &draft {
+            Some(_) => drafted_facts(layout, args.draft.wing_side()),
+            None => Setup { markers: layout.markers.clone(), ..setup.clone() },
+        };
+        write_layout(folder, layout, &facts, &attitude, options.tip_deflection_m)?;
     }
+    let variants = draft.map(|draft| plan::predict_variants(&draft, setup, &options)).unwrap_or_default();
     if args.json {
-        print_json(&requirement::plan_json(&plan, joint.as_ref(), with_prior.as_ref(), proposal.as_ref()))?;
+        let mut all = requirement::plan_json(&plan, joint.as_ref(), with_prior.as_ref(), proposal.as_ref());
+        if !variants.is_empty() {
+            all.insert("variants".into(), variants_json(args, &variants));
+        }
+        print_json(&all)?;
     } else {
-        let mut out = plan_text(&plan, args.wide);
+        let mut out = requirement::first_line(&plan, joint.as_ref(), proposal.as_ref());
+        out.push_str(&plan_text(&plan, args.wide));
         out.push_str(&requirement::precision_text(joint.as_ref(), with_prior.as_ref(), proposal.as_ref()));
+        if !variants.is_empty() {
+            out.push_str(&variants_text(args, &variants));
+        }
         print_line(out.trim_end())?;
     }
-    Ok(if plan.prediction.is_some() { Completion::All } else { Completion::Partly })
+    Ok(if plan.prediction.is_some() || proposal.is_some() { Completion::All } else { Completion::Partly })
+}
+
+/// Returns the focal length of a variant, mm.
+fn focal_mm(args: &PlanArgs, variant: &DraftVariant) -> f64 {
+    args.draft.focal.unwrap_or_default() * variant.focal_ratio
+}
+
+fn variants_json(args: &PlanArgs, variants: &[DraftVariant]) -> Value {
+    let one = |v: &DraftVariant| json!({"focal_mm": focal_mm(args, v), "height_m": v.height_m, "sigma_tip_deflection_m": v.sigma_m});
+    variants.iter().map(one).collect()
+}
+
+/// Lists other lenses and heights; recommends the most precise one that can be measured.
+fn variants_text(args: &PlanArgs, variants: &[DraftVariant]) -> String {
+    let rows = Grid::for_rows(variants).columns(&[
+        ("focal length / mm", &|v| format!("{:.1}", focal_mm(args, v))),
+        ("height / m", &|v| format!("{:.2}", v.height_m)),
+        ("tip deflection / mm", &|v| format_fixed(v.sigma_m.map(|m| 1e3 * m), 1)),
+    ]);
+    let mut out = format!("\nOther lenses and heights, one frame (- cannot be measured)\n{}", rows.text());
+    let usable = variants.iter().filter(|v| v.sigma_m.is_some());
+    if let Some(best) = usable.min_by(|a, b| a.sigma_m.unwrap_or(0.0).total_cmp(&b.sigma_m.unwrap_or(0.0))) {
+        let (focal, height) = (focal_mm(args, best), best.height_m);
+        let way = if variants.first() == Some(best) { "None is more precise" } else { "Most precise" };
+        out.push_str(&format!("{way}: {focal:.1} mm, {height:.2} m above the skin\n"));
+    }
+    out
 }
 
 fn plan_options(args: &PlanArgs, installation: Option<&Installation>) -> PlanOptions {
@@ -116,7 +164,7 @@ fn plan_options(args: &PlanArgs, installation: Option<&Installation>) -> PlanOpt
 
 fn plan_text(plan: &InstallationPlan, wide: bool) -> String {
     let mut out = format!(
-        "Planned for a tip deflection of {} m and an image sigma of {} px.\n\nField of view {:.2} x {:.2} deg, camera constant {:.0} px\n",
+        "\nPlanned for a tip deflection of {} m and an image sigma of {} px.\n\nField of view {:.2} x {:.2} deg, camera constant {:.0} px\n",
         plan.tip_deflection_m, plan.pixel_sigma, plan.field_of_view_deg[0], plan.field_of_view_deg[1], plan.focal_px
     );
     out.push_str(&optics_text(plan));

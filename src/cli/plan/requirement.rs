@@ -72,14 +72,42 @@ pub fn precision_text(
     out
 }
 
+fn count_frames(n: usize) -> String {
+    if n == 1 { "one frame".to_owned() } else { format!("{n} frames together") }
+}
+
+/// Returns the answer: whether the required precision is reached, or the predicted one.
+pub fn first_line(plan: &InstallationPlan, joint: Option<&FlightPrecision>, proposal: Option<&PlanProposal>) -> String {
+    let Some((answer, ..)) = proposal else {
+        let alone = plan.prediction.as_ref().map(|p| (p.expected.sigma_tip_deflection_m, 1));
+        let best = joint.map(|j| (j.expected.sigma_tip_deflection_m, j.frames)).or(alone);
+        let seen = plan.markers.iter().filter(|m| m.visible).count();
+        let markers = format!("{seen} of {} markers can be measured", plan.markers.len());
+        return match best {
+            Some((sigma_m, frames)) => {
+                format!("Tip deflection: {} with {}; {markers}\n", format_mm(sigma_m), count_frames(frames))
+            }
+            None => format!("No precision can be predicted; {markers}\n"),
+        };
+    };
+    let predicted =
+        format!("{} at the tip with {}", format_mm(answer.sigma_tip_deflection_m), count_frames(answer.frames));
+    let required = format!("{} required", format_mm(answer.want_m));
+    match (&answer.obstacle, answer.reached) {
+        (Some(obstacle), _) => format!("NO: {obstacle} ({required})\n"),
+        (None, true) => format!("YES: {predicted}, {required}\n"),
+        (None, false) if answer.proposal_reached => {
+            let (sigma, frames) = (format_mm(answer.proposal_sigma_m), count_frames(answer.proposal_frames));
+            format!("NO: {predicted}, {required}; the proposal below reaches {sigma} with {frames}\n")
+        }
+        (None, false) => format!("NO: {predicted}, {required}; the proposal below does not reach it either\n"),
+    }
+}
+
 fn answer_text(answer: &RequirementResult, proposal: &Setup) -> String {
-    let frames = |n: usize| if n == 1 { "one frame".to_owned() } else { format!("{n} frames together") };
-    let verdict = if answer.reached { "YES" } else { "NO" };
     let mut out = format!(
-        "\nRequired: {} at the tip. {verdict}: {} with {}\n\nVariance budget\n{}",
-        format_mm(answer.want_m),
-        format_mm(answer.sigma_tip_deflection_m),
-        frames(answer.frames),
+        "\nVariance budget with {}\n{}",
+        count_frames(answer.frames),
         Grid::for_rows(&answer.sources)
             .columns(&[("<source", &|s| s.source.clone()), ("share / %", &|s| format_fixed(Some(100.0 * s.share), 0)),])
             .text()
@@ -96,15 +124,20 @@ fn answer_text(answer: &RequirementResult, proposal: &Setup) -> String {
             ])
             .text()
     ));
-    if !answer.reached {
+    if !answer.reached && answer.obstacle.is_none() {
         let fixed = proposal.markers.iter().filter(|m| m.fixed).count();
         let reaches = if answer.proposal_reached { "reaches it" } else { "does not reach it either" };
         out.push_str(&format!(
             "\nThe proposal {reaches}: {} with {}, {} markers and {fixed} fixed targets; --layout DIR writes it\n",
             format_mm(answer.proposal_sigma_m),
-            frames(answer.proposal_frames),
+            count_frames(answer.proposal_frames),
             proposal.markers.len() - fixed
         ));
+        if fixed > 0 {
+            out.push_str(
+                "The fixed targets need places that are rigid to the cabin, near those of the drawing as seen from the lens\n",
+            );
+        }
     }
     out
 }

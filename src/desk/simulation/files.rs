@@ -22,7 +22,7 @@ pub fn write_set(
     frames: &[SetFrame],
     done: impl Fn(),
 ) -> Result<()> {
-    installation::write_installation(&directory.join("installation"), specified, [""; 2])
+    installation::write_installation(&directory.join("installation"), specified, None, [""; 2])
         .map_err(|(file, error)| anyhow!("cannot write {}: {error}", file.display()))?;
     let folder = directory.join("frames");
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;

@@ -3,7 +3,7 @@
 //! The finder's thresholds follow the strongest corner of its input: text or a screen next to the board hides the tags. So
 //! an image in which tags are missing is searched once more in parts.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use ::aprilgrid::TagFamily;
 use ::aprilgrid::detector::TagDetector;
@@ -13,7 +13,7 @@ use nalgebra::Vector2;
 use super::board::{Board, BoardDetection, BoardError, BoardMismatch};
 use super::checkerboard::WINDOW_FRACTION;
 use super::corner::{self, CornerHint};
-use super::{BoardPoint, BoardView, reduced, saddle, start};
+use super::{BoardPoint, BoardView, other_tags, reduced, saddle, start};
 use crate::raster::Raster;
 
 /// Tags needed for a view.
@@ -35,13 +35,20 @@ pub(super) fn find_aprilgrid(
     tag_m: f64,
     spacing: f64,
 ) -> Result<BoardDetection, BoardError> {
-    let tags = detect_tags(raster, columns * rows);
+    let (tags, beyond) = detect_tags(raster, columns * rows);
+    if let Some(last) = beyond.last().filter(|_| beyond.len() >= MIN_TAGS) {
+        let first = tags.keys().chain(&beyond).min().unwrap_or(last);
+        return Err(BoardError::OtherTags(format!(
+            "tags {first} to {last} found, not 0 to {}; use a board that is numbered from 0, and check columns and rows",
+            columns * rows - 1
+        )));
+    }
     if tags.len() < MIN_TAGS {
-        return Err(if tags.is_empty() {
-            BoardError::NotFound
-        } else {
-            BoardError::Partial { found: 4 * tags.len(), expected: 4 * columns * rows }
-        });
+        let other = other_tags::describe_other_tags(raster, MIN_TAGS).map(BoardError::OtherTags);
+        return Err(other.unwrap_or(match tags.len() {
+            0 => BoardError::NotFound,
+            found => BoardError::Partial { found: 4 * found, expected: 4 * columns * rows },
+        }));
     }
     let mut view = BoardView::new();
     for (&id, tag) in &tags {
@@ -57,14 +64,15 @@ pub(super) fn find_aprilgrid(
     Ok(BoardDetection { view, mismatch: find_mismatch(&tags, columns, spacing) })
 }
 
-/// Finds the board's tags by id. The map also gives them an order: the finder's differs between runs.
-fn detect_tags(raster: &Raster, expected: usize) -> BTreeMap<usize, TagCorners> {
+/// Finds the board's tags by id, and the ids beyond the board's. The map also gives them an order: the finder's differs
+/// between runs.
+fn detect_tags(raster: &Raster, expected: usize) -> (BTreeMap<usize, TagCorners>, BTreeSet<usize>) {
     let (small, scale) = reduced::reduce_image(raster);
-    let mut tags = BTreeMap::new();
+    let mut tags = (BTreeMap::new(), BTreeSet::new());
     add_tags(small.as_ref().unwrap_or(raster), Vector2::zeros(), scale, expected, &mut tags);
     let (width, height) = (2 * raster.width() / (PARTS + 1), 2 * raster.height() / (PARTS + 1));
     for k in 0..PARTS * PARTS {
-        if tags.len() == expected {
+        if tags.0.len() == expected {
             break;
         }
         let (left, top) = (k % PARTS * width / 2, k / PARTS * height / 2);
@@ -81,12 +89,14 @@ fn add_tags(
     origin: Vector2<f64>,
     scale: f64,
     expected: usize,
-    tags: &mut BTreeMap<usize, TagCorners>,
+    (tags, beyond): &mut (BTreeMap<usize, TagCorners>, BTreeSet<usize>),
 ) {
     let (width, height) = (raster.width() as u32, raster.height() as u32);
     let Some(gray) = GrayImage::from_raw(width, height, raster.luma().to_vec()) else { return };
     let found = TagDetector::new(&TagFamily::T36H11, None).detect(&DynamicImage::ImageLuma8(gray));
-    for (id, corners) in found.into_iter().filter(|(id, _)| (*id as usize) < expected) {
+    let (found, other): (Vec<_>, Vec<_>) = found.into_iter().partition(|(id, _)| (*id as usize) < expected);
+    beyond.extend(other.into_iter().map(|(id, _)| id as usize));
+    for (id, corners) in found {
         let place = |(x, y): (f32, f32)| {
             Vector2::new(f64::from(x), f64::from(y)) * scale + Vector2::repeat(0.5 * (scale - 1.0)) + origin
         };
@@ -108,6 +118,7 @@ fn tag_corner_hint(raster: &Raster, tag: &TagCorners, k: usize, spacing: f64) ->
 fn find_mismatch(tags: &BTreeMap<usize, TagCorners>, columns: usize, spacing: f64) -> Option<BoardMismatch> {
     let mut gaps = vec![];
     let mut ups: BTreeMap<usize, usize> = BTreeMap::new();
+    let mut wrapped = 0;
     for (&id, tag) in tags {
         let Some(tag_from_pixel) = start::tag_from_pixel(tag) else { continue };
         for (&other, place) in tags.range(id + 1..) {
@@ -116,6 +127,7 @@ fn find_mismatch(tags: &BTreeMap<usize, TagCorners>, columns: usize, spacing: f6
             let next = |far: f64, aside: f64| (1.0..2.0).contains(&far) && aside.abs() < 0.3;
             if next(middle.x, middle.y) && other == id + 1 {
                 gaps.push(middle.x - 1.0);
+                wrapped += usize::from(other.is_multiple_of(columns));
             } else if next(middle.y, middle.x) {
                 *ups.entry(other - id).or_default() += 1;
             }
@@ -124,6 +136,10 @@ fn find_mismatch(tags: &BTreeMap<usize, TagCorners>, columns: usize, spacing: f6
     let seen = ups.into_iter().max_by_key(|(_, votes)| *votes).map(|(step, _)| step);
     if let Some(seen) = seen.filter(|s| *s != columns) {
         return Some(BoardMismatch::Columns { seen });
+    }
+    // The last tag of a row has no neighbour on its right.
+    if 2 * wrapped > gaps.len().div_ceil(columns) {
+        return Some(BoardMismatch::FirstTag);
     }
     gaps.sort_by(f64::total_cmp);
     let gap = *gaps.get(gaps.len() / 2)?;

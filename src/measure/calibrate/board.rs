@@ -37,6 +37,9 @@ pub enum BoardError {
     /// Board found, but cut off or of another size.
     #[error("only {found} of {expected} points found; show the complete board and check its description")]
     Partial { found: usize, expected: usize },
+    /// Tags of another board; the text has the difference and the remedy.
+    #[error("{0}")]
+    OtherTags(String),
     /// Board kind not compiled in.
     #[error("this build does not support AprilGrids; build with the feature aprilgrid")]
     NotBuilt,
@@ -55,6 +58,8 @@ pub struct BoardDetection {
 pub enum BoardMismatch {
     /// More lines of corners than described.
     Larger,
+    /// Rows of tags that do not begin with multiples of the columns: the first tag is not 0.
+    FirstTag,
     /// Wrong number of tags in a row.
     Columns { seen: usize },
     /// Wrong gap between tags.
@@ -69,6 +74,7 @@ pub fn description_mismatch(board: &Board, mismatches: &[Option<BoardMismatch>])
     let half = |n: usize| n > 0 && 2 * n > mismatches.len();
     let found = || mismatches.iter().flatten();
     let larger = found().filter(|m| matches!(m, BoardMismatch::Larger)).count();
+    let first = found().filter(|m| matches!(m, BoardMismatch::FirstTag)).count();
     let mut columns: Vec<usize> =
         found().filter_map(|m| if let BoardMismatch::Columns { seen } = m { Some(*seen) } else { None }).collect();
     let gaps: Vec<f64> =
@@ -86,6 +92,10 @@ pub fn description_mismatch(board: &Board, mismatches: &[Option<BoardMismatch>])
                  its description"
             ))
         }
+        Board::AprilGrid { columns, rows, .. } if half(first) => Some(format!(
+            "the board is not as described: its tags are not numbered from 0 to {}; use a board that is",
+            columns * rows - 1
+        )),
         Board::AprilGrid { spacing, .. } if half(gaps.len()) => {
             let seen = median(gaps)?;
             Some(format!(

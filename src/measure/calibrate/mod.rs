@@ -2,7 +2,7 @@
 //!
 //! | stage | in | out | file |
 //! |---|---|---|---|
-//! | find | grey image, board | board points and their pixels | `board.rs`, `find.rs`, `checkerboard.rs`, `aprilgrid.rs` |
+//! | find | grey image, board | board points and their pixels | `board.rs`, `find.rs`, `checkerboard.rs`, `aprilgrid.rs`, `other_tags.rs` |
 //! | measure | grey values, approximate position | corner and its covariance | `saddle.rs`, `corner.rs` |
 //! | start | views | camera constant, poses | `start.rs` |
 //! | adjust | views, start | camera, board's bow and stretch, covariance | `adjust.rs`, `model.rs`, `shape.rs`, `bundle.rs` |
@@ -23,6 +23,8 @@ mod corner;
 mod find;
 mod fitting;
 mod model;
+#[cfg(feature = "aprilgrid")]
+mod other_tags;
 mod outcome;
 mod outliers;
 mod quality;

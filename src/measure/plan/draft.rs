@@ -2,15 +2,18 @@
 
 use nalgebra::Vector3;
 
+use super::prediction::SimulatedFlight;
 use super::{PlanOptions, fixed_targets, requirement};
 use crate::adjust::AdjustError;
 use crate::geometry::Lens;
-use crate::setup::{Setup, Shape, SurveyMarker, TorsionPair};
+use crate::setup::{Setup, Shape, SurveyMarker, TorsionPair, WingSide};
 
 /// Dimensions of a wing and numbers of its markers. The survey frame has its origin in the projection centre, x outboard
-/// along the span, z up; the wing is a right one, with its trailing edge at negative y.
+/// along the span, z up: the trailing edge of a right wing is at negative y, that of a left one at positive y.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LayoutDraft {
+    /// Side of the wing.
+    pub side: WingSide,
     /// Span from the camera to the wing tip, m.
     pub span_m: f64,
     /// Height of the camera above the skin at the root, m; the wing is taken as level.
@@ -45,10 +48,11 @@ const SURVEY_SIGMA_M: f64 = 0.002;
 /// Trial exponents of the stations' spacing: markers dense at the root, even, dense at the tip.
 const SPACING_EXPONENTS: [f64; 3] = [1.4, 1.0, 0.7];
 
-/// Creates an installation with the most precise of the trial layouts for this wing.
+/// Creates an installation with the most precise of the trial layouts for this wing; if none gives an adjustment, with the
+/// first.
 ///
 /// # Errors
-/// Returns an error if no layout gives an adjustment.
+/// Returns an error if the dimensions give no wing.
 pub fn best_layout(
     draft: &LayoutDraft,
     installation: &Setup,
@@ -56,18 +60,49 @@ pub fn best_layout(
     frames: usize,
 ) -> Result<Setup, AdjustError> {
     let mut best: Option<(f64, Setup)> = None;
-    let mut failure = AdjustError::Input("no layout fits these dimensions".into());
     for crowding in SPACING_EXPONENTS {
         let setup = build_drafted_setup(draft, installation, options, crowding)?;
-        match requirement::predict_precision(&setup, None, options, frames, None) {
-            Ok(precision) if best.as_ref().is_none_or(|(sigma, _)| precision.sigma_tip_deflection_m < *sigma) => {
-                best = Some((precision.sigma_tip_deflection_m, setup));
-            }
-            Ok(_) => {}
-            Err(error) => failure = error,
+        let precision = requirement::predict_precision(&setup, None, options, frames, None);
+        let sigma_m = precision.map_or(f64::INFINITY, |p| p.sigma_tip_deflection_m);
+        if best.as_ref().is_none_or(|(least, _)| sigma_m < *least) {
+            best = Some((sigma_m, setup));
         }
     }
-    best.map(|(_, setup)| setup).ok_or(failure)
+    best.map(|(_, setup)| setup).ok_or_else(|| AdjustError::Input("no layout fits these dimensions".into()))
+}
+
+/// A wing with another lens or height of the camera, and its predicted precision.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DraftVariant {
+    /// Camera constant over that of the draft.
+    pub focal_ratio: f64,
+    /// Height of the camera above the skin at the root, m.
+    pub height_m: f64,
+    /// Standard deviation of the tip's deflection in one frame, m; `None` without a usable layout.
+    pub sigma_m: Option<f64>,
+}
+
+/// Trial changes of the camera constant and of the height, m.
+const FOCAL_RATIOS: [f64; 4] = [0.5, 0.71, 1.41, 2.0];
+const HEIGHT_CHANGES_M: [f64; 3] = [-0.5, 0.5, 1.0];
+
+/// Predicts the precision with other lenses and heights of the camera, one frame each; the first is the draft itself.
+pub fn predict_variants(draft: &LayoutDraft, installation: &Setup, options: &PlanOptions) -> Vec<DraftVariant> {
+    let heights = HEIGHT_CHANGES_M.iter().map(|change| (1.0, draft.height_m + change));
+    let lenses = FOCAL_RATIOS.iter().map(|ratio| (*ratio, draft.height_m));
+    let all = [(1.0, draft.height_m)].into_iter().chain(lenses).chain(heights.filter(|(_, height_m)| *height_m > 0.1));
+    all.map(|(focal_ratio, height_m)| {
+        let lens = Lens { fx: draft.lens.fx * focal_ratio, fy: draft.lens.fy * focal_ratio, ..draft.lens };
+        let other = LayoutDraft { lens, height_m, ..*draft };
+        let setup = Setup { lens, ..installation.clone() };
+        let usable = |setup: &Setup| {
+            let simulation = SimulatedFlight::new(setup, None, options).ok()?;
+            if simulation.find_obstacle().is_some() { None } else { simulation.predict_single_frame().ok() }
+        };
+        let sigma_m = best_layout(&other, &setup, options, 1).ok().as_ref().and_then(usable);
+        DraftVariant { focal_ratio, height_m, sigma_m: sigma_m.map(|precision| precision.sigma_tip_deflection_m) }
+    })
+    .collect()
 }
 
 fn build_drafted_setup(
@@ -81,11 +116,12 @@ fn build_drafted_setup(
     let count = setup.markers.len();
     setup.torsion = vec![TorsionPair { name: "tip".into(), leading: count - 2, trailing: count - 1 }];
     if draft.fixed > 0 {
-        let attitude = super::prediction::SimulatedFlight::new(&setup, None, options)?.orientation;
-        let request = (0, draft.fixed, options.pixel_sigma);
-        if let Some((with_targets, _)) = fixed_targets::add_fixed_targets(&setup, &attitude, request) {
-            setup = with_targets;
-        }
+        let simulation = SimulatedFlight::new(&setup, None, options)?;
+        let (attitude, taken) = (&simulation.orientation, simulation.taken_places());
+        // Markers of a wide wing may leave room for fewer.
+        let add = |count| fixed_targets::add_fixed_targets(&setup, attitude, (0, count, options.pixel_sigma), &taken);
+        let added = (1..=draft.fixed).rev().find_map(add);
+        setup = added.map(|(with_targets, _)| with_targets).unwrap_or(setup);
     }
     Ok(setup)
 }
@@ -120,7 +156,11 @@ fn draft_marker(draft: &LayoutDraft, k: usize, along_m: f64, leading: bool) -> S
         id: format!("M{:02}", k + 1),
         shape,
         diameter_m,
-        position_m: Vector3::new(along_m, if leading { offset_m } else { -offset_m }, -draft.height_m),
+        position_m: Vector3::new(
+            along_m,
+            if leading == (draft.side == WingSide::Right) { offset_m } else { -offset_m },
+            -draft.height_m,
+        ),
         sigma_m: SURVEY_SIGMA_M,
         fixed: false,
         flight_motion_m: 0.0,

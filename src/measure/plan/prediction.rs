@@ -113,7 +113,7 @@ const MIN_DEFLECTION_FRACTION: f64 = 0.4;
 
 /// A simulated flight with exact observations.
 pub struct SimulatedFlight<'a> {
-    setup: &'a Setup,
+    pub setup: &'a Setup,
     options: &'a PlanOptions,
     /// Markers on the ground, wing frame, m.
     pub ground: Vec<Vector3<f64>>,
@@ -179,7 +179,10 @@ impl<'a> SimulatedFlight<'a> {
                 self.setup.lens.project(&apparent_point(self.setup.window.as_ref(), turn, &survey, in_flight))?;
             self.setup.lens.contains(&pixel).then_some(pixel)
         };
-        let flight = self.flight.iter().enumerate();
+        // A ground frame that was taken shows by itself which markers are large enough.
+        let untaken = self.orientation.ground.is_empty();
+        let large = |marker: &usize| !untaken || self.is_large_enough(*marker);
+        let flight = self.flight.iter().enumerate().filter(|(marker, _)| large(marker));
         let observations: Vec<_> = flight
             .filter_map(|(marker, p)| Some(Observation { marker, pixel: see(p, true)?, covariance_px2 }))
             .collect();
@@ -193,7 +196,7 @@ impl<'a> SimulatedFlight<'a> {
         let observe = |(marker, p): (usize, &Vector3<f64>)| {
             Some(Observation { marker, covariance_px2: covariance(marker)?, pixel: see(p, false)? })
         };
-        let ground = self.ground.iter().enumerate().filter_map(observe).collect();
+        let ground = self.ground.iter().enumerate().filter(|(marker, _)| large(marker)).filter_map(observe).collect();
         (self.observations, self.orientation.ground) = (observations, ground);
     }
 
@@ -328,7 +331,7 @@ impl<'a> SimulatedFlight<'a> {
 
     fn predict_with_fixed_targets(&self, count: usize) -> AlternativeLayout {
         let request = (0, count, self.options.pixel_sigma);
-        let other = fixed_targets::add_fixed_targets(self.setup, &self.orientation, request);
+        let other = fixed_targets::add_fixed_targets(self.setup, &self.orientation, request, &self.taken_places());
         let name = format!("{count} fixed target{}", if count == 1 { "" } else { "s" });
         AlternativeLayout {
             name,

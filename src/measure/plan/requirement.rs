@@ -43,13 +43,15 @@ pub struct Remedy {
 /// Result of the check of a requirement.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RequirementResult {
-    /// Whether the planned layout meets the requirement.
+    /// Whether the planned layout meets the requirement and can be measured.
     pub reached: bool,
+    /// Reason why the planned layout cannot be measured; `None` if it can.
+    pub obstacle: Option<String>,
     /// Required standard deviation, m.
     pub want_m: f64,
     /// Number of frames adjusted together.
     pub frames: usize,
-    /// Standard deviation of the planned layout, m.
+    /// Standard deviation of the planned layout, m; NaN if it cannot be adjusted.
     pub sigma_tip_deflection_m: f64,
     /// Variance budget, largest contribution first.
     pub sources: Vec<VarianceFraction>,
@@ -102,7 +104,7 @@ const ADDITIONAL_MARKERS: usize = 6;
 /// Checks a requirement. Returns the result with setup and attitude of the proposal.
 ///
 /// # Errors
-/// Returns an error if the layout gives no wing or no adjustment.
+/// Returns an error if the layout gives no wing, or no adjustment for another reason than its obstacle.
 pub fn check_requirement(
     setup: &Setup,
     orientation: Option<&Orientation>,
@@ -110,18 +112,26 @@ pub fn check_requirement(
     requirement: &Requirement,
 ) -> Result<(RequirementResult, Setup, Orientation), AdjustError> {
     let first = SimulatedFlight::new(setup, orientation, options)?;
+    let obstacle = first.find_obstacle();
     let attitude = Orientation { ground: vec![], ..first.orientation };
     let planned = Campaign { setup: setup.clone(), orientation: attitude, frames: requirement.frames.max(1) };
-    let sigma_m = predict_campaign_precision(&planned, options)?.sigma_tip_deflection_m;
+    let sigma_m = match predict_campaign_precision(&planned, options) {
+        Ok(precision) => precision.sigma_tip_deflection_m,
+        Err(_) if obstacle.is_some() => f64::NAN,
+        Err(error) => return Err(error),
+    };
     let (remedies, proposal, proposal_m) = apply_remedies(&planned, options, (sigma_m, requirement.sigma_m));
+    let proposal_obstacle =
+        SimulatedFlight::new(&proposal.setup, Some(&proposal.orientation), options)?.find_obstacle();
     let answer = RequirementResult {
-        reached: sigma_m <= requirement.sigma_m,
+        reached: sigma_m <= requirement.sigma_m && obstacle.is_none(),
+        obstacle,
         want_m: requirement.sigma_m,
         frames: planned.frames,
         sigma_tip_deflection_m: sigma_m,
         sources: variance_sources(&planned, options, sigma_m),
         remedies,
-        proposal_reached: proposal_m <= requirement.sigma_m,
+        proposal_reached: proposal_m <= requirement.sigma_m && proposal_obstacle.is_none(),
         proposal_sigma_m: proposal_m,
         proposal_frames: proposal.frames,
     };
@@ -273,8 +283,10 @@ fn propose_measuring_temperature(campaign: &Campaign, _: &PlanOptions) -> Option
 
 fn propose_two_fixed_targets(campaign: &Campaign, options: &PlanOptions) -> Option<(String, Campaign)> {
     let existing = campaign.setup.markers.iter().filter(|m| m.fixed).count();
+    let taken = SimulatedFlight::new(&campaign.setup, Some(&campaign.orientation), options).ok()?.taken_places();
+    let request = (existing, 2, options.pixel_sigma);
     let (setup, orientation) =
-        fixed_targets::add_fixed_targets(&campaign.setup, &campaign.orientation, (existing, 2, options.pixel_sigma))?;
+        fixed_targets::add_fixed_targets(&campaign.setup, &campaign.orientation, request, &taken)?;
     let count = setup.markers.iter().filter(|m| m.fixed).count();
     let orientation = Orientation { ground: vec![], ..orientation };
     let remedy = format!("{count} fixed targets, rigid to the cabin, in the corners of the frame");

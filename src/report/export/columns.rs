@@ -49,9 +49,8 @@ impl ColumnValues {
             NumberType::Single => (*number as f32).to_string(),
             NumberType::Count => (*number as i64).to_string(),
             NumberType::Flag => (*number != 0.0).to_string(),
-            NumberType::Time => {
-                jiff::Timestamp::from_microsecond(*number as i64).map_or(String::new(), |time| time.to_string())
-            }
+            // One width in a column: readers take its format from the first row.
+            NumberType::Time => jiff::Timestamp::from_microsecond(*number as i64).map_or(String::new(), time_text),
         };
         number.map(text).unwrap_or_default()
     }
@@ -73,6 +72,11 @@ impl ColumnValues {
             _ => {}
         }
     }
+}
+
+/// Formats a time with microseconds, RFC 3339 in UTC.
+pub fn time_text(time: jiff::Timestamp) -> String {
+    format!("{time:.6}")
 }
 
 /// Named column with its values.

@@ -5,6 +5,7 @@ use std::io::{self, Write};
 use serde_json::json;
 
 use super::super::SeriesData;
+use super::columns::time_text;
 use crate::aircraft::state_to_json;
 use crate::quantities::SCHEMA_VERSION;
 
@@ -13,6 +14,10 @@ pub fn write_json_lines(output: &mut dyn Write, series: &SeriesData, store_id: O
     for shot in &series.shots {
         let record = series.record_for_shot(shot);
         let stamp = shot.stamp.as_ref();
+        let mut exposure = json!(shot.exposure);
+        if let (Some(known), Some(time)) = (&shot.exposure, exposure.get_mut("exposure_time")) {
+            *time = time_text(known.exposure_time).into();
+        }
         let line = json!({
             "schema_version": SCHEMA_VERSION,
             "result_id": format!("{}/{}", series.name, shot.number),
@@ -22,11 +27,11 @@ pub fn write_json_lines(output: &mut dyn Write, series: &SeriesData, store_id: O
             "shot": shot.number,
             "image": shot.image,
             "image_sha256": shot.sha256,
-            "utc": stamp.map(|s| s.utc),
+            "utc": stamp.map(|s| time_text(s.utc)),
             "utc_synchronised": stamp.map(|s| s.utc_synchronised),
             "boot_id": stamp.map(|s| &s.boot_id),
             "since_boot_s": stamp.map(|s| s.since_boot_s),
-            "exposure": shot.exposure,
+            "exposure": exposure,
             "aircraft": state_to_json(&shot.aircraft),
             "camera_failures": shot.failures,
             "inputs": record.and(series.inputs.as_ref()),

@@ -1,0 +1,197 @@
+//! Tags that are not those of the described AprilGrid: another family, border or numbering, or without the squares between
+//! them. Only searched if too few tags of the board are found.
+
+use ::aprilgrid::TagFamily;
+use ::aprilgrid::detector::{TagDetector, best_tag, bit_code, decode_positions};
+use ::aprilgrid::tag_families::{T16H5, T25H7, T25H9, T36H11};
+use image::{DynamicImage, GrayImage};
+use nalgebra::Vector2;
+
+use super::reduced;
+use crate::raster::Raster;
+
+/// Kinds of tags: name, code bits along a side, bits of the black border, number of wrong bits that is not accepted, codes.
+type TagKind = (&'static str, TagFamily, [u8; 3], &'static [u64]);
+const KINDS: [TagKind; 5] = [
+    ("of 36h11", TagFamily::T36H11, [6, 2, 3], &T36H11),
+    ("of 36h11 with a border of one bit", TagFamily::T36H11B1, [6, 1, 3], &T36H11),
+    ("of the family 25h9", TagFamily::T25H9, [5, 2, 2], &T25H9),
+    ("of the family 25h7", TagFamily::T25H7, [5, 2, 2], &T25H7),
+    ("of the family 16h5", TagFamily::T16H5, [4, 2, 1], &T16H5),
+];
+
+/// Describes the tags of an image that shows fewer than `least` of the board's; `None` if there are none either.
+pub(super) fn describe_other_tags(raster: &Raster, least: usize) -> Option<String> {
+    let (small, _) = reduced::reduce_image(raster);
+    let raster = small.as_ref().unwrap_or(raster);
+    let gray = GrayImage::from_raw(raster.width() as u32, raster.height() as u32, raster.luma().to_vec())?;
+    let picture = DynamicImage::ImageLuma8(gray.clone());
+    let found = |family: &TagFamily| TagDetector::new(family, None).detect(&picture).len();
+    // Those of 36h11 are the board's, which were not found.
+    if let Some((name, ..)) = KINDS[1..].iter().find(|(_, family, ..)| found(family) >= least) {
+        return Some(format!(
+            "tags {name} found, not those of Kalibr's AprilGrid (36h11 with a border of two bits); print that one"
+        ));
+    }
+    let quads = find_dark_quads(raster);
+    let decoded = |(_, _, bits, codes): &&TagKind| quads.iter().filter(|q| is_tag(&gray, q, *bits, codes)).count();
+    let best = KINDS.iter().max_by_key(decoded).filter(|kind| decoded(kind) >= least)?;
+    Some(format!(
+        "tags {} without the squares between them found; print Kalibr's AprilGrid, which has a small square at each corner",
+        best.0
+    ))
+}
+
+/// Returns whether the quadrilateral is a tag, in any rotation and seen from either side.
+fn is_tag(gray: &GrayImage, quad: &[(f32, f32); 4], [edge, border, wrong]: [u8; 3], codes: &[u64]) -> bool {
+    let mut reversed = *quad;
+    reversed.reverse();
+    [*quad, reversed].iter().any(|corners| {
+        let places = decode_positions(gray.width(), gray.height(), corners, border, edge, 0.5);
+        let bits = places.and_then(|places| bit_code(gray, &places, 10, 3));
+        bits.is_some_and(|bits| best_tag(bits, wrong, codes, edge).is_some())
+    })
+}
+
+/// Smallest side of a tag that can be decoded, px, and largest as a fraction of the image's.
+const MIN_SIDE_PX: f64 = 12.0;
+const MAX_SIDE_FRACTION: f64 = 0.5;
+/// Window over which the threshold between black and white is averaged, as a fraction of the image's width.
+const THRESHOLD_WINDOW: f64 = 0.1;
+
+/// Finds the corners of dark areas with light around them.
+fn find_dark_quads(raster: &Raster) -> Vec<[(f32, f32); 4]> {
+    let (width, height) = (raster.width(), raster.height());
+    let mut dark = dark_pixels(raster);
+    let mut quads = vec![];
+    for start in 0..dark.len() {
+        let mut area: Vec<usize> = vec![];
+        let mut open = if std::mem::take(&mut dark[start]) { vec![start] } else { vec![] };
+        while let Some(k) = open.pop() {
+            area.push(k);
+            let (x, y) = (k % width, k / width);
+            let near = [
+                (x > 0, k.wrapping_sub(1)),
+                (x + 1 < width, k + 1),
+                (y > 0, k.wrapping_sub(width)),
+                (y + 1 < height, k + width),
+            ];
+            open.extend(
+                near.into_iter().filter(|(inside, n)| *inside && std::mem::take(&mut dark[*n])).map(|(_, n)| n),
+            );
+        }
+        quads.extend(find_corners(&area, width));
+    }
+    quads
+}
+
+/// Returns the pixels that are darker than their surroundings.
+fn dark_pixels(raster: &Raster) -> Vec<bool> {
+    let (width, height, luma) = (raster.width(), raster.height(), raster.luma());
+    let half = ((0.5 * THRESHOLD_WINDOW * width as f64) as usize).max(1);
+    let stride = width + 1;
+    let mut sums = vec![0u64; stride * (height + 1)];
+    for y in 0..height {
+        for x in 0..width {
+            sums[(y + 1) * stride + x + 1] =
+                u64::from(luma[y * width + x]) + sums[y * stride + x + 1] + sums[(y + 1) * stride + x]
+                    - sums[y * stride + x];
+        }
+    }
+    let is_dark = |k: usize| {
+        let (x, y) = (k % width, k / width);
+        let (left, right) = (x.saturating_sub(half), (x + half + 1).min(width));
+        let (top, bottom) = (y.saturating_sub(half), (y + half + 1).min(height));
+        let sum = sums[bottom * stride + right] + sums[top * stride + left]
+            - sums[top * stride + right]
+            - sums[bottom * stride + left];
+        u64::from(luma[k]) * ((right - left) * (bottom - top)) as u64 * 10 < 9 * sum
+    };
+    (0..luma.len()).map(is_dark).collect()
+}
+
+/// Returns the corners of an area around its centre; `None` if it is not of the size of a tag.
+fn find_corners(area: &[usize], width: usize) -> Option<[(f32, f32); 4]> {
+    let points = || area.iter().map(|k| Vector2::new((k % width) as f64, (k / width) as f64));
+    if (area.len() as f64) < 0.4 * MIN_SIDE_PX * MIN_SIDE_PX {
+        return None;
+    }
+    let farthest = |from: &Vector2<f64>| points().max_by(|a, b| (a - from).norm().total_cmp(&(b - from).norm()));
+    let first = farthest(&(points().sum::<Vector2<f64>>() / area.len() as f64))?;
+    let opposite = farthest(&first)?;
+    let aside = |p: &Vector2<f64>| (opposite - first).perp(&(p - first));
+    let second = points().max_by(|a, b| aside(a).total_cmp(&aside(b)))?;
+    let fourth = points().min_by(|a, b| aside(a).total_cmp(&aside(b)))?;
+    let corners = [first, second, opposite, fourth];
+    let sides = (0..4).map(|k| (corners[(k + 1) % 4] - corners[k]).norm());
+    let (short, long) = sides.fold((f64::INFINITY, 0.0), |(s, l): (f64, f64), side| (s.min(side), l.max(side)));
+    let plausible = short >= MIN_SIDE_PX && long <= MAX_SIDE_FRACTION * width as f64;
+    plausible.then(|| corners.map(|c| (c.x as f32, c.y as f32)))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::super::{Board, BoardError};
+    use super::*;
+
+    /// Side of a bit of a tag, px.
+    const BIT_PX: f64 = 5.0;
+
+    /// Draws 5 x 4 tags of a kind, numbered from a first one, with or without the squares between them, in perspective.
+    fn draw_board((_, _, [edge, border, _], codes): &TagKind, first: usize, squares: bool) -> Raster {
+        let side = f64::from(edge + 2 * border);
+        let pitch = 1.3 * side;
+        let is_dark = |x: f64, y: f64| {
+            let (column, row) = ((x / pitch).floor(), (y / pitch).floor());
+            let (x, y) = (x - pitch * column, y - pitch * row);
+            let on_board = (0.0..5.0).contains(&column) && (0.0..4.0).contains(&row);
+            let gap = |v: f64| v >= side;
+            if gap(x) && gap(y) {
+                return squares && (-1.0..5.0).contains(&column) && (-1.0..4.0).contains(&row);
+            }
+            if !on_board || gap(x) || gap(y) {
+                return false;
+            }
+            let place = |v: f64| (v - f64::from(*border)).floor();
+            let inside = |v: f64| (0.0..f64::from(*edge)).contains(&v);
+            let (bit_x, bit_y) = (place(x), place(y));
+            let code = codes[first + (row * 5.0 + column) as usize];
+            let bits = f64::from(*edge) * f64::from(*edge);
+            !(inside(bit_x) && inside(bit_y)) || code >> (bits - 1.0 - bit_y * f64::from(*edge) - bit_x) as u32 & 1 == 0
+        };
+        let (width, height) = (620, 520);
+        let luma = (0..width * height).map(|k| {
+            let samples = [0.25, 0.75].map(|du| [0.25, 0.75].map(|dv| (du, dv))).concat();
+            let dark = samples.iter().filter(|(du, dv)| {
+                let (u, v) = ((k % width) as f64 + du - 60.0, (k / width) as f64 + dv - 60.0);
+                let w = BIT_PX * (1.0 - 3e-4 * u + 1e-4 * v);
+                // Rows of an AprilGrid run upwards.
+                is_dark((u + 0.05 * v) / w, 4.0 * pitch - (v - 0.04 * u) / w)
+            });
+            230 - 50 * dark.count() as u8
+        });
+        Raster::new(width, height, luma.collect()).unwrap()
+    }
+
+    #[test]
+    fn boards_of_other_tags_are_named() {
+        let board = Board::AprilGrid { columns: 5, rows: 4, tag_m: 0.1, spacing: 0.3 };
+        let found = |kind: usize, first: usize, squares: bool| board.find(&draw_board(&KINDS[kind], first, squares));
+        assert!(found(0, 0, true).is_ok_and(|found| found.view.len() > 70 && found.mismatch.is_none()));
+        for (kind, first, squares, words) in [
+            (0, 20, true, "tags 20 to 39 found, not 0 to 19"),
+            (0, 8, true, "tags 8 to 27 found, not 0 to 19"),
+            (1, 0, true, "tags of 36h11 with a border of one bit found"),
+            (2, 0, true, "tags of the family 25h9 found"),
+            (0, 0, false, "tags of 36h11 without the squares between them found"),
+            (1, 0, false, "tags of 36h11 with a border of one bit without the squares"),
+        ] {
+            let error = found(kind, first, squares).map(|_| ()).unwrap_err();
+            assert!(matches!(error, BoardError::OtherTags(_)) && error.to_string().contains(words), "{words}: {error}");
+        }
+        assert_eq!(found(0, 1, true).unwrap().mismatch, Some(super::super::BoardMismatch::FirstTag));
+        let blank = Raster::new(620, 520, vec![200; 620 * 520]).unwrap();
+        assert_eq!(board.find(&blank).map(|_| ()), Err(BoardError::NotFound));
+    }
+}
