@@ -3,6 +3,7 @@
 //! | thread | task | waits for |
 //! |---|---|---|
 //! | recorder | takes a frame at each tick and hands it on | as in series |
+//! | live-feed | takes frames while the recorder waits for the disk during a series | the recorder |
 //! | live | has the newest frame solved and publishes the result | the solver, up to its deadline |
 //! | live-solver | holds the state of the adjustment; abandoned if it does not return | |
 //! | live-store | makes results durable within seconds | the disk |
