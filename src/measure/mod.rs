@@ -12,6 +12,7 @@ pub mod identify;
 pub mod jpeg;
 pub mod mount;
 pub mod observation;
+pub mod ordering;
 pub mod plan;
 pub mod raster;
 pub mod render;

@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use super::number::format_general;
 use crate::clock::Stamp;
+use crate::measure::ordering::sort_by_value;
 use crate::measure::setup::StiffnessSection;
 use crate::measure::stress::{
     self, BendingCurvature, BendingMoment, Damage, FlightCycles, GoodmanLine, GroundAirGround, SAMPLES_PER_PERIOD,
@@ -312,7 +313,7 @@ fn list_cycle_loads(flight: &FlightCycles) -> Vec<CycleLoad> {
             count: cycle.count,
         })
         .collect();
-    all.sort_by(|a, b| b.range_n_m.total_cmp(&a.range_n_m));
+    sort_by_value(&mut all, |one| -one.range_n_m);
     all
 }
 

@@ -11,6 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::ground::{BendingAxis, GroundShape, Station, wing_from_section};
 use super::shapes::{CurvatureTermValues, curvature_integrals, legendre_polynomials};
+use crate::ordering::sort_by_value;
 
 pub use super::shapes::{MAX_CURVATURE_TERMS, curvature_basis};
 /// Number of terms in the correction of the axis height: powers of s/L, starting with the constant.
@@ -128,7 +129,7 @@ impl BeamGrid {
     pub fn new(ground: &GroundShape, arcs_m: &[f64]) -> Self {
         let axis = &ground.axis;
         let mut order: Vec<usize> = (0..arcs_m.len()).collect();
-        order.sort_by(|&a, &b| arcs_m[a].total_cmp(&arcs_m[b]));
+        sort_by_value(&mut order, |&one| arcs_m[one]);
         let raises = |arc: f64| std::array::from_fn(|j| (arc / axis.length_m).powi(j as i32));
         let raise_slopes = |arc: f64| {
             std::array::from_fn(|j| match j {

@@ -4,6 +4,7 @@ use super::layout::BlockMember;
 use super::outcome::FrameOutcome;
 use super::{DeflectionReference, MarkerSolution, VarianceBudget, VarianceShare};
 use crate::estimation::{AttributedInformation, Fit, NamedObservations, Problem, SourceNames, VarianceSources};
+use crate::ordering::sort_by_value;
 use crate::widths::Unknown;
 
 /// Source name of a frame's image coordinates.
@@ -86,7 +87,7 @@ impl FrameOutcome<'_> {
             sigma_if_known_m: part.if_known.map(|variance| self.scale() * variance.sqrt()),
         };
         let mut shares: Vec<_> = parts.iter().filter(|_| total > 0.0).map(share).collect();
-        shares.sort_by(|a, b| b.share.total_cmp(&a.share));
+        sort_by_value(&mut shares, |one| -one.share);
         Some(VarianceBudget { marker: tip.marker, reference, shares })
     }
 }

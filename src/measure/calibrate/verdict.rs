@@ -4,6 +4,7 @@ use nalgebra::Vector2;
 
 use super::quality::ProjectionUncertainty;
 use super::{Calibration, ImageRejection};
+use crate::ordering::sort_by_value;
 
 /// Verdict on a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -130,7 +131,7 @@ fn residual_cause(c: &Calibration) -> String {
     );
     let mut found: Vec<(f64, String)> = vec![(image, lens), (board, shape)];
     found.retain(|(pattern, _)| *pattern >= PATTERN_FRACTION * c.rms_px);
-    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    sort_by_value(&mut found, |one| -one.0);
     let causes: Vec<String> = found.into_iter().map(|(_, text)| text).collect();
     if causes.is_empty() {
         return "they depend neither on the position in the image nor on the board: the images are blurred, \

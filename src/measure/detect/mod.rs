@@ -61,6 +61,7 @@ use crate::detect::scope::Scope;
 use crate::detect::search::{SearchOptions, SearchProgress, is_faint};
 use crate::detect::segment::windows;
 use crate::estimation::robust::median;
+use crate::ordering::sort_by_value;
 use crate::raster::Raster;
 use crate::tiles::Tiles;
 
@@ -167,7 +168,7 @@ fn finish_detections(image: &Raster, SearchResult { mut found, noise, sharpening
     }
     let lost_contrast_px = lost_contrast::inflate_for_lost_contrast(&mut found.measured);
     // The largest are kept, because markers are larger than dirt.
-    found.rejected.sort_by(|a, b| b.semi_major_px.total_cmp(&a.semi_major_px));
+    sort_by_value(&mut found.rejected, |one| -one.semi_major_px);
     found.rejected.truncate(MAX_REJECTED);
     found.rejected.sort_by(|a, b| compare_positions(&a.centre_px, &b.centre_px));
     let psf_sigma_px = median(found.measured.iter().map(|m| m.blur).collect());

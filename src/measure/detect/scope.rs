@@ -8,6 +8,7 @@ use crate::detect::detection::{Detection, MarkerPrediction};
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::image::{ellipse::Ellipse, noise};
 use crate::detect::segment::windows::{self, SearchArea, SearchWindow};
+use crate::ordering::sort_by_value;
 use crate::setup::Shape;
 use crate::tiles::Tiles;
 
@@ -190,7 +191,7 @@ pub fn match_predictions(found: &[&Detection], predictions: &[MarkerPrediction])
         let similar = found.iter().enumerate().filter(|(_, d)| prediction.matches_detection(d));
         pairs.extend(similar.map(|(j, d)| (prediction.distance(&d.centre_px), i, j)));
     }
-    pairs.sort_by(|one, other| one.0.total_cmp(&other.0));
+    sort_by_value(&mut pairs, |one| one.0);
     let (mut taken, mut there) = (vec![false; found.len()], vec![false; predictions.len()]);
     for (_, i, j) in pairs {
         if !there[i] && !taken[j] {

@@ -8,6 +8,7 @@ use super::scene::{WingView, is_usable};
 use super::{IdentifyError, Identities};
 use crate::detect::Detection;
 use crate::geometry::Lens;
+use crate::ordering::sort_by_value;
 
 /// Minimum number of pairs; fewer leave no redundancy.
 pub(super) const MIN_IDENTIFIED: usize = 4;
@@ -54,7 +55,7 @@ pub(super) fn find_solutions(problem: &MatchingProblem<'_>) -> Vec<RefinedMatch>
         let refined = problem.refine(&guess.prior, &guess.pairs);
         solutions.extend(refined.filter(|r| solutions.iter().all(|s| s.pairs != r.pairs)));
     }
-    solutions.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    sort_by_value(&mut solutions, |one| -one.evidence);
     solutions
 }
 

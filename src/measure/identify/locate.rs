@@ -11,6 +11,7 @@ use super::matching::{MatchingProblem, RefinedMatch};
 use super::scan::DEFLECTION_RANGE;
 use super::scene::{Matrix8, WingView};
 use crate::detect::{Detection, MarkerPrediction};
+use crate::ordering::sort_by_value;
 
 /// Search radii in standard deviations: of a uniform prior, and of a fitted state.
 const SEARCH_SIGMAS: (f64, f64) = (2.0, 4.0);
@@ -129,7 +130,7 @@ fn next_markers(predicted_by_marker: &[Option<MarkerPrediction>], searched: &[bo
     let far = |j: usize| predicted_by_marker[j].as_ref().map_or(f64::INFINITY, |p| p.search_px.amax());
     let mut open: Vec<usize> =
         (0..predicted_by_marker.len()).filter(|&j| !searched[j] && predicted_by_marker[j].is_some()).collect();
-    open.sort_by(|&i, &j| far(i).total_cmp(&far(j)));
+    sort_by_value(&mut open, |&i| far(i));
     let enough = open.iter().filter(|&&j| far(j) < NEAR_PX).count().max(least);
     open.truncate(enough);
     open

@@ -5,6 +5,7 @@ use super::fit::{Clutter, MatchedPair, StatePrior, StateStep, select_one_to_one,
 use super::outline::DiscOutline;
 use super::scene::{Matrix8, PredictedImage, WingView, is_usable, looks_like, outline_fits};
 use crate::detect::Detection;
+use crate::ordering::sort_by_value;
 
 /// Gate of a pair: chi-square of two degrees of freedom, 1e-4.
 pub(super) const GATE: f64 = 18.4;
@@ -155,7 +156,7 @@ impl<'a> MatchingProblem<'a> {
                 .and_then(Option::as_ref)
                 .map_or(f64::MAX, |p| (p.jacobian * covariance * p.jacobian.transpose() + p.covariance).determinant())
         };
-        order.sort_by(|a, b| area(*a).total_cmp(&area(*b)));
+        sort_by_value(&mut order, |one| area(*one));
         let mut pairs: Vec<MatchedPair> = Vec::new();
         for j in order {
             let Some(Some(p)) = predicted.get(j) else { continue };

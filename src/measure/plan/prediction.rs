@@ -11,6 +11,7 @@ use crate::adjust::flight_prior::FlightPrior;
 use crate::adjust::ground::GroundShape;
 use crate::adjust::{self, AdjustError, Mounting, Observation, Options, Solution};
 use crate::environment::apparent_point;
+use crate::ordering::sort_by_value;
 use crate::setup::{Orientation, Setup, SurveyMarker};
 
 /// Predicted standard deviations of one marker: deflection, and position along span, flow and height, m.
@@ -307,7 +308,7 @@ impl<'a> SimulatedFlight<'a> {
     fn predict_with_additional(&self) -> Option<LayoutChange> {
         let on_the_wing = |k: &usize| self.setup.markers.get(*k).is_some_and(|m| !m.fixed);
         let mut order: Vec<usize> = self.observations.iter().map(|o| o.marker).filter(on_the_wing).collect();
-        order.sort_by(|&a, &b| self.ground[a].x.total_cmp(&self.ground[b].x));
+        sort_by_value(&mut order, |&one| self.ground[one].x);
         let gap = |pair: &&[usize]| self.ground[pair[1]].x - self.ground[pair[0]].x;
         let widest = order.windows(2).max_by(|a, b| gap(a).total_cmp(&gap(b)))?;
         let (a, b) = (self.setup.markers.get(widest[0])?, self.setup.markers.get(widest[1])?);

@@ -7,6 +7,7 @@ use super::prediction::{LayoutPrecision, SimulatedFlight};
 use super::{PlanOptions, fixed_targets, terms};
 use crate::adjust::AdjustError;
 use crate::adjust::flight_prior::FlightPrior;
+use crate::ordering::sort_by_value;
 use crate::setup::{Orientation, Setup, SurveyMarker, Width};
 
 /// A required precision.
@@ -228,7 +229,7 @@ fn variance_sources(planned: &Campaign, options: &PlanOptions, sigma_m: f64) -> 
     all.iter_mut().for_each(|s| s.share *= scale);
     let known: f64 = all.iter().map(|s| s.share).sum();
     all.push(VarianceFraction { source: "images, survey and rotation of the mounting".to_owned(), share: 1.0 - known });
-    all.sort_by(|a, b| b.share.total_cmp(&a.share));
+    sort_by_value(&mut all, |one| -one.share);
     all
 }
 
@@ -307,7 +308,7 @@ fn add_markers(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign
     let mut next = campaign.clone();
     for k in 0..ADDITIONAL_MARKERS {
         let mut wing = next.setup.wing_markers();
-        wing.sort_by(|a, b| a.1.x.total_cmp(&b.1.x));
+        sort_by_value(&mut wing, |one| one.1.x);
         let gap = |pair: &&[(usize, nalgebra::Vector3<f64>)]| pair[1].1.x - pair[0].1.x;
         let widest = wing.windows(2).max_by(|a, b| gap(a).total_cmp(&gap(b)))?;
         let (a, b) = (next.setup.markers.get(widest[0].0)?, next.setup.markers.get(widest[1].0)?);

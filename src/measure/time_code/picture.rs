@@ -6,6 +6,7 @@ use super::decode::{DisplayedTime, decode_time};
 use super::{BITS, DISCS, cell_rectangle};
 use crate::detect::Detections;
 use crate::estimation::robust::median;
+use crate::ordering::sort_by_value;
 use crate::raster::Raster;
 use crate::setup::Shape;
 
@@ -49,7 +50,7 @@ pub enum TimeCodeError {
 /// Returns an error if the time cannot be read unambiguously.
 pub fn read_time(image: &Raster, found: &Detections) -> Result<DisplayedTime, TimeCodeError> {
     let mut discs: Vec<_> = found.markers.iter().filter(|m| m.shape == Shape::Circle).collect();
-    discs.sort_by(|a, b| (b.semi_major_px * b.semi_minor_px).total_cmp(&(a.semi_major_px * a.semi_minor_px)));
+    sort_by_value(&mut discs, |one| -(one.semi_major_px * one.semi_minor_px));
     discs.truncate(MAX_DISCS);
     let centres: Vec<Vector2<f64>> = discs.iter().map(|d| d.centre_px).collect();
     let mut why = if centres.len() < 4 { TimeCodeError::NoDiscs(centres.len()) } else { TimeCodeError::NoCode };

@@ -4,6 +4,7 @@ use maud::{Markup, html};
 
 use super::super::number::{count_text, format_fixed};
 use super::super::{ReportData, distinct_values, summary, table};
+use crate::measure::ordering::sort_by_value;
 use crate::record::{GlobalTest, ImageRecord, Tip, VarianceShare};
 
 /// Returns the section; a sentence if no result has a budget.
@@ -55,7 +56,7 @@ fn mean_budget(records: &[&ImageRecord]) -> Vec<VarianceShare> {
         }
     };
     let mut shares: Vec<_> = names.into_iter().map(one).collect();
-    shares.sort_by(|a, b| b.share.total_cmp(&a.share));
+    sort_by_value(&mut shares, |one| -one.share);
     shares
 }
 

@@ -7,6 +7,7 @@ use super::super::{GroundMarker, ReportSite};
 use super::figure::MAIN_COLOUR;
 use super::plot::{Axis, NamedSpot, Plot, draw_names, px, round_step, svg_drawing};
 use crate::measure::geometry::WingFrame;
+use crate::measure::ordering::sort_by_value;
 use crate::record::ImageRecord;
 
 const WIDTH: f64 = 1040.0;
@@ -74,7 +75,7 @@ pub(super) fn place_markers(record: &ImageRecord, site: Option<&ReportSite>, fra
 fn guessed_frame(record: &ImageRecord) -> Option<WingFrame> {
     let known = record.markers.iter().filter_map(|m| Some((m.distance_m?, Vector3::from(m.position_m?))));
     let mut known: Vec<_> = known.filter(|(d, p)| d.is_finite() && is_finite_point(p)).collect();
-    known.sort_by(|a, b| a.0.total_cmp(&b.0));
+    sort_by_value(&mut known, |one| one.0);
     let (near, far) = (known.first()?.1, known.last()?.1);
     let direction = (far - near).xy();
     (direction.norm() > 1e-6).then(|| WingFrame::new(near, direction))

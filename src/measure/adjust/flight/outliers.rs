@@ -6,6 +6,7 @@ use super::usage::RemovedObservation;
 use crate::adjust::AdjustError;
 use crate::adjust::layout::BlockMember;
 use crate::adjust::snooping::{MAX_FIXED_TARGET_SCALE, ResidualSum, SuspectTarget};
+use crate::ordering::sort_by_value;
 
 /// Number of data-snooping rounds; each removes at most one observation per frame.
 const SNOOPING_ROUNDS: usize = 4;
@@ -119,7 +120,7 @@ impl Flight<'_> {
     ) -> Result<SolvedFlight, AdjustError> {
         let ground = self.frames.len();
         let mut queue: Vec<_> = removed.iter().filter(|r| r.suspect.target != SuspectTarget::Flight).copied().collect();
-        queue.sort_by(|a, b| a.suspect.w.abs().total_cmp(&b.suspect.w.abs()));
+        sort_by_value(&mut queue, |one| one.suspect.w.abs());
         for candidate in queue {
             let others: Vec<_> = removed.iter().filter(|r| **r != candidate).copied().collect();
             self.usage.reset_except(&others);

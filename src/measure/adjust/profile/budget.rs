@@ -6,6 +6,7 @@ use super::response::LinearResponse;
 use super::{ProfileAdjustment, ProfileMarker};
 use crate::adjust::budget::{IMAGE, SURVEY};
 use crate::adjust::{DeflectionReference, MarkerSolution, VarianceBudget, VarianceShare};
+use crate::ordering::sort_by_value;
 
 impl ProfileAdjustment<'_> {
     /// Computes the budget for the outermost marker of `markers` with a deflection; `None` without one.
@@ -26,7 +27,7 @@ impl ProfileAdjustment<'_> {
         let share =
             |(source, part)| VarianceShare { source: Cow::from(source), share: part / total, sigma_if_known_m: None };
         let mut shares: Vec<_> = [SURVEY, IMAGE].into_iter().zip(parts).map(share).collect();
-        shares.sort_by(|a, b| b.share.total_cmp(&a.share));
+        sort_by_value(&mut shares, |one| -one.share);
         (total > 0.0).then_some(VarianceBudget { marker, reference: DeflectionReference::Survey, shares })
     }
 }

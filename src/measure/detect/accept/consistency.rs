@@ -8,6 +8,7 @@ use crate::detect::accept::options::CONSISTENCY;
 use crate::detect::detection::{Detection, RejectReason};
 use crate::detect::hypothesis::neighbours;
 use crate::detect::image::ellipse::{Ellipse, wrap_half_turn};
+use crate::ordering::sort_by_value;
 use crate::setup::Shape;
 
 /// Rejects every detection whose centre lies well within the outline of a better one: one marker segmented at two
@@ -146,7 +147,7 @@ fn is_size_outlier(own: &Detection, all: &[Detection]) -> bool {
     }
     let apart = |d: &Detection| (d.centre_px - own.centre_px).norm();
     let mut near: Vec<&Detection> = larger().collect();
-    near.sort_by(|one, other| apart(one).total_cmp(&apart(other)));
+    sort_by_value(&mut near, |one| apart(one));
     near.truncate(CONSISTENCY.min_larger + 1);
     near.iter().filter(|d| far_larger(d.semi_major_px)).count() >= CONSISTENCY.min_larger
 }

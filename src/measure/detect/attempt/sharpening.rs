@@ -13,12 +13,13 @@ use crate::detect::estimate::overshoot::{
 };
 use crate::detect::estimate::prior::select_unknowns;
 use crate::detect::sample::select::{EdgeAppearance, FINAL, select_pixels};
+use crate::ordering::sort_by_value;
 use crate::raster::Raster;
 
 /// Estimates the sharpening of an image with some noise, grey levels, on which its markers agree.
 pub fn estimate_sharpening(mut collected: SharpeningCandidates, image: &Raster, noise: f64) -> Sharpening {
     let area = |s: &SharpeningCandidate| s.hypothesis.ellipse.major * s.hypothesis.ellipse.minor;
-    collected.candidates.sort_by(|one, other| area(other).total_cmp(&area(one)));
+    sort_by_value(&mut collected.candidates, |one| -area(one));
     collected.candidates.truncate(OVERSHOT.max_examined);
     let mut evidence: Vec<SharpeningEvidence> = Vec::new();
     for (k, candidate) in collected.candidates.iter().enumerate() {

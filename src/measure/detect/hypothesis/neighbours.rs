@@ -6,6 +6,7 @@ use crate::detect::detection::Detection;
 use crate::detect::hypothesis::{options::NEIGHBOURS, prior::PriorValue};
 use crate::detect::numbers::TINY;
 use crate::estimation::robust::median;
+use crate::ordering::sort_by_value;
 use crate::setup::Shape;
 
 /// Predicts the semi-major axis of a disc at a position, px, from the nearest whole discs: on a nearly plane surface, the
@@ -24,7 +25,7 @@ pub fn predict_major<'a>(whole: impl Iterator<Item = &'a Detection>, at: Vector2
             near.push(d);
         }
     }
-    near.sort_by(|a, b| (a.centre_px - at).norm_squared().total_cmp(&(b.centre_px - at).norm_squared()));
+    sort_by_value(&mut near, |one| (one.centre_px - at).norm_squared());
     near.truncate(NEIGHBOURS.max_discs);
     // In 100 px, so that the terms have similar magnitudes.
     let row = |d: &Detection| Vector3::new(1.0, (d.centre_px.x - at.x) / 100.0, (d.centre_px.y - at.y) / 100.0);

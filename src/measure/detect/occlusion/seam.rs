@@ -12,6 +12,7 @@ use crate::detect::image::scanline::{self, EllipseFrame};
 use crate::detect::occlusion::options::SEAM;
 use crate::detect::simd::dispatch::wide;
 use crate::detect::simd::lanes::{LANES, Lanes, all_lanes, each, sum_lanes};
+use crate::ordering::sort_by_value;
 use crate::raster::Raster;
 
 /// Pixel of the ring: its position, px, and its darkness relative to the skin, in residual scales.
@@ -25,7 +26,7 @@ struct RingPixel {
 pub fn find_seams(image: &Raster, ellipse: &Ellipse, m: &MarkerParameters, scale: f64) -> Vec<OcclusionBand> {
     let ring = SeamRing::new(image, ellipse, m, scale);
     let mut signs = ring.dark_pixels();
-    signs.sort_by(|one, other| other.darker.total_cmp(&one.darker));
+    sort_by_value(&mut signs, |one| f64::from(-one.darker));
     let mut out = Vec::new();
     for _ in 0..SEAM.max_tries {
         if out.len() == SEAM.max_seams {

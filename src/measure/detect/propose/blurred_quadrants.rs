@@ -12,6 +12,7 @@ use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
 use crate::detect::propose::{moments, options::BLURRED, quadrant_edges};
 use crate::detect::segment::bitmask::LevelSide;
 use crate::detect::segment::blob::{self, Blob};
+use crate::ordering::sort_by_value;
 use crate::raster::Raster;
 
 /// Segments flat quadrants again, of whose black blur has left only the middle, by all parts that differ from the skin,
@@ -64,10 +65,10 @@ pub fn find_narrow_quadrants(
         Some((contrast as f64 * area.sqrt(), moments::inertia_ellipse(&seed, blobs)?, seed))
     });
     let mut seeds: Vec<(f64, Ellipse, Vec<usize>)> = seeds.collect();
-    seeds.sort_by(|(one, ..), (other, ..)| other.total_cmp(one));
+    sort_by_value(&mut seeds, |(one, ..)| -one);
     seeds.truncate(BLURRED.max_seeds);
     // Pairs of parts of a marker come before single parts.
-    seeds.sort_by(|(_, one, _), (_, other, _)| other.major.total_cmp(&one.major));
+    sort_by_value(&mut seeds, |(_, one, _)| -one.major);
     for (_, seen, seed) in seeds {
         if out.iter().any(|c| seed.iter().any(|i| c.blobs.contains(i))) {
             continue;

@@ -11,6 +11,7 @@ use crate::detect::propose::options::{GATHER, MOMENTS};
 use crate::detect::segment::background::{DarkRegion, ReducedFrame};
 use crate::detect::segment::windows::SearchArea;
 use crate::detect::segment::{background, blob, blob::Blob, options::BACKGROUND};
+use crate::ordering::sort_by_value;
 use crate::raster::Raster;
 
 /// Blobs found at the levels of a frame so far, without duplicates, from windows whose total size is limited to a few
@@ -182,7 +183,7 @@ fn is_disc(blob: &Blob) -> bool {
 /// Keeps the `most` largest items; the order changes only if there are more.
 fn keep_largest<T>(items: &mut Vec<T>, most: usize, size: impl Fn(&T) -> f64) {
     if items.len() > most {
-        items.sort_by(|a, b| size(b).total_cmp(&size(a)));
+        sort_by_value(items, |one| -size(one));
         items.truncate(most);
     }
 }

@@ -10,6 +10,7 @@ use crate::detect::hypothesis::{EdgePair, Hypothesis};
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::propose::options::MOMENTS;
 use crate::detect::segment::blob::Blob;
+use crate::ordering::sort_by_value;
 
 /// Area, centroid and second moments of one or several blobs.
 struct BlobShape {
@@ -198,7 +199,7 @@ const MAX_AREA_RATIO: f64 = 2.5;
 pub fn find_pairs(blobs: &[Blob]) -> Vec<[usize; 2]> {
     // Sorted by area, so that only blobs of similar area are compared.
     let mut order: Vec<usize> = (0..blobs.len()).collect();
-    order.sort_by(|&i, &j| blobs[i].area.total_cmp(&blobs[j].area));
+    sort_by_value(&mut order, |&i| blobs[i].area);
     let sorted: Vec<(f64, Vector2<f64>, f64)> = order
         .iter()
         .map(|&i| &blobs[i])

@@ -14,6 +14,7 @@ use crate::detect::propose::{gather::BlobCollector, moments};
 use crate::detect::revise::options::NEIGHBOUR;
 use crate::detect::segment::blob;
 use crate::estimation::robust::median;
+use crate::ordering::sort_by_value;
 use crate::raster::Raster;
 use crate::setup::Shape;
 
@@ -177,7 +178,7 @@ fn edge_prior(found: &FoundMarkers, at: Vector2<f64>) -> Option<EdgePrior> {
         return None;
     }
     let distance = |m: &MeasuredMarker| (m.detection.centre_px - at).norm_squared();
-    near.sort_by(|one, other| distance(one).total_cmp(&distance(other)));
+    sort_by_value(&mut near, |one| distance(one));
     near.truncate(NEIGHBOUR.min_markers);
     let blur = median(near.iter().map(|m| m.blur).collect())?;
     let darkness = median(near.iter().map(|m| m.darkness).collect())?;

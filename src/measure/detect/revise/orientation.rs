@@ -19,6 +19,7 @@ use crate::detect::occlusion::{decal::ROW_DIRECTION, glare, options::GLARE};
 use crate::detect::propose::{decal_cut, quadrant_edges};
 use crate::detect::revise::options::{NEIGHBOUR, ORIENTATION};
 use crate::estimation::robust::median;
+use crate::ordering::sort_by_value;
 use crate::raster::Raster;
 use crate::setup::Shape;
 
@@ -61,7 +62,7 @@ impl ReliableDiscs {
     fn size_deviations(&self, expected: &MarkerPrediction) -> SizeDeviations {
         let mut similar: Vec<_> = self.0.iter().collect();
         let difference = |p: &MarkerPrediction| wrap_half_turn(p.angle_rad - expected.angle_rad).abs();
-        similar.sort_by(|(one, _), (other, _)| difference(one).total_cmp(&difference(other)));
+        sort_by_value(&mut similar, |(one, _)| difference(one));
         let few = similar.len().min(ORIENTATION.similar_discs);
         let typical = |count: usize, value: &dyn Fn(&MarkerPrediction, &Detection) -> f64, least: f64| {
             let all: Vec<f64> = similar[..count].iter().map(|(p, d)| value(p, d)).collect();

@@ -9,6 +9,7 @@ use crate::detect::image::ellipse::Ellipse;
 use crate::detect::numbers::TINY;
 use crate::detect::segment::{components, options::BLOB};
 use crate::detect::simd::dispatch::wide;
+use crate::ordering::sort_by_value;
 use crate::raster::Raster;
 
 /// Connected set of full-resolution pixels that are darker than a level halfway to the background.
@@ -100,7 +101,7 @@ pub fn dark_parts(image: &Raster, ellipse: &Ellipse, margin: f64, level: u8) -> 
     let (low, high) = enlarged_box(ellipse, margin);
     let mut out = blobs_in_box(image, low, high, LevelSide::Darker(level));
     out.retain(|blob| ellipse.contains(blob.centroid));
-    out.sort_by(|a, b| b.area.total_cmp(&a.area));
+    sort_by_value(&mut out, |one| -one.area);
     out
 }
 
