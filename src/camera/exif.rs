@@ -169,9 +169,9 @@ mod tests {
     #[test]
     fn a_bad_pointer_loses_its_own_tag_only() {
         let sound = picture_with_zone(*b"250\0");
-        // In the file, 12 bytes precede the block: the value of the entry at 46 is beyond its end, the entry at 26 of the
+        // In the file, 12 bytes precede the block: the place of the zone is beyond its end, the entry at 26 of the
         // first directory and the pointer to the next directory too.
-        for (at, lost) in [(12 + 48 + 8, "the zone"), (12 + 22, "nothing: the pointer to the next directory")] {
+        for (at, lost) in [(12 + 48, "the zone"), (12 + 22, "nothing: the pointer to the next directory")] {
             let mut bytes = sound.clone();
             bytes[at..at + 4].fill(0xFF);
             let read = read_metadata(&bytes);
