@@ -55,7 +55,6 @@ mod demo;
 #[cfg(feature = "desk")]
 mod desk;
 mod detect;
-mod diagnose;
 #[cfg(feature = "desk")]
 mod export;
 #[cfg(feature = "desk")]
