@@ -117,10 +117,13 @@ fn midnight_s(date: Date) -> Option<f64> {
 
 /// Parses a day of the year with a time: `2026:152:07:59:50.0`, `2026-152T07:59:50Z`, and `152:07:59:50` in a known year.
 fn day_of_year(text: &str, year: Option<i16>) -> Option<f64> {
-    let parts: Vec<&str> = text.trim_end_matches(['Z', 'z']).split([':', ' ', '-', '/', 'T']).collect();
-    let (year, [day, hour, minute, second]) = match parts[..] {
-        [day, hour, minute, second] => (year?, [day, hour, minute, second]),
-        [year, day, hour, minute, second] if year.len() == 4 => (year.parse().ok()?, [day, hour, minute, second]),
+    // Colons separate at least the time of the day: of a date with months, a lost one would make a day of the year.
+    let (before, second) = text.trim_end_matches(['Z', 'z']).rsplit_once(':')?;
+    let (before, minute) = before.rsplit_once(':')?;
+    let parts: Vec<&str> = before.split([':', ' ', '-', '/', 'T']).collect();
+    let (year, [day, hour]) = match parts[..] {
+        [day, hour] => (year?, [day, hour]),
+        [year, day, hour] if year.len() == 4 => (year.parse().ok()?, [day, hour]),
         _ => return None,
     };
     let whole = |text: &str, low: u16, high: u16| text.parse().ok().filter(|n: &u16| (low..=high).contains(n));

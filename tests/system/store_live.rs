@@ -283,7 +283,7 @@ fn live_results_are_exported_with_units_zones_and_names() {
     let of = |name: &str| row[columns.split(',').position(|column| column == name).unwrap()];
     let names =
         ["flight", "boot_id", "utc", "number", "deflection_M1_m", "deflection_M2_m", "deflection_M3_m", "latency_ms"];
-    let printed = ["f0001", "boot", "2001-09-09T01:46:40.3Z", "3", "0.503", "", "1.5", "80.25"];
+    let printed = ["f0001", "boot", "2001-09-09T01:46:40.300000Z", "3", "0.503", "", "1.5", "80.25"];
     assert_eq!(names.map(of), printed);
     assert_eq!((of("exposure_time"), of("schema_version")), (of("utc"), "3"));
     assert!(of("result_id").starts_with("boot/"), "{}", of("result_id"));
@@ -291,7 +291,10 @@ fn live_results_are_exported_with_units_zones_and_names() {
     let one = ["export", text(dir.path()), "--format", "jsonl", "--table", "live", "--flight", "f0002"];
     let objects: Vec<Value> = stdout(&one).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!((objects.len(), &objects[0]["number"], &objects[0]["deflection_M2_m"]), (10, &json!(50), &Value::Null));
-    assert_eq!((&objects[0]["utc"], &objects[1]["deflection_M1_m"]), (&json!("2001-09-09T01:46:45Z"), &json!(0.502)));
+    assert_eq!(
+        (&objects[0]["utc"], &objects[1]["deflection_M1_m"]),
+        (&json!("2001-09-09T01:46:45.000000Z"), &json!(0.502))
+    );
     let ids = |lines: &str| {
         let of = |line: &str| line.split(',').nth(2).unwrap().to_owned();
         lines.lines().skip(1).map(of).collect::<std::collections::BTreeSet<_>>().len()
