@@ -34,23 +34,26 @@ pub(super) fn describe_other_tags(raster: &Raster, least: usize) -> Option<Strin
         ));
     }
     let quads = find_dark_quads(raster);
-    let decoded = |(_, _, bits, codes): &&TagKind| quads.iter().filter(|q| is_tag(&gray, q, *bits, codes)).count();
-    let best = KINDS.iter().max_by_key(decoded).filter(|kind| decoded(kind) >= least)?;
+    let decoded = |(_, _, bits, codes): &&TagKind, mirrored: bool| {
+        let turned = |quad: &[(f32, f32); 4]| if mirrored { [quad[3], quad[2], quad[1], quad[0]] } else { *quad };
+        quads.iter().filter(|quad| is_tag(&gray, &turned(quad), *bits, codes)).count()
+    };
+    let best_of = |mirrored: bool| KINDS.iter().max_by_key(|kind| decoded(kind, mirrored));
+    if let Some(kind) = best_of(true).filter(|kind| decoded(kind, true) >= least) {
+        return Some(format!("mirrored tags {} found; switch the camera's mirroring off", kind.0));
+    }
+    let best = best_of(false).filter(|kind| decoded(kind, false) >= least)?;
     Some(format!(
         "tags {} without the squares between them found; print Kalibr's AprilGrid, which has a small square at each corner",
         best.0
     ))
 }
 
-/// Returns whether the quadrilateral is a tag, in any rotation and seen from either side.
+/// Returns whether the quadrilateral is a tag, in any rotation.
 fn is_tag(gray: &GrayImage, quad: &[(f32, f32); 4], [edge, border, wrong]: [u8; 3], codes: &[u64]) -> bool {
-    let mut reversed = *quad;
-    reversed.reverse();
-    [*quad, reversed].iter().any(|corners| {
-        let places = decode_positions(gray.width(), gray.height(), corners, border, edge, 0.5);
-        let bits = places.and_then(|places| bit_code(gray, &places, 10, 3));
-        bits.is_some_and(|bits| best_tag(bits, wrong, codes, edge).is_some())
-    })
+    let places = decode_positions(gray.width(), gray.height(), quad, border, edge, 0.5);
+    let bits = places.and_then(|places| bit_code(gray, &places, 10, 3));
+    bits.is_some_and(|bits| best_tag(bits, wrong, codes, edge).is_some())
 }
 
 /// Smallest side of a tag that can be decoded, px, and largest as a fraction of the image's.
@@ -110,7 +113,7 @@ fn dark_pixels(raster: &Raster) -> Vec<bool> {
     (0..luma.len()).map(is_dark).collect()
 }
 
-/// Returns the corners of an area around its centre; `None` if it is not of the size of a tag.
+/// Returns the corners of an area in the order in which the finder takes those of a tag; `None` if it is not of the size of a tag.
 fn find_corners(area: &[usize], width: usize) -> Option<[(f32, f32); 4]> {
     let points = || area.iter().map(|k| Vector2::new((k % width) as f64, (k / width) as f64));
     if (area.len() as f64) < 0.4 * MIN_SIDE_PX * MIN_SIDE_PX {
@@ -122,7 +125,7 @@ fn find_corners(area: &[usize], width: usize) -> Option<[(f32, f32); 4]> {
     let aside = |p: &Vector2<f64>| (opposite - first).perp(&(p - first));
     let second = points().max_by(|a, b| aside(a).total_cmp(&aside(b)))?;
     let fourth = points().min_by(|a, b| aside(a).total_cmp(&aside(b)))?;
-    let corners = [first, second, opposite, fourth];
+    let corners = [first, fourth, opposite, second];
     let sides = (0..4).map(|k| (corners[(k + 1) % 4] - corners[k]).norm());
     let (short, long) = sides.fold((f64::INFINITY, 0.0), |(s, l): (f64, f64), side| (s.min(side), l.max(side)));
     let plausible = short >= MIN_SIDE_PX && long <= MAX_SIDE_FRACTION * width as f64;
@@ -158,7 +161,8 @@ mod tests {
             let (bit_x, bit_y) = (place(x), place(y));
             let code = codes[first + (row * 5.0 + column) as usize];
             let bits = f64::from(*edge) * f64::from(*edge);
-            !(inside(bit_x) && inside(bit_y)) || code >> (bits - 1.0 - bit_y * f64::from(*edge) - bit_x) as u32 & 1 == 0
+            !(inside(bit_x) && inside(bit_y))
+                || code >> (bits - 1.0 - (f64::from(*edge) - 1.0 - bit_y) * f64::from(*edge) - bit_x) as u32 & 1 == 0
         };
         let (width, height) = (620, 520);
         let luma = (0..width * height).map(|k| {
@@ -190,6 +194,11 @@ mod tests {
             let error = found(kind, first, squares).map(|_| ()).unwrap_err();
             assert!(matches!(error, BoardError::OtherTags(_)) && error.to_string().contains(words), "{words}: {error}");
         }
+        let sound = draw_board(&KINDS[0], 0, true);
+        let mirrored = sound.luma().chunks(sound.width()).flat_map(|row| row.iter().rev().copied()).collect();
+        let mirrored = Raster::new(sound.width(), sound.height(), mirrored).unwrap();
+        let error = board.find(&mirrored).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains("mirrored tags of 36h11"), "{error}");
         assert_eq!(found(0, 1, true).unwrap().mismatch, Some(super::super::BoardMismatch::FirstTag));
         let blank = Raster::new(620, 520, vec![200; 620 * 520]).unwrap();
         assert_eq!(board.find(&blank).map(|_| ()), Err(BoardError::NotFound));
