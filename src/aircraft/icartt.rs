@@ -6,12 +6,15 @@ use super::mapping::{Mapping, StatedOnce, TableFormat};
 use super::times::TimeFormat;
 use crate::installation::KeyFault;
 
-/// Lines of the head before the date of the data, the independent variable, the factors, the missing values, and the other
-/// variables.
+/// Index of the line with the date of the data, counted from 0, as are those below.
 pub(super) const DATE_LINE: usize = 6;
+/// Index of the line with the independent variable, the time.
 const TIME_LINE: usize = 8;
+/// Index of the line with the scale factors of the other variables.
 const FACTOR_LINE: usize = 10;
+/// Index of the line with their numbers for missing values.
 const MISSING_LINE: usize = 11;
+/// Index of the first line with one of them.
 const VARIABLE_LINE: usize = 12;
 /// File format index of tables with one independent variable; others are not read.
 const TABLE_INDEX: &str = "1001";

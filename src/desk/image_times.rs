@@ -230,6 +230,7 @@ fn zone_remarks(pictures: &[DatedImage], dating: &DatingOptions) -> Vec<TimeRema
 const MAX_FIX_AGE_S: f64 = 180.0;
 /// Largest difference between a position fix and a whole number of quarter hours that points to a zone, s.
 const MAX_ZONE_REST_S: f64 = 90.0;
+/// Step of the time zones in use, s.
 const QUARTER_HOUR_S: f64 = 900.0;
 /// Largest time that an image is ahead of this computer: a zone, and a clock that is not exact.
 const MAX_AHEAD: SignedDuration = SignedDuration::from_hours(36);

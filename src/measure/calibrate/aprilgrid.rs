@@ -3,7 +3,7 @@
 //! The finder's thresholds follow the strongest corner of its input: text or a screen next to the board hides the tags. So
 //! an image in which tags are missing is searched once more in parts.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use ::aprilgrid::TagFamily;
 use ::aprilgrid::detector::TagDetector;
@@ -35,9 +35,13 @@ pub(super) fn find_aprilgrid(
     tag_m: f64,
     spacing: f64,
 ) -> Result<BoardDetection, BoardError> {
-    let (tags, beyond) = detect_tags(raster, columns * rows);
-    if let Some(last) = beyond.last().filter(|_| beyond.len() >= MIN_TAGS) {
-        let first = tags.keys().chain(&beyond).min().unwrap_or(last);
+    let mut tags = detect_tags(raster, columns * rows);
+    let mismatch = find_mismatch(&tags, columns, spacing);
+    let beyond = tags.split_off(&(columns * rows));
+    // A board with longer rows than described also has tags beyond the described ones.
+    if beyond.len() >= MIN_TAGS && !matches!(mismatch, Some(BoardMismatch::Columns { .. })) {
+        let ids = || tags.keys().chain(beyond.keys());
+        let (first, last) = (ids().min().unwrap_or(&0), ids().max().unwrap_or(&0));
         return Err(BoardError::OtherTags(format!(
             "tags {first} to {last} found, not 0 to {}; use a board that is numbered from 0, and check columns and rows",
             columns * rows - 1
@@ -61,42 +65,33 @@ pub(super) fn find_aprilgrid(
             view.push(BoardPoint { board_m, pixel: found.pixel, covariance_px2: found.covariance_px2 });
         }
     }
-    Ok(BoardDetection { view, mismatch: find_mismatch(&tags, columns, spacing) })
+    Ok(BoardDetection { view, mismatch })
 }
 
-/// Finds the board's tags by id, and the ids beyond the board's. The map also gives them an order: the finder's differs
-/// between runs.
-fn detect_tags(raster: &Raster, expected: usize) -> (BTreeMap<usize, TagCorners>, BTreeSet<usize>) {
+/// Finds the tags by id, those beyond the `expected` ones of the board as well. The map also gives them an order: the
+/// finder's differs between runs.
+fn detect_tags(raster: &Raster, expected: usize) -> BTreeMap<usize, TagCorners> {
     let (small, scale) = reduced::reduce_image(raster);
-    let mut tags = (BTreeMap::new(), BTreeSet::new());
-    add_tags(small.as_ref().unwrap_or(raster), Vector2::zeros(), scale, expected, &mut tags);
+    let mut tags = BTreeMap::new();
+    add_tags(small.as_ref().unwrap_or(raster), Vector2::zeros(), scale, &mut tags);
     let (width, height) = (2 * raster.width() / (PARTS + 1), 2 * raster.height() / (PARTS + 1));
     for k in 0..PARTS * PARTS {
-        if tags.0.len() == expected {
+        if tags.range(..expected).count() == expected {
             break;
         }
         let (left, top) = (k % PARTS * width / 2, k / PARTS * height / 2);
         if let Some(part) = reduced::crop_image(raster, left, top, width, height) {
-            add_tags(&part, Vector2::new(left as f64, top as f64), 1.0, expected, &mut tags);
+            add_tags(&part, Vector2::new(left as f64, top as f64), 1.0, &mut tags);
         }
     }
     tags
 }
 
 /// Adds tags that are not in the map yet.
-fn add_tags(
-    raster: &Raster,
-    origin: Vector2<f64>,
-    scale: f64,
-    expected: usize,
-    (tags, beyond): &mut (BTreeMap<usize, TagCorners>, BTreeSet<usize>),
-) {
+fn add_tags(raster: &Raster, origin: Vector2<f64>, scale: f64, tags: &mut BTreeMap<usize, TagCorners>) {
     let (width, height) = (raster.width() as u32, raster.height() as u32);
     let Some(gray) = GrayImage::from_raw(width, height, raster.luma().to_vec()) else { return };
-    let found = TagDetector::new(&TagFamily::T36H11, None).detect(&DynamicImage::ImageLuma8(gray));
-    let (found, other): (Vec<_>, Vec<_>) = found.into_iter().partition(|(id, _)| (*id as usize) < expected);
-    beyond.extend(other.into_iter().map(|(id, _)| id as usize));
-    for (id, corners) in found {
+    for (id, corners) in TagDetector::new(&TagFamily::T36H11, None).detect(&DynamicImage::ImageLuma8(gray)) {
         let place = |(x, y): (f32, f32)| {
             Vector2::new(f64::from(x), f64::from(y)) * scale + Vector2::repeat(0.5 * (scale - 1.0)) + origin
         };

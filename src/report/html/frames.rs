@@ -16,7 +16,7 @@ use super::figures::{SPAN_LABEL, curve_points};
 use super::picture;
 use super::plot::{Axis, round_step};
 use super::views::{GROUND_COLOUR, PlacedMarker, place_markers, wing_frame};
-use crate::record::{CurveRecord, DeflectionReference, GlobalTest, ImageRecord, MarkerRecord, Tip, variant_name};
+use crate::record::{CurveRecord, DeflectionReference, GlobalTest, ImageRecord, MarkerRecord, variant_name};
 
 const UNUSED_COLOUR: &str = "#b3541e";
 /// Length of the longest residual in the figure, as a fraction of the width covered by the markers.
@@ -264,8 +264,8 @@ fn result_sentence(record: &ImageRecord, reference: DeflectionReference) -> Stri
     }
     let (deflection, sigma) = record.tip.as_ref().and_then(|tip| tip.deflection(reference)).unzip();
     let measured = format_measured(deflection, sigma.flatten(), 3);
-    let tip = record.tip.as_ref().map_or(String::new(), Tip::label);
-    let mut text = format!("Tip deflection ({tip}) {measured} m {}", reference.description());
+    let tip = record.tip.as_ref().map_or(String::new(), |tip| format!(" ({})", tip.label()));
+    let mut text = format!("Tip deflection{tip} {measured} m {}", reference.description());
     if record.variance_factor.is_some() {
         text.push_str(&format!(", variance factor {}", format_fixed(record.variance_factor, 2)));
     }
