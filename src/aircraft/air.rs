@@ -78,7 +78,6 @@ pub fn flight_conditions(state: &AircraftState) -> FlightConditions {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn state(values: &[(Quantity, f64, f64)]) -> AircraftState {

@@ -191,7 +191,6 @@ const _: () = assert!(QUANTITY_COUNT == Quantity::ALL.len());
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::super::QuantityColumn;
     use super::*;
     use crate::clock::quality::ClockQuality;

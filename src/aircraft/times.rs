@@ -203,7 +203,6 @@ impl TimeFormat {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     /// 2026-06-01T07:59:50Z.

@@ -120,7 +120,6 @@ pub fn camera_clock_offset_s(bytes: &[u8], utc: Timestamp) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     /// Builds the smallest file with the tag: SOI, APP1 with an Exif block, EOI.

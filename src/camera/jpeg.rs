@@ -68,7 +68,6 @@ fn find_scan_end(bytes: &[u8], from: usize) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn picture() -> Vec<u8> {

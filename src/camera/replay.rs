@@ -272,7 +272,6 @@ impl ReplayCamera {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::clock::SimulatedClock;
 

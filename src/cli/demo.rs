@@ -164,7 +164,6 @@ fn verify_and_report(output: &Path, directory: &Path) -> Result<Completion, Fail
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn files(folder: &Path) -> Vec<PathBuf> {

@@ -69,7 +69,6 @@ pub(super) fn read_kernel_quality() -> Option<ClockQuality> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -168,7 +168,6 @@ pub fn duration_text(seconds: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -102,7 +102,6 @@ pub(crate) async fn serve_socket(
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[tokio::test]

@@ -79,7 +79,6 @@ pub fn describe_machine(sys: &Path) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn sys(files: &[(&str, &str)]) -> tempfile::TempDir {

@@ -59,7 +59,6 @@ pub fn largest_ring_mb(limit_mb: u64) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -115,7 +115,6 @@ impl<S: 'static> Worker<S> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::panic)]
     use super::*;
     use std::thread::sleep;
 

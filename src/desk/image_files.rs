@@ -264,7 +264,6 @@ pub(super) fn split_at_pauses<T>(
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn at(utc: Option<&str>, digest: &str) -> DatedImage {

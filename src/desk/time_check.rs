@@ -162,7 +162,6 @@ fn configuration_lines(
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::clock::exposure::{Exposure, ExposureInstant};
     use crate::clock::quality::ClockQuality;

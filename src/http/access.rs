@@ -191,7 +191,6 @@ pub(super) async fn check_access(State(access): State<Arc<Access>>, request: Req
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     fn host(value: &'static str) -> bool {

@@ -181,7 +181,6 @@ fn blend_row(samples: &[u16], target: &mut [u32]) {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     /// Creates a grey ramp over x and y, with different values in every pixel's neighbourhood.

@@ -64,7 +64,6 @@ impl MarkerRecord {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn tip(survey: f64, ground: Option<f64>, root: Option<f64>) -> Tip {

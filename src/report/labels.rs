@@ -85,7 +85,6 @@ pub fn leader_line(at: Vector2<f64>, half: Vector2<f64>, place: Vector2<f64>, si
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -300,7 +300,6 @@ fn provenance_text(record: &ImageRecord) -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use serde_json::json;
 
     use super::super::sample;

@@ -227,7 +227,6 @@ fn mean_curve_point(curves: &[&Vec<CurveRecord>], index: usize) -> Option<CurveR
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::super::sample;
     use super::*;
 

@@ -298,7 +298,6 @@ fn missing_id_error(root: &Path) -> StoreError {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn manifest() -> UploadManifest {

@@ -175,7 +175,6 @@ impl Camera for GphotoCamera {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -101,7 +101,6 @@ impl Drop for CameraProcess {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use std::time::Instant;
 

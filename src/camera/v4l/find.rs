@@ -83,7 +83,6 @@ fn describe_present(class: &Path) -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn class() -> tempfile::TempDir {

@@ -310,7 +310,6 @@ impl Camera for V4lCamera {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -130,7 +130,6 @@ fn ask_value<T>(known: &mut Option<T>, what: &str, read: impl Fn(&str) -> Result
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     const TEMPLATE: &str = include_str!("../../../config/new/installation.toml");

@@ -34,7 +34,6 @@ pub(crate) fn start_feed(core: &Core, config: &AircraftConfig) -> DrainedThreads
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     use std::io::{Read, Write};

@@ -286,7 +286,6 @@ impl RawFrameWriter {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::clock::{Clock, SimulatedClock};
     use crate::daemon::core::Core;

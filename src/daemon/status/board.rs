@@ -195,7 +195,6 @@ impl StatusBoard {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::clock::SimulatedClock;
     use crate::daemon::Health;

@@ -1,5 +1,4 @@
 //! A small wing for the tests of the spatial methods.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 

@@ -134,7 +134,6 @@ fn find_corners(area: &[usize], width: usize) -> Option<[(f32, f32); 4]> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::super::{Board, BoardError};
     use super::*;
 

@@ -167,7 +167,6 @@ fn unrefracted_pixel(
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use proptest::prelude::*;
 

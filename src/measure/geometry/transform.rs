@@ -204,7 +204,6 @@ fn gauss_newton_step(points: &[PointPair], t: &Similarity, with_scale: bool) -> 
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use proptest::prelude::*;
     use rand::{Rng, SeedableRng, rngs::StdRng};

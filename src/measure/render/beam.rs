@@ -152,7 +152,6 @@ fn tip_deflection(step: f64, ground_slope: &[f64], slope: &[f64]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn beam(taper: f64) -> CantileverBeam {

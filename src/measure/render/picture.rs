@@ -229,7 +229,6 @@ pub fn outline_box(
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::super::light::Light;
     use super::super::random::SeededRandom;
     use super::super::{Scene, SceneOptions, SceneShot, SceneSide};

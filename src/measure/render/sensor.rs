@@ -129,7 +129,6 @@ fn bilinear_weights(dx: f64, dy: f64) -> [(f32, i64, i64); 4] {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn point() -> Vec<f32> {

@@ -121,7 +121,6 @@ pub struct HitRates {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::super::beam::LoadShape;
     use super::super::wing::{LinearTaper, SceneState, tests::wing};
 

@@ -63,7 +63,6 @@ pub fn count_cycles(history: &[f64]) -> Vec<LoadCycle> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     /// Reproduces the example of the standard's figure 6.

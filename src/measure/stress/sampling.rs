@@ -99,7 +99,6 @@ pub fn analyse_sampling(times_s: &[f64], bending_hz: f64) -> Sampling {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     fn every(step_s: f64, count: u32) -> Vec<f64> {

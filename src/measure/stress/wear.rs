@@ -175,7 +175,6 @@ pub fn relative_damage(
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     fn moment(value: f64) -> BendingMoment {

@@ -108,7 +108,6 @@ pub fn nearest_time(shown: &DisplayedTime, about_ms: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn shown_by(counts: std::ops::Range<u32>) -> Option<DisplayedTime> {

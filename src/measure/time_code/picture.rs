@@ -175,7 +175,6 @@ fn min_cell_side(pixel_from_page: &Matrix3<f64>) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -49,7 +49,6 @@ impl<W: Write> CsvWriter<W> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::super::{SeriesData, sample};
     use super::*;
     use crate::quantities::ResultTable;

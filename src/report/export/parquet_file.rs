@@ -122,7 +122,6 @@ fn write_values<W: Write + Send, T: DataType>(
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use parquet::file::reader::{FileReader, SerializedFileReader};
     use parquet::record::Field;
 

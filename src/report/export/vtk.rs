@@ -216,7 +216,6 @@ pub fn time_collection(files: &[(f64, String)]) -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::super::super::sample;
     use super::*;
 

@@ -172,7 +172,6 @@ fn draw_label(
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::measure::detect::RejectReason;
     use crate::measure::setup::Shape;

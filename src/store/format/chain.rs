@@ -211,7 +211,6 @@ pub(crate) fn last_results_entry(bytes: &[u8], series_name: &str) -> Option<Appe
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     fn three() -> Vec<u8> {

@@ -42,7 +42,6 @@ pub fn encode_line<T: serde::Serialize>(value: &T) -> std::io::Result<Vec<u8>> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     #[test]

@@ -175,7 +175,6 @@ pub fn series_folder(root: &Path, flight: &str, series: &str) -> PathBuf {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     #[test]

@@ -97,7 +97,6 @@ pub(crate) fn intact_prefix(bytes: &[u8]) -> Option<(usize, String)> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     fn mark(id: &str, act: MarkAction) -> ManualMark {

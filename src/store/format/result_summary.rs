@@ -85,7 +85,6 @@ impl<'de> Visitor<'de> for SummaryVisitor<'_, '_> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     const LINE: &str = r#"{"frame":"0001.jpg","frame_sha256":"ab","inputs":"cd","provenance":{"program":"x"},"record":{"image":"a","status":"ok","tip":{"deflection_m":2.5},"markers":[1,2]}}"#;

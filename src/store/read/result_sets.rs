@@ -199,7 +199,6 @@ pub fn mixed_inputs_warnings(disk: &dyn Disk, root: &Path) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     fn sets(series: &[&[(u32, &str)]]) -> ResultSets {

@@ -185,7 +185,6 @@ impl Store {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use std::path::Path;
     use std::sync::Arc;
 

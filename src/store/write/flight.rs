@@ -40,7 +40,6 @@ fn long_pause_reason(pause_s: f64, after: Duration) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     const AFTER: Duration = Duration::from_secs(3 * 3600);

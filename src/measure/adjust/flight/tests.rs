@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use nalgebra::{Matrix2, Vector2};
 
 use super::*;

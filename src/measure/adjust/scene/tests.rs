@@ -1,6 +1,4 @@
 //! Independent implementation of the observation equation with dual numbers and its own quadrature.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};

@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use nalgebra::{DVector, Matrix2, SMatrix, Vector2};
 
 use super::*;

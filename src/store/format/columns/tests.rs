@@ -1,6 +1,4 @@
 //! Round trip of rows; torn, changed and misplaced blocks are rejected.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use serde_json::json;
 
 use super::block::{encode_block, first_block_digest};
