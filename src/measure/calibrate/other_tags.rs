@@ -1,10 +1,14 @@
 //! Tags that are not those of the described AprilGrid: another family, border or numbering, or without the squares between
 //! them. Only searched if too few tags of the board are found.
 
+use std::collections::BTreeMap;
+
 use ::aprilgrid::TagFamily;
 use ::aprilgrid::detector::{TagDetector, best_tag, bit_code, decode_positions};
 use ::aprilgrid::tag_families::{T16H5, T25H7, T25H9, T36H11};
-use image::{DynamicImage, GrayImage};
+use image::{DynamicImage, GrayImage, Luma};
+use imageproc::integral_image::{integral_image, sum_image_pixels};
+use imageproc::region_labelling::{Connectivity, connected_components};
 use nalgebra::Vector2;
 
 use super::reduced;
@@ -33,7 +37,7 @@ pub(super) fn describe_other_tags(raster: &Raster, least: usize) -> Option<Strin
             "tags {name} found, not those of Kalibr's AprilGrid (36h11 with a border of two bits); print that one"
         ));
     }
-    let quads = find_dark_quads(raster);
+    let quads = find_dark_quads(&gray);
     let decoded = |(_, _, bits, codes): &&TagKind, mirrored: bool| {
         let turned = |quad: &[(f32, f32); 4]| if mirrored { [quad[3], quad[2], quad[1], quad[0]] } else { *quad };
         quads.iter().filter(|quad| is_tag(&gray, &turned(quad), *bits, codes)).count()
@@ -63,59 +67,33 @@ const MAX_SIDE_FRACTION: f64 = 0.5;
 const THRESHOLD_WINDOW: f64 = 0.1;
 
 /// Finds the corners of dark areas with light around them.
-fn find_dark_quads(raster: &Raster) -> Vec<[(f32, f32); 4]> {
-    let (width, height) = (raster.width(), raster.height());
-    let mut dark = dark_pixels(raster);
-    let mut quads = vec![];
-    for start in 0..dark.len() {
-        let mut area: Vec<usize> = vec![];
-        let mut open = if std::mem::take(&mut dark[start]) { vec![start] } else { vec![] };
-        while let Some(k) = open.pop() {
-            area.push(k);
-            let (x, y) = (k % width, k / width);
-            let near = [
-                (x > 0, k.wrapping_sub(1)),
-                (x + 1 < width, k + 1),
-                (y > 0, k.wrapping_sub(width)),
-                (y + 1 < height, k + width),
-            ];
-            open.extend(
-                near.into_iter().filter(|(inside, n)| *inside && std::mem::take(&mut dark[*n])).map(|(_, n)| n),
-            );
-        }
-        quads.extend(find_corners(&area, width));
+fn find_dark_quads(gray: &GrayImage) -> Vec<[(f32, f32); 4]> {
+    let mut areas = BTreeMap::<u32, Vec<Vector2<f64>>>::new();
+    for (x, y, label) in connected_components(&mark_dark_pixels(gray), Connectivity::Four, Luma([0])).enumerate_pixels()
+    {
+        areas.entry(label[0]).or_default().push(Vector2::new(f64::from(x), f64::from(y)));
     }
-    quads
+    areas.remove(&0);
+    areas.values().filter_map(|area| find_corners(area, gray.width())).collect()
 }
 
-/// Returns the pixels that are darker than their surroundings.
-fn dark_pixels(raster: &Raster) -> Vec<bool> {
-    let (width, height, luma) = (raster.width(), raster.height(), raster.luma());
-    let half = ((0.5 * THRESHOLD_WINDOW * width as f64) as usize).max(1);
-    let stride = width + 1;
-    let mut sums = vec![0u64; stride * (height + 1)];
-    for y in 0..height {
-        for x in 0..width {
-            sums[(y + 1) * stride + x + 1] =
-                u64::from(luma[y * width + x]) + sums[y * stride + x + 1] + sums[(y + 1) * stride + x]
-                    - sums[y * stride + x];
-        }
-    }
-    let is_dark = |k: usize| {
-        let (x, y) = (k % width, k / width);
-        let (left, right) = (x.saturating_sub(half), (x + half + 1).min(width));
-        let (top, bottom) = (y.saturating_sub(half), (y + half + 1).min(height));
-        let sum = sums[bottom * stride + right] + sums[top * stride + left]
-            - sums[top * stride + right]
-            - sums[bottom * stride + left];
-        u64::from(luma[k]) * ((right - left) * (bottom - top)) as u64 * 10 < 9 * sum
-    };
-    (0..luma.len()).map(is_dark).collect()
+/// Marks the pixels that are darker than their surroundings by 1, the others by 0.
+fn mark_dark_pixels(gray: &GrayImage) -> GrayImage {
+    let (width, height) = gray.dimensions();
+    let half = ((0.5 * THRESHOLD_WINDOW * f64::from(width)) as u32).max(1);
+    let sums = integral_image::<_, u64>(gray);
+    GrayImage::from_fn(width, height, |x, y| {
+        let (left, right) = (x.saturating_sub(half), (x + half).min(width - 1));
+        let (top, bottom) = (y.saturating_sub(half), (y + half).min(height - 1));
+        let [sum] = sum_image_pixels(&sums, left, top, right, bottom);
+        let pixels = u64::from((right - left + 1) * (bottom - top + 1));
+        Luma([u8::from(u64::from(gray.get_pixel(x, y)[0]) * pixels * 10 < 9 * sum)])
+    })
 }
 
 /// Returns the corners of an area in the order in which the finder takes those of a tag; `None` if it is not of the size of a tag.
-fn find_corners(area: &[usize], width: usize) -> Option<[(f32, f32); 4]> {
-    let points = || area.iter().map(|k| Vector2::new((k % width) as f64, (k / width) as f64));
+fn find_corners(area: &[Vector2<f64>], width: u32) -> Option<[(f32, f32); 4]> {
+    let points = || area.iter().copied();
     if (area.len() as f64) < 0.4 * MIN_SIDE_PX * MIN_SIDE_PX {
         return None;
     }
@@ -128,7 +106,7 @@ fn find_corners(area: &[usize], width: usize) -> Option<[(f32, f32); 4]> {
     let corners = [first, fourth, opposite, second];
     let sides = (0..4).map(|k| (corners[(k + 1) % 4] - corners[k]).norm());
     let (short, long) = sides.fold((f64::INFINITY, 0.0), |(s, l): (f64, f64), side| (s.min(side), l.max(side)));
-    let plausible = short >= MIN_SIDE_PX && long <= MAX_SIDE_FRACTION * width as f64;
+    let plausible = short >= MIN_SIDE_PX && long <= MAX_SIDE_FRACTION * f64::from(width);
     plausible.then(|| corners.map(|c| (c.x as f32, c.y as f32)))
 }
 
