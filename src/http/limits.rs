@@ -1,17 +1,15 @@
 //! Limits of the answers: one budget of memory for all that are being sent, and few that are being made at a time. A page
 //! must not take the memory that the recorder needs.
 
-use std::pin::Pin;
 use std::sync::Arc;
-use std::task::{Context, Poll};
 use std::time::Duration;
 
-use axum::body::{Body, Bytes};
+use axum::body::{Body, HttpBody};
 use axum::extract::{Request, State};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use http_body::{Frame, SizeHint};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use http_body_util::BodyExt;
+use tokio::sync::Semaphore;
 
 use super::Refusal;
 use super::access::Access;
@@ -64,36 +62,15 @@ pub(super) async fn limit_answers(State(limits): State<AnswerLimits>, request: R
 /// Holds the memory of an answer until it is sent; `None` if there is none.
 fn hold_memory(memory: &Arc<Semaphore>, response: Response) -> Option<Response> {
     let (head, body) = response.into_parts();
-    let kilobytes = http_body::Body::size_hint(&body).upper().map_or(STREAM_KB, |bytes| bytes.div_ceil(1000));
+    let kilobytes = body.size_hint().upper().map_or(STREAM_KB, |bytes| bytes.div_ceil(1000));
     let kilobytes = u32::try_from(kilobytes).unwrap_or(u32::MAX);
     let held = memory.clone().try_acquire_many_owned(kilobytes).ok()?;
-    Some(Response::from_parts(head, Body::new(HeldBody { body, _held: held })))
-}
-
-/// Body of an answer, with the memory that it holds.
-struct HeldBody {
-    body: Body,
-    _held: OwnedSemaphorePermit,
-}
-
-impl http_body::Body for HeldBody {
-    type Data = Bytes;
-    type Error = axum::Error;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
-        Pin::new(&mut self.body).poll_frame(context)
-    }
-
-    fn size_hint(&self) -> SizeHint {
-        http_body::Body::size_hint(&self.body)
-    }
-
-    fn is_end_stream(&self) -> bool {
-        http_body::Body::is_end_stream(&self.body)
-    }
+    // The closure lives as long as the body.
+    let holding = body.map_err(move |error| {
+        let _held = &held;
+        error
+    });
+    Some(Response::from_parts(head, Body::new(holding)))
 }
 
 #[cfg(test)]

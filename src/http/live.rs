@@ -10,7 +10,7 @@ use std::time::Duration;
 use axum::body::{Body, Bytes};
 use axum::extract::State;
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
-use axum::response::{Html, IntoResponse, Response};
+use axum::response::{IntoResponse, Response};
 use base64::Engine;
 use serde::Deserialize;
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader, Lines};
@@ -20,8 +20,7 @@ use tokio::sync::mpsc::{Sender, channel, error::TrySendError};
 use tokio::sync::watch;
 
 use super::send::ChunkBody;
-use super::{Refusal, ServerContext, pages};
-use crate::report::html::FIGURE_SCRIPT;
+use super::{Refusal, ServerContext, pages, policy};
 
 /// Maximum number of browsers that watch at the same time.
 pub(super) const MAX_WATCHERS: usize = 16;
@@ -35,23 +34,11 @@ const MAX_SILENCE: Duration = Duration::from_secs(4);
 const RETRY_MS: u32 = 5000;
 /// Timeout for the image of the newest frame.
 const PICTURE_TIMEOUT: Duration = Duration::from_secs(5);
-const SCRIPT: &str = include_str!("pages/live.js");
-/// Content security policy of the page: its own script, and images that the script has fetched.
-const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'self'; connect-src 'self'; \
-     img-src 'self' data: blob:; frame-ancestors 'none'";
+/// Script of the page.
+pub(super) const SCRIPT: &str = include_str!("pages/live.js");
 
 pub(super) async fn live_page(State(shared): ServerContext) -> Response {
-    let policy = [(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY))];
-    (policy, Html(pages::live_page(shared.site.live.is_some()).into_string())).into_response()
-}
-
-pub(super) async fn live_script() -> Response {
-    ([(header::CONTENT_TYPE, "text/javascript; charset=utf-8")], SCRIPT).into_response()
-}
-
-/// Sends the script of the figures, which the report has too.
-pub(super) async fn figure_script() -> Response {
-    ([(header::CONTENT_TYPE, "text/javascript; charset=utf-8")], FIGURE_SCRIPT).into_response()
+    policy::scripted_page(pages::live_page(shared.site.live.is_some()))
 }
 
 /// Sends server-sent events: one JSON object per result, `state` every second, `down` with a reason while no recorder

@@ -55,6 +55,7 @@ use tower_http::set_header::SetResponseHeaderLayer;
 use crate::daemon::StatusBoard;
 use crate::measure::setup::Setup;
 use crate::report::ReportBuilder;
+use crate::report::html::FIGURE_SCRIPT;
 use crate::report::overview;
 use crate::report::source::{self, ResultChoice};
 use crate::store::bundle::{self, FlightBundle};
@@ -203,8 +204,8 @@ fn build_router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Re
         .route("/status.json", get(send_status))
         .route_layer(axum::middleware::from_fn_with_state(AnswerLimits::new(access.clone()), limits::limit_answers))
         .route("/live", get(live::live_page))
-        .route("/live.js", get(live::live_script))
-        .route("/figure.js", get(live::figure_script))
+        .route("/live.js", get(async || policy::script_response(live::SCRIPT)))
+        .route("/figure.js", get(async || policy::script_response(FIGURE_SCRIPT)))
         .route("/live/events", get(live::live_events))
         .route("/live/frame.jpg", get(live::newest_frame))
         .fallback(async || Refusal::NotFound);

@@ -22,14 +22,14 @@ use std::time::Duration;
 
 use axum::Router;
 use axum::extract::{Path, State};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
-use axum::response::{Html, IntoResponse, Json, Response};
+use axum::http::{HeaderMap, StatusCode, Uri, header};
+use axum::response::{IntoResponse, Json, Response};
 use axum::routing::get;
 use serde_json::{Value, json};
 use tokio::net::TcpListener;
 
 use super::access::Access;
-use super::{Refusal, add_common_layers, pages, server};
+use super::{Refusal, add_common_layers, pages, policy, server};
 use crate::camera::Format;
 use crate::clock::SystemClock;
 use crate::installation::Installation;
@@ -46,9 +46,6 @@ const MAX_REQUEST_BYTES: usize = 16 * 1024;
 /// Time within which a request must arrive.
 const BODY_TIMEOUT: Duration = Duration::from_secs(10);
 const SCRIPT: &str = include_str!("../pages/mark.js");
-/// Content security policy of the page: its own script, and images that the script has fetched.
-const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'self'; connect-src 'self'; \
-     img-src 'self' data: blob:; frame-ancestors 'none'";
 
 /// Images to be marked, with installation, storage and default name.
 pub struct Workplace {
@@ -134,7 +131,7 @@ pub async fn serve_marking(
     let shared = Arc::new(MarkServerState { marking, clock: SystemClock::new() });
     let router = Router::new()
         .route("/", get(mark_page))
-        .route("/mark.js", get(mark_script))
+        .route("/mark.js", get(async || policy::script_response(SCRIPT)))
         .route("/pictures.json", get(list_images))
         .route("/picture/{name}", get(send_image).post(post_mark))
         .fallback(async || Refusal::NotFound);
@@ -145,14 +142,9 @@ pub async fn serve_marking(
 }
 
 async fn mark_page(State(shared): MarkContext, address: Uri) -> Response {
-    let policy = [(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY))];
     let marking = shared.marking.lock().unwrap_or_else(PoisonError::into_inner);
     let page = pages::mark_page(&marking.workplace.storage.description(), &marking.workplace.who, address.query());
-    (policy, Html(page.into_string())).into_response()
-}
-
-async fn mark_script() -> Response {
-    ([(header::CONTENT_TYPE, "text/javascript; charset=utf-8")], SCRIPT).into_response()
+    policy::scripted_page(page)
 }
 
 async fn list_images(State(shared): MarkContext) -> Json<Value> {
