@@ -1,7 +1,9 @@
 //! Kinds of append-only files of a flight: aircraft data, live results, manual marks.
 
+use super::aircraft::AircraftHead;
 use super::chain::{ChainEvent, ClosedFile};
-use super::{aircraft, columns, layout, manual_marks};
+use super::manual_marks::ManualMarksHead;
+use super::{columns, jsonl, layout};
 
 /// Kind of an append-only file.
 #[derive(Debug)]
@@ -33,7 +35,7 @@ pub(crate) const AIRCRAFT_DATA: AppendFileKind = AppendFileKind {
     stem: "aircraft",
     closed_name: layout::aircraft_name,
     closed_number: layout::aircraft_number,
-    intact_prefix: aircraft::intact_prefix,
+    intact_prefix: |bytes| jsonl::intact_prefix(bytes, |head: AircraftHead| head.flight),
     event: ChainEvent::Aircraft,
     invariant: 20,
     max_length: 1 << 20,
@@ -60,7 +62,7 @@ pub(crate) const MANUAL_MARKS: AppendFileKind = AppendFileKind {
     stem: "marks",
     closed_name: layout::marks_name,
     closed_number: layout::marks_number,
-    intact_prefix: manual_marks::intact_prefix,
+    intact_prefix: |bytes| jsonl::intact_prefix(bytes, |head: ManualMarksHead| head.flight),
     event: ChainEvent::Marks,
     invariant: 22,
     max_length: 1 << 20,

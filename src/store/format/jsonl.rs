@@ -33,6 +33,21 @@ pub fn parse_lines<T: DeserializeOwned>(bytes: &[u8]) -> ParsedLines<T> {
     lines
 }
 
+/// Parses a file whose first line is its head; returns the head and the intact lines, or `None` if the head is damaged.
+pub(crate) fn parse_headed<H: DeserializeOwned, L: DeserializeOwned>(bytes: &[u8]) -> Option<(H, Vec<L>)> {
+    let first = bytes.split_inclusive(|byte| *byte == b'\n').next()?;
+    let head = serde_json::from_slice(first).ok()?;
+    let lines = parse_lines(bytes.get(first.len()..)?).good;
+    Some((head, lines.into_iter().map(|(_, line)| line).collect()))
+}
+
+/// Returns the length of the complete lines, bytes, and their flight by the head; `None` if the head is not complete.
+pub(crate) fn intact_prefix<H: DeserializeOwned>(bytes: &[u8], flight: fn(H) -> String) -> Option<(usize, String)> {
+    let good = parse_lines::<serde_json::Value>(bytes).good_length;
+    let (head, _) = parse_headed::<H, serde_json::Value>(bytes.get(..good)?)?;
+    Some((good, flight(head)))
+}
+
 /// Encodes a value as a line, with its newline.
 pub fn encode_line<T: serde::Serialize>(value: &T) -> std::io::Result<Vec<u8>> {
     let mut bytes = serde_json::to_vec(value)?;

@@ -59,30 +59,28 @@ pub const PART_ENDING: &str = ".part";
 /// Largest number in a name, far above any that a recorder reaches; a larger one is no name of the store.
 pub const MAX_NUMBER: u64 = 999_999_999;
 
-/// Returns the name of a flight.
-pub fn flight_id(number: u64) -> String {
-    format!("f{number:04}")
+/// Defines two functions for each kind of numbered name: the name of a number, and the number in a name.
+macro_rules! numbered_names {
+    ($($what:literal: $name:ident, $number:ident = $begin:literal, $digits:literal, $end:literal;)+) => {$(
+        #[doc = concat!("Returns the name of ", $what, ".")]
+        pub fn $name(number: u64) -> String {
+            format!(concat!($begin, "{:0", $digits, "}", $end), number)
+        }
+
+        #[doc = concat!("Parses the number in the name of ", $what, "; `None` if [`", stringify!($name), "`] does not make it.")]
+        pub fn $number(name: &str) -> Option<u64> {
+            let number = name.strip_prefix($begin)?.strip_suffix($end)?.parse().ok();
+            number.filter(|number| *number <= MAX_NUMBER && $name(*number) == name)
+        }
+    )+};
 }
 
-/// Returns the name of a series; unique in the store.
-pub fn series_id(number: u64) -> String {
-    format!("s{number:06}")
-}
-
-/// Parses the number in the name of a flight.
-pub fn flight_number(id: &str) -> Option<u64> {
-    parse_number(id, "f", "", flight_id)
-}
-
-/// Parses the number in the name of a series.
-pub fn series_number(id: &str) -> Option<u64> {
-    parse_number(id, "s", "", series_id)
-}
-
-/// Parses the number between prefix and suffix; `None` if `write` does not reproduce the name.
-fn parse_number(name: &str, begin: &str, end: &str, write: fn(u64) -> String) -> Option<u64> {
-    let number = name.strip_prefix(begin)?.strip_suffix(end)?.parse().ok();
-    number.filter(|number| *number <= MAX_NUMBER && write(*number) == name)
+numbered_names! {
+    "a flight": flight_id, flight_number = "f", 4, "";
+    "a series, which is unique in the store": series_id, series_number = "s", 6, "";
+    "a closed file with aircraft data": aircraft_name, aircraft_number = "aircraft-", 6, ".jsonl";
+    "a closed file with live results": live_name, live_number = "live-", 6, ".rows";
+    "a closed file with manual marks": marks_name, marks_number = "marks-", 6, ".jsonl";
 }
 
 /// Returns the file name of a shot's frame. Only characters that are safe in a file name are kept of the extension.
@@ -126,36 +124,6 @@ pub fn is_flight_file(name: &str) -> bool {
     let whole = name.strip_suffix(PART_ENDING);
     let known = [CHAIN_FILE, SUMS_FILE].contains(&whole.unwrap_or(name));
     name == FLIGHT_FILE || known || aircraft_number(name).or(live_number(name)).or(marks_number(name)).is_some()
-}
-
-/// Returns the name of a closed file with aircraft data.
-pub fn aircraft_name(number: u64) -> String {
-    format!("aircraft-{number:06}.jsonl")
-}
-
-/// Parses the number in the name of a file with aircraft data.
-pub fn aircraft_number(name: &str) -> Option<u64> {
-    parse_number(name, "aircraft-", ".jsonl", aircraft_name)
-}
-
-/// Returns the name of a closed file with live results.
-pub fn live_name(number: u64) -> String {
-    format!("live-{number:06}.rows")
-}
-
-/// Parses the number in the name of a file with live results.
-pub fn live_number(name: &str) -> Option<u64> {
-    parse_number(name, "live-", ".rows", live_name)
-}
-
-/// Returns the name of a closed file with manual marks.
-pub fn marks_name(number: u64) -> String {
-    format!("marks-{number:06}.jsonl")
-}
-
-/// Parses the number in the name of a file with manual marks.
-pub fn marks_number(name: &str) -> Option<u64> {
-    parse_number(name, "marks-", ".jsonl", marks_name)
 }
 
 /// Returns the path `flights/<flight>`.

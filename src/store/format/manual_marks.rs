@@ -6,8 +6,6 @@ use std::collections::BTreeMap;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
-use super::jsonl;
-
 /// First line of a file with manual marks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ManualMarksHead {
@@ -73,30 +71,14 @@ pub enum MarkSource {
 
 /// Returns the valid marks: the last one of each marker in each frame, without withdrawn ones.
 pub fn effective_marks(marks: &[ManualMark]) -> Vec<&ManualMark> {
-    let mut last: BTreeMap<(&str, &str), &ManualMark> = BTreeMap::new();
-    for mark in marks {
-        last.insert((&mark.image, &mark.id), mark);
-    }
+    let last: BTreeMap<_, _> = marks.iter().map(|mark| ((&mark.image, &mark.id), mark)).collect();
     last.into_values().filter(|mark| mark.act != MarkAction::Withdraw).collect()
-}
-
-/// Returns the head and the intact marks; `None` if the first line is damaged.
-pub(crate) fn parse_marks(bytes: &[u8]) -> Option<(ManualMarksHead, Vec<ManualMark>)> {
-    let first = bytes.split_inclusive(|byte| *byte == b'\n').next()?;
-    let head = serde_json::from_slice(first).ok()?;
-    let lines = jsonl::parse_lines::<ManualMark>(bytes.get(first.len()..)?).good;
-    Some((head, lines.into_iter().map(|(_, line)| line).collect()))
-}
-
-/// Returns the length of the complete lines, bytes, and their flight; `None` if the first line is not complete.
-pub(crate) fn intact_prefix(bytes: &[u8]) -> Option<(usize, String)> {
-    let good = jsonl::parse_lines::<serde_json::Value>(bytes).good_length;
-    let (head, _) = parse_marks(bytes.get(..good)?)?;
-    Some((good, head.flight))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::append_file_kinds::MANUAL_MARKS;
+    use super::super::jsonl;
     use super::*;
 
     fn mark(id: &str, act: MarkAction) -> ManualMark {
@@ -121,7 +103,7 @@ mod tests {
         let file =
             [&jsonl::encode_line(&ManualMarksHead { flight: "f0001".into() }).unwrap()[..], &line, b"{\"image\":"]
                 .concat();
-        assert_eq!(parse_marks(&file).unwrap().1, [all[0].clone()]);
-        assert_eq!(intact_prefix(&file).unwrap(), (file.len() - 9, "f0001".to_owned()));
+        assert_eq!(jsonl::parse_headed::<ManualMarksHead, ManualMark>(&file).unwrap().1, [all[0].clone()]);
+        assert_eq!((MANUAL_MARKS.intact_prefix)(&file).unwrap(), (file.len() - 9, "f0001".to_owned()));
     }
 }

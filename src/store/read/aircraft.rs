@@ -3,14 +3,13 @@
 use std::path::Path;
 
 use super::catalogue::{self, FlightRef};
-use crate::store::disk::{Disk, StoreError};
-use crate::store::format::aircraft::parse_aircraft;
+use crate::store::disk::{Disk, StoreError, StoreResult};
 pub use crate::store::format::aircraft::{AircraftHead, AircraftLine};
 use crate::store::format::append_file_kinds::AIRCRAFT_DATA;
-use crate::store::format::sha256_hex;
+use crate::store::format::{jsonl, sha256_hex};
 
 /// Lists the closed files with aircraft data of a flight, in order.
-pub fn closed_files(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<String>, StoreError> {
+pub fn closed_files(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<Vec<String>> {
     catalogue::closed_files(disk, flight, &AIRCRAFT_DATA)
 }
 
@@ -22,10 +21,10 @@ pub fn read_aircraft(
     disk: &dyn Disk,
     root: &Path,
     flight: &FlightRef,
-) -> Result<(AircraftRecording, Vec<String>), StoreError> {
+) -> StoreResult<(AircraftRecording, Vec<String>)> {
     let (mut all, mut notes) = (Vec::new(), Vec::new());
     catalogue::for_each_file(disk, root, flight, &AIRCRAFT_DATA, |path, bytes| {
-        match parse_aircraft(bytes) {
+        match jsonl::parse_headed::<AircraftHead, _>(bytes) {
             Some((head, lines)) if head.flight == flight.id => all.push((head, lines)),
             Some(_) => {}
             None => notes.push(format!("{}: its first line is damaged; run `wingd verify`", path.display())),
@@ -36,7 +35,7 @@ pub fn read_aircraft(
 }
 
 /// Computes the digest of a flight's current aircraft data, an input of results that use it; `None` if there is none.
-pub fn aircraft_digest(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<Option<String>, StoreError> {
+pub fn aircraft_digest(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> StoreResult<Option<String>> {
     let (all, _) = read_aircraft(disk, root, flight)?;
     let mut text = String::new();
     for (head, lines) in &all {

@@ -3,22 +3,18 @@
 use std::path::Path;
 
 use super::catalogue::{self, FlightRef};
-use crate::store::disk::{Disk, StoreError};
+use crate::store::disk::{Disk, StoreError, StoreResult};
 use crate::store::format::append_file_kinds::MANUAL_MARKS;
-use crate::store::format::manual_marks::parse_marks;
+use crate::store::format::manual_marks::ManualMarksHead;
 pub use crate::store::format::manual_marks::{ManualMark, MarkAction, MarkPosition, MarkSource, effective_marks};
-use crate::store::format::sha256_hex;
+use crate::store::format::{jsonl, sha256_hex};
 
 /// Reads all manual marks of a flight in the order in which they were made, including the file being written; returns them
 /// with notes on unreadable files.
-pub fn read_marks(
-    disk: &dyn Disk,
-    root: &Path,
-    flight: &FlightRef,
-) -> Result<(Vec<ManualMark>, Vec<String>), StoreError> {
+pub fn read_marks(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> StoreResult<(Vec<ManualMark>, Vec<String>)> {
     let (mut all, mut notes) = (Vec::new(), Vec::new());
     catalogue::for_each_file(disk, root, flight, &MANUAL_MARKS, |path, bytes| {
-        match parse_marks(bytes) {
+        match jsonl::parse_headed::<ManualMarksHead, ManualMark>(bytes) {
             Some((head, marks)) if head.flight == flight.id => all.extend(marks),
             Some(_) => {}
             None => notes.push(format!("{}: its first line is damaged; run `wingd verify`", path.display())),
