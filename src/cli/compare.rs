@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use serde_json::json;
 
-use super::{Completion, Failure, print_json, print_line};
+use super::{Completion, Failure, TaskResult, print_json, print_line};
 use crate::desk::stored_flights::select_flights;
 use crate::record::json_fields;
 use crate::report::compare::{self, ChangeSummary, ComparedFlight, FrameChange};
-use crate::report::grid::Grid;
+use crate::report::grid::{ColumnDefinition::One, Grid};
 use crate::report::number::{NONE, format_fixed};
 use crate::store::result_sets::{self, ResultSet, ResultSets};
 use crate::store::{FlightRef, RealDisk};
@@ -38,7 +38,7 @@ pub struct CompareArgs {
     wide: bool,
 }
 
-pub(super) fn run(args: &CompareArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &CompareArgs) -> TaskResult<Completion> {
     let ours = select_flights(&args.store, args.flight.as_deref())?;
     let mut compared = 0;
     for flight in &ours {
@@ -56,7 +56,7 @@ pub(super) fn run(args: &CompareArgs) -> Result<Completion, Failure> {
 }
 
 /// Selects the two result sets to compare; `None` if a flight has only one.
-fn select_sides(args: &CompareArgs, flight: &FlightRef) -> Result<Option<(ComparedFlight, ComparedFlight)>, Failure> {
+fn select_sides(args: &CompareArgs, flight: &FlightRef) -> TaskResult<Option<(ComparedFlight, ComparedFlight)>> {
     let sets = result_sets::flight_result_sets(&RealDisk, flight)?;
     if let Some(other) = &args.other {
         let there = select_flights(other, None)?.into_iter().find(|there| there.id == flight.id);
@@ -78,11 +78,7 @@ fn select_sides(args: &CompareArgs, flight: &FlightRef) -> Result<Option<(Compar
     Ok(old.zip(new).map(|(old, new)| (side(old), side(new))))
 }
 
-fn select_result_set(
-    sets: &ResultSets,
-    wanted: Option<&str>,
-    flight: &FlightRef,
-) -> Result<Option<ResultSet>, Failure> {
+fn select_result_set(sets: &ResultSets, wanted: Option<&str>, flight: &FlightRef) -> TaskResult<Option<ResultSet>> {
     let found = sets.choose_set(wanted).cloned();
     if let (None, Some(key)) = (&found, wanted) {
         let known: Vec<String> = sets.sets.iter().map(ResultSet::description).collect();
@@ -97,7 +93,7 @@ fn print_comparison(
     old: &ComparedFlight,
     new: &ComparedFlight,
     changes: &[FrameChange],
-) -> Result<(), Failure> {
+) -> TaskResult<()> {
     if args.json {
         for change in changes {
             let mut line = json_fields(&json!({"flight": new.flight.id, "from": old.set.key, "to": new.set.key}));
@@ -117,14 +113,14 @@ fn print_comparison(
 fn change_table(changes: &[FrameChange]) -> Grid {
     let largest = |c: &FrameChange| c.marker.as_ref().map(|(id, m)| format!("{id} {}", format_fixed(Some(*m), 4)));
     Grid::for_rows(changes).columns(&[
-        ("<frame", &|c| format!("{}/{}", c.series, c.frame)),
-        ("~<status", &|c| c.status_text()),
-        ("tip deflection / m", &|c| format_fixed(c.tip_deflection_m.0, 4)),
-        ("now / m", &|c| format_fixed(c.tip_deflection_m.1, 4)),
-        ("change / m", &|c| format_fixed(c.change_m, 4)),
-        ("sigma / m", &|c| format_fixed(c.sigma_m, 4)),
-        ("change / sigma", &|c| format_fixed(c.change_sigmas, 2)),
-        ("largest marker change / m", &|c| largest(c).unwrap_or_else(|| NONE.to_owned())),
+        One("<frame", &|c| format!("{}/{}", c.series, c.frame)),
+        One("~<status", &|c| c.status_text()),
+        One("tip deflection / m", &|c| format_fixed(c.tip_deflection_m.0, 4)),
+        One("now / m", &|c| format_fixed(c.tip_deflection_m.1, 4)),
+        One("change / m", &|c| format_fixed(c.change_m, 4)),
+        One("sigma / m", &|c| format_fixed(c.sigma_m, 4)),
+        One("change / sigma", &|c| format_fixed(c.change_sigmas, 2)),
+        One("largest marker change / m", &|c| largest(c).unwrap_or_else(|| NONE.to_owned())),
     ])
 }
 

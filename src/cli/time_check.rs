@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
-use super::{Completion, Failure, batch, print_json, print_line, write_output};
+use super::{Completion, Failure, TaskResult, batch, print_json, print_line, write_output};
 use crate::desk::stored_flights::{self, frame_name};
 use crate::desk::time_check::{ConfigurationLines, NoConfiguration, ScreenReading, TimeCheckSummary};
 use crate::desk::{CHECK_WRITE_ACCESS, clock_page};
 use crate::measure::time_code::{DelayEstimate, ExposureTest, Screen};
 use crate::record::Reason;
-use crate::report::grid::Grid;
+use crate::report::grid::{ColumnDefinition::One, Grid};
 use crate::report::number::format_fixed;
 use crate::store::{FrameRef, RealDisk};
 
@@ -52,7 +52,7 @@ const DEFAULT_LATENCY_MS: f64 = 30.0;
 /// Width of that uniform distribution, ms.
 const LATENCY_RANGE_MS: f64 = 40.0;
 
-pub(super) fn run(args: &TimeCheckArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &TimeCheckArgs) -> TaskResult<Completion> {
     if let Some(file) = &args.page {
         write_output(file, &clock_page::clock_page(), CHECK_WRITE_ACCESS)?;
         print_line(&format!("{}: open it on the recorder's computer, full screen", file.display()))?;
@@ -88,7 +88,7 @@ pub(super) fn run(args: &TimeCheckArgs) -> Result<Completion, Failure> {
     Ok(Completion::from_success(readings.len() == chosen.len()))
 }
 
-fn screen_from_args(args: &TimeCheckArgs) -> Result<Screen, Failure> {
+fn screen_from_args(args: &TimeCheckArgs) -> TaskResult<Screen> {
     let sound = (1.0..=1000.0).contains(&args.refresh_hz)
         && (0.0..=1000.0).contains(&args.latency_ms)
         && (0.0..=1000.0).contains(&args.latency_sigma_ms);
@@ -104,7 +104,7 @@ fn screen_from_args(args: &TimeCheckArgs) -> Result<Screen, Failure> {
 }
 
 /// Selects the frames to read, in order.
-fn select_frames(args: &TimeCheckArgs) -> Result<Vec<FrameRef>, Failure> {
+fn select_frames(args: &TimeCheckArgs) -> TaskResult<Vec<FrameRef>> {
     let Some(root) = &args.store else { return Ok(Vec::new()) };
     let mut all = Vec::new();
     for flight in stored_flights::select_flights(root, args.flight.as_deref())? {
@@ -188,13 +188,13 @@ fn reading_table(readings: &[ScreenReading]) -> Grid {
     let ms = |seconds: Option<f64>| format_fixed(seconds.map(|s| 1e3 * s), 1);
     let recorded = |r: &ScreenReading| r.exposure.as_ref().map(|e| e.exposure_sigma_s.hypot(r.sigma_s));
     Grid::for_rows(readings).columns(&[
-        ("<image", &|r| r.image.clone()),
-        ("<exposure on the screen (UTC)", &|r| r.shown.strftime("%m-%d %H:%M:%S%.3f").to_string()),
-        ("sigma / ms", &|r| ms(Some(r.sigma_s))),
-        ("ticks", &|r| r.ticks.to_string()),
-        ("command minus screen / ms", &|r| ms(Some(r.command_s))),
-        ("exposure minus screen / ms", &|r| ms(r.exposure_s)),
-        ("sigma / ms", &|r| ms(recorded(r))),
+        One("<image", &|r| r.image.clone()),
+        One("<exposure on the screen (UTC)", &|r| r.shown.strftime("%m-%d %H:%M:%S%.3f").to_string()),
+        One("sigma / ms", &|r| ms(Some(r.sigma_s))),
+        One("ticks", &|r| r.ticks.to_string()),
+        One("command minus screen / ms", &|r| ms(Some(r.command_s))),
+        One("exposure minus screen / ms", &|r| ms(r.exposure_s)),
+        One("sigma / ms", &|r| ms(recorded(r))),
     ])
 }
 
@@ -211,7 +211,7 @@ fn reading_json(read: &Result<ScreenReading, (String, Reason)>, screen: &Screen)
                 "exposure_less_shown_s": r.exposure_s,
                 "sigma_exposure_less_shown_s": recorded_s.map(|recorded| recorded.hypot(sigma_s)),
                 "exposure_sigma_s": recorded_s,
-                "exposure_source": r.exposure.as_ref().map(|e| e.exposure_source.name()),
+                "exposure_source": r.exposure.as_ref().map(|e| e.exposure_source),
                 "delay_s": r.delay_s(),
             })
         }

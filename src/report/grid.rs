@@ -4,6 +4,8 @@ mod fit;
 
 use maud::{Markup, html};
 
+use ColumnDefinition::{One, Pair};
+
 /// Maximum length, in characters, of a cell that stays on one line of the report; columns with longer cells are set wider.
 const MAX_SHORT_CELL: usize = 24;
 
@@ -52,17 +54,12 @@ impl Grid {
     /// Formats the table for a terminal of 80 columns: two blanks between columns, a rule under the headings. If it is too
     /// wide, its headings are folded to two lines, then optional columns are omitted, then the longest words are wrapped.
     pub fn text(&self) -> String {
-        fit::fit_text(self, fit::TableWidth::Terminal)
+        self.text_with_width(false)
     }
 
-    /// Formats the table with all columns in full width.
-    pub fn wide_text(&self) -> String {
-        fit::fit_text(self, fit::TableWidth::All)
-    }
-
-    /// Formats the table as [`Self::wide_text`] if `wide`, otherwise as [`Self::text`].
+    /// Formats the table with all columns in full width if `wide`, otherwise as [`Self::text`].
     pub fn text_with_width(&self, wide: bool) -> String {
-        if wide { self.wide_text() } else { self.text() }
+        fit::fit_text(self, wide)
     }
 
     /// Formats the table as HTML for the report.
@@ -91,8 +88,13 @@ impl Grid {
     }
 }
 
-/// Definition of a column: its heading, and the function that makes its cell from an item.
-pub type ColumnDefinition<'a, T> = (&'a str, &'a dyn Fn(&T) -> String);
+/// Definition of columns: their headings, and the function that makes their cells from an item.
+pub enum ColumnDefinition<'a, T> {
+    /// Single column.
+    One(&'a str, &'a dyn Fn(&T) -> String),
+    /// Value and its standard deviation, which are rounded together.
+    Pair(&'a str, &'a str, &'a dyn Fn(&T) -> (String, String)),
+}
 
 /// Table whose rows are given and whose columns are not yet defined.
 pub struct GridRows<I>(I);
@@ -100,9 +102,18 @@ pub struct GridRows<I>(I);
 impl<'r, T: 'r, I: IntoIterator<Item = &'r T>> GridRows<I> {
     /// Builds the table from its column definitions; headings have the prefixes of [`Grid::new`].
     pub fn columns(self, columns: &[ColumnDefinition<T>]) -> Grid {
-        let titles: Vec<&str> = columns.iter().map(|(title, _)| *title).collect();
-        let cells = |row: &T| columns.iter().map(|(_, cell)| cell(row)).collect();
-        Grid { rows: self.0.into_iter().map(cells).collect(), ..Grid::new(&titles) }
+        let titles = columns.iter().flat_map(|column| match column {
+            One(title, _) => vec![*title],
+            Pair(value, sigma, _) => vec![*value, *sigma],
+        });
+        let cells = |row: &T| {
+            let all = columns.iter().flat_map(|column| match column {
+                One(_, cell) => vec![cell(row)],
+                Pair(.., cells) => <[String; 2]>::from(cells(row)).to_vec(),
+            });
+            all.collect()
+        };
+        Grid { rows: self.0.into_iter().map(cells).collect(), ..Grid::new(&titles.collect::<Vec<_>>()) }
     }
 }
 

@@ -4,12 +4,13 @@
 use serde_json::{Map, Value};
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
+use super::grid::ColumnDefinition::{One, Pair};
 use super::grid::Grid;
 use super::number::{NONE, format_fixed, format_general, format_rounded};
 use super::table;
 use crate::record::{
     AdjustmentMethod, Estimate, GlobalTest, ImageRecord, MarkerRecord, Parameters, Quality, RecordStatus, SigmaKind,
-    Term, TorsionRecord, VarianceComponent, json_fields, json_text,
+    Term, VarianceComponent, json_fields, json_text,
 };
 
 /// Correlations of at least this magnitude are listed as strong.
@@ -38,7 +39,7 @@ pub fn adjustment_protocol(record: &ImageRecord) -> String {
     push_section(&mut out, "Variance budget of the tip deflection", &variance_budget_text(record));
     push_section(&mut out, "Torsion", &torsion_text(record));
     push_section(&mut out, "Excluded markers", &unused_marker_text(record));
-    push_section(&mut out, "Remarks", &join_lines(&record.remarks));
+    push_section(&mut out, "Remarks", &record.remarks.join("\n"));
     push_section(&mut out, "Inputs", &provenance_text(record));
     out
 }
@@ -48,10 +49,6 @@ fn push_section(out: &mut String, title: &str, body: &str) {
     if !body.trim().is_empty() {
         out.push_str(&format!("\n{title}\n{}\n{}\n", "-".repeat(title.chars().count()), body.trim_end()));
     }
-}
-
-fn join_lines(texts: &[String]) -> String {
-    texts.iter().map(|t| format!("{t}\n")).collect()
 }
 
 fn overview_text(record: &ImageRecord) -> String {
@@ -112,10 +109,10 @@ fn parameter_table(record: &ImageRecord) -> Grid {
     let ratio = |term: &Term| term.estimate.and_then(|m| Some(m.value.abs() / sigma(&m)?));
     let format_value = |value: Option<f64>, none: &str| value.map_or(none.to_owned(), format_general);
     Grid::for_rows(&record.model.terms()).columns(&[
-        ("<parameter", &name),
-        ("value", &|term| format_value(term.estimate.map(|m| m.value), NONE)),
-        ("sigma", &|term| format_value(term.estimate.and_then(|m| m.sigma), "fixed")),
-        ("value / sigma", &|term| format_fixed(ratio(term), 1)),
+        One("<parameter", &name),
+        One("value", &|term| format_value(term.estimate.map(|m| m.value), NONE)),
+        One("sigma", &|term| format_value(term.estimate.and_then(|m| m.sigma), "fixed")),
+        One("value / sigma", &|term| format_fixed(ratio(term), 1)),
     ])
 }
 
@@ -169,11 +166,11 @@ fn variance_components(record: &ImageRecord) -> String {
     let root = |one: &VarianceComponent| one.factor.filter(|f| *f >= 0.0).map(f64::sqrt);
     Grid::for_rows(&record.quality.variance_components)
         .columns(&[
-            ("<group", &|one| one.group.to_string()),
-            ("component", &|one| format_fixed(one.factor, 3)),
-            ("sigma", &|one| format_fixed(one.sigma_factor, 3)),
-            ("sigma scaled by", &|one| format_fixed(root(one), 3)),
-            ("redundancy", &|one| format_fixed(Some(one.redundancy), 2)),
+            One("<group", &|one| one.group.to_string()),
+            One("component", &|one| format_fixed(one.factor, 3)),
+            One("sigma", &|one| format_fixed(one.sigma_factor, 3)),
+            One("sigma scaled by", &|one| format_fixed(root(one), 3)),
+            One("redundancy", &|one| format_fixed(Some(one.redundancy), 2)),
         ])
         .text()
 }
@@ -184,18 +181,18 @@ fn used_markers(record: &ImageRecord) -> impl Iterator<Item = &MarkerRecord> {
 
 fn observation_text(record: &ImageRecord) -> String {
     let grid = Grid::for_rows(used_markers(record)).columns(&[
-        ("<marker", &|m| m.id.clone()),
-        ("u / px", &|m| format_rounded(m.u_px, m.sigma_u_px, 2).0),
-        ("v / px", &|m| format_rounded(m.v_px, m.sigma_v_px, 2).0),
-        ("sigma u / px", &|m| format_rounded(m.u_px, m.sigma_u_px, 2).1),
-        ("sigma v / px", &|m| format_rounded(m.v_px, m.sigma_v_px, 2).1),
-        ("residual u / px", &|m| format_fixed(m.residual_u_px, 3)),
-        ("residual v / px", &|m| format_fixed(m.residual_v_px, 3)),
-        ("r u", &|m| format_fixed(m.redundancy_u, 2)),
-        ("r v", &|m| format_fixed(m.redundancy_v, 2)),
-        ("w", &|m| format_fixed(m.w_test, 2)),
-        ("MDB u / px", &|m| format_fixed(m.mdb_u_px, 2)),
-        ("MDB v / px", &|m| format_fixed(m.mdb_v_px, 2)),
+        One("<marker", &|m| m.id.clone()),
+        One("u / px", &|m| format_rounded(m.u_px, m.sigma_u_px, 2).0),
+        One("v / px", &|m| format_rounded(m.v_px, m.sigma_v_px, 2).0),
+        One("sigma u / px", &|m| format_rounded(m.u_px, m.sigma_u_px, 2).1),
+        One("sigma v / px", &|m| format_rounded(m.v_px, m.sigma_v_px, 2).1),
+        One("residual u / px", &|m| format_fixed(m.residual_u_px, 3)),
+        One("residual v / px", &|m| format_fixed(m.residual_v_px, 3)),
+        One("r u", &|m| format_fixed(m.redundancy_u, 2)),
+        One("r v", &|m| format_fixed(m.redundancy_v, 2)),
+        One("w", &|m| format_fixed(m.w_test, 2)),
+        One("MDB u / px", &|m| format_fixed(m.mdb_u_px, 2)),
+        One("MDB v / px", &|m| format_fixed(m.mdb_v_px, 2)),
     ]);
     let critical = significance_level(record, |p| p.snooping_alpha).and_then(|alpha| {
         let law = Normal::new(0.0, 1.0).ok()?;
@@ -224,20 +221,13 @@ fn position_table(record: &ImageRecord) -> Grid {
     let coordinate = |m: &MarkerRecord, axis: usize| {
         format_rounded(m.position_m.map(|p| p[axis]), m.sigma_position_m.map(|s| s[axis]), 4)
     };
-    let distance = |m: &MarkerRecord| format_rounded(m.distance_m, m.sigma_distance_m, 4);
-    let deflection = |m: &MarkerRecord| format_rounded(m.deflection_m, m.sigma_deflection_m, 4);
     Grid::for_rows(used_markers(record)).columns(&[
-        ("<marker", &|m| m.id.clone()),
-        ("x / m", &|m| coordinate(m, 0).0),
-        ("sigma", &|m| coordinate(m, 0).1),
-        ("y / m", &|m| coordinate(m, 1).0),
-        ("sigma", &|m| coordinate(m, 1).1),
-        ("z / m", &|m| coordinate(m, 2).0),
-        ("sigma", &|m| coordinate(m, 2).1),
-        ("distance / m", &|m| distance(m).0),
-        ("sigma", &|m| distance(m).1),
-        ("deflection / m", &|m| deflection(m).0),
-        ("sigma", &|m| deflection(m).1),
+        One("<marker", &|m| m.id.clone()),
+        Pair("x / m", "sigma", &|m| coordinate(m, 0)),
+        Pair("y / m", "sigma", &|m| coordinate(m, 1)),
+        Pair("z / m", "sigma", &|m| coordinate(m, 2)),
+        Pair("distance / m", "sigma", &|m| format_rounded(m.distance_m, m.sigma_distance_m, 4)),
+        Pair("deflection / m", "sigma", &|m| format_rounded(m.deflection_m, m.sigma_deflection_m, 4)),
     ])
 }
 
@@ -253,15 +243,11 @@ fn torsion_text(record: &ImageRecord) -> String {
     if record.torsion.is_empty() {
         return String::new();
     }
-    let angle = |t: &TorsionRecord| format_rounded(t.angle_deg, t.sigma_deg, 2);
-    let twist = |t: &TorsionRecord| format_rounded(t.twist_deg, t.sigma_twist_deg, 2);
     Grid::for_rows(&record.torsion)
         .columns(&[
-            ("<pair", &|t| t.name.clone()),
-            ("angle / deg", &|t| angle(t).0),
-            ("sigma", &|t| angle(t).1),
-            ("twist free of bending / deg", &|t| twist(t).0),
-            ("sigma", &|t| twist(t).1),
+            One("<pair", &|t| t.name.clone()),
+            Pair("angle / deg", "sigma", &|t| format_rounded(t.angle_deg, t.sigma_deg, 2)),
+            Pair("twist free of bending / deg", "sigma", &|t| format_rounded(t.twist_deg, t.sigma_twist_deg, 2)),
         ])
         .text()
 }
@@ -276,10 +262,10 @@ fn unused_marker_text(record: &ImageRecord) -> String {
 
 fn detection_table(record: &ImageRecord) -> Grid {
     Grid::for_rows(&record.markers).columns(&[
-        ("<marker", &|m| m.id.clone()),
-        ("u / px", &|m| format_fixed(m.u_px, 2)),
-        ("v / px", &|m| format_fixed(m.v_px, 2)),
-        ("<remark", &|m| m.reason.clone().unwrap_or_default()),
+        One("<marker", &|m| m.id.clone()),
+        One("u / px", &|m| format_fixed(m.u_px, 2)),
+        One("v / px", &|m| format_fixed(m.v_px, 2)),
+        One("<remark", &|m| m.reason.clone().unwrap_or_default()),
     ])
 }
 

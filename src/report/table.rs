@@ -1,6 +1,7 @@
 //! Tables shared by the terminal and the report.
 
 use super::MarkerCount;
+use super::grid::ColumnDefinition::{One, Pair};
 use super::grid::Grid;
 use super::number::{NONE, count_text, decimals_for, format_fixed, format_rounded};
 use super::summary::{Mean, SeriesSummary};
@@ -51,13 +52,11 @@ pub fn tip_table(tip: &Tip) -> Grid {
     let reported = tip.reference.unwrap_or_default();
     let deflections: Vec<_> =
         DeflectionReference::ALL.iter().filter_map(|one| Some((*one, tip.deflection(*one)?))).collect();
-    let pair = |deflection: &(f64, Option<f64>)| format_rounded(Some(deflection.0), deflection.1, 4);
     Grid::for_rows(&deflections).columns(&[
-        ("<deflection of", &|_| tip.label()),
-        ("<reference", &|(one, _)| one.description().to_owned()),
-        ("m", &|(_, deflection)| pair(deflection).0),
-        ("sigma / m", &|(_, deflection)| pair(deflection).1),
-        ("<reported", &|(one, _)| if *one == reported { "yes" } else { "" }.to_owned()),
+        One("<deflection of", &|_| tip.label()),
+        One("<reference", &|(one, _)| one.description().to_owned()),
+        Pair("m", "sigma / m", &|(_, (deflection_m, sigma_m))| format_rounded(Some(*deflection_m), *sigma_m, 4)),
+        One("<reported", &|(one, _)| if *one == reported { "yes" } else { "" }.to_owned()),
     ])
 }
 
@@ -87,9 +86,9 @@ pub fn budget_text(budget: &[VarianceShare]) -> String {
 /// Builds the table of a variance budget.
 pub fn budget_table(shares: &[VarianceShare]) -> Grid {
     Grid::for_rows(shares).columns(&[
-        ("<source", &|one| one.source.to_string()),
-        ("contribution / %", &|one| format_fixed(Some(100.0 * one.share), 1)),
-        ("sigma of the deflection if known / mm", &|one| {
+        One("<source", &|one| one.source.to_string()),
+        One("contribution / %", &|one| format_fixed(Some(100.0 * one.share), 1)),
+        One("sigma of the deflection if known / mm", &|one| {
             format_fixed(one.sigma_if_known_m.map(|sigma| 1e3 * sigma), 2)
         }),
     ])
@@ -98,21 +97,17 @@ pub fn budget_table(shares: &[VarianceShare]) -> Grid {
 /// Formats the detections of one frame; `ids` in their order, or empty if they are not identified.
 pub fn detections_text(image: &str, found: &Detections, ids: &[Option<String>], wide: bool) -> String {
     let sigma = |m: &Detection, k: usize| m.covariance_px2.get((k, k)).map(|v| v.sqrt());
-    let u = |m: &Detection| format_rounded(Some(m.centre_px.x), sigma(m, 0), 2);
-    let v = |m: &Detection| format_rounded(Some(m.centre_px.y), sigma(m, 1), 2);
     let none = || NONE.to_owned();
     let named: Vec<(String, &Detection)> = (found.markers.iter().enumerate())
         .map(|(i, m)| (ids.get(i).cloned().flatten().unwrap_or_else(none), m))
         .collect();
     let grid = Grid::for_rows(&named).columns(&[
-        ("<id", &|(id, _)| id.clone()),
-        ("<shape", &|(_, m)| m.shape.name().to_owned()),
-        ("u / px", &|(_, m)| u(m).0),
-        ("sigma u / px", &|(_, m)| u(m).1),
-        ("v / px", &|(_, m)| v(m).0),
-        ("sigma v / px", &|(_, m)| v(m).1),
-        ("semi-axes / px", &|(_, m)| format!("{:.1} x {:.1}", m.semi_major_px, m.semi_minor_px)),
-        ("angle / deg", &|(_, m)| format_fixed(Some(m.angle_rad.to_degrees()), 1)),
+        One("<id", &|(id, _)| id.clone()),
+        One("<shape", &|(_, m)| m.shape.name().to_owned()),
+        Pair("u / px", "sigma u / px", &|(_, m)| format_rounded(Some(m.centre_px.x), sigma(m, 0), 2)),
+        Pair("v / px", "sigma v / px", &|(_, m)| format_rounded(Some(m.centre_px.y), sigma(m, 1), 2)),
+        One("semi-axes / px", &|(_, m)| format!("{:.1} x {:.1}", m.semi_major_px, m.semi_minor_px)),
+        One("angle / deg", &|(_, m)| format_fixed(Some(m.angle_rad.to_degrees()), 1)),
     ]);
     let psf = found.psf_sigma_px.map(|s| format!(", blur {s:.2} px")).unwrap_or_default();
     format!(
@@ -136,22 +131,17 @@ pub fn series_text(summaries: &[SeriesSummary], wide: bool) -> String {
 
 /// Builds the table of the series, for the terminal and the report.
 pub fn series_table(summaries: &[SeriesSummary]) -> Grid {
-    let angle = |s: &SeriesSummary| mean_text(s.torsion.first().and_then(|p| p.angle_deg), 2);
-    let twist = |s: &SeriesSummary| mean_text(s.torsion.first().and_then(|p| p.twist_deg), 2);
     Grid::for_rows(summaries).columns(&[
-        ("<series", &|s| s.name.clone()),
-        ("<start (UTC)", &|s| s.begun_text()),
-        ("frames", &|s| s.shots.to_string()),
-        ("solved", &|s| s.solved.to_string()),
-        ("mean tip deflection / m", &|s| mean_text(s.tip_deflection_m, 3).0),
-        ("sigma / m", &|s| mean_text(s.tip_deflection_m, 3).1),
-        ("scatter / m", &|s| scatter_text(s.tip_deflection_m)),
-        ("~torsion / deg", &|s| angle(s).0),
-        ("~sigma / deg", &|s| angle(s).1),
-        ("~twist / deg", &|s| twist(s).0),
-        ("~sigma / deg", &|s| twist(s).1),
-        ("~variance factor", &|s| s.variance_text()),
-        ("tests passed", &|s| format!("{}/{}", s.tests_passed, s.tests_made)),
+        One("<series", &|s| s.name.clone()),
+        One("<start (UTC)", &|s| s.begun_text()),
+        One("frames", &|s| s.shots.to_string()),
+        One("solved", &|s| s.solved.to_string()),
+        Pair("mean tip deflection / m", "sigma / m", &|s| mean_text(s.tip_deflection_m, 3)),
+        One("scatter / m", &|s| scatter_text(s.tip_deflection_m)),
+        Pair("~torsion / deg", "~sigma / deg", &|s| mean_text(s.torsion.first().and_then(|p| p.angle_deg), 2)),
+        Pair("~twist / deg", "~sigma / deg", &|s| mean_text(s.torsion.first().and_then(|p| p.twist_deg), 2)),
+        One("~variance factor", &|s| s.variance_text()),
+        One("tests passed", &|s| format!("{}/{}", s.tests_passed, s.tests_made)),
     ])
 }
 
@@ -188,48 +178,40 @@ fn image_rows(rows: &[(&ImageRecord, MarkerCount)], reference: DeflectionReferen
         let (value, sigma) = r.torsion.first().map(values).unwrap_or_default();
         format_rounded(value, sigma, 2)
     };
-    let angle = |r: &ImageRecord| pair(r, |p| (p.angle_deg, p.sigma_deg));
-    let twist = |r: &ImageRecord| pair(r, |p| (p.twist_deg, p.sigma_twist_deg));
     Grid::for_rows(rows).columns(&[
-        ("<image", &|(r, _)| r.image.clone()),
-        ("~<status", &|(r, _)| variant_name(r.status)),
-        ("~<method", &|(r, _)| if r.flight { "flight".to_owned() } else { variant_name(r.method) }),
-        ("<tip", &|(r, _)| tip(r)),
-        ("deflection / m", &|(r, _)| deflection(r).0),
-        ("sigma / m", &|(r, _)| deflection(r).1),
-        ("~torsion / deg", &|(r, _)| angle(r).0),
-        ("~sigma / deg", &|(r, _)| angle(r).1),
-        ("twist / deg", &|(r, _)| twist(r).0),
-        ("sigma / deg", &|(r, _)| twist(r).1),
-        ("used", &|(_, count)| format!("{}/{}", count.used, count.surveyed)),
-        ("variance factor", &|(r, _)| format_fixed(r.variance_factor, 2)),
-        ("<global test", &|(r, _)| r.global_test.map_or(NONE.to_owned(), variant_name)),
+        One("<image", &|(r, _)| r.image.clone()),
+        One("~<status", &|(r, _)| variant_name(r.status)),
+        One("~<method", &|(r, _)| if r.flight { "flight".to_owned() } else { variant_name(r.method) }),
+        One("<tip", &|(r, _)| tip(r)),
+        Pair("deflection / m", "sigma / m", &|(r, _)| deflection(r)),
+        Pair("~torsion / deg", "~sigma / deg", &|(r, _)| pair(r, |p| (p.angle_deg, p.sigma_deg))),
+        Pair("twist / deg", "sigma / deg", &|(r, _)| pair(r, |p| (p.twist_deg, p.sigma_twist_deg))),
+        One("used", &|(_, count)| format!("{}/{}", count.used, count.surveyed)),
+        One("variance factor", &|(r, _)| format_fixed(r.variance_factor, 2)),
+        One("<global test", &|(r, _)| r.global_test.map_or(NONE.to_owned(), variant_name)),
     ])
 }
 
 /// Builds the table of the markers of one image, for the terminal and the report.
 pub fn marker_table(record: &ImageRecord) -> Grid {
-    let distance = |m: &MarkerRecord| format_rounded(m.distance_m, m.sigma_distance_m, 3);
     let reference = record.tip.as_ref().and_then(|tip| tip.reference).unwrap_or_default();
     let deflection = |m: &MarkerRecord| {
         let (value, sigma) = m.deflection(reference);
         format_rounded(value, sigma, 3)
     };
     Grid::for_rows(&record.markers).columns(&[
-        ("<marker", &|m| m.id.clone()),
-        ("~<shape", &|m| m.shape.name().to_owned()),
-        ("u / px", &|m| format_rounded(m.u_px, m.sigma_u_px, 2).0),
-        ("v / px", &|m| format_rounded(m.v_px, m.sigma_v_px, 2).0),
-        ("~sigma u / px", &|m| format_rounded(m.u_px, m.sigma_u_px, 2).1),
-        ("~sigma v / px", &|m| format_rounded(m.v_px, m.sigma_v_px, 2).1),
-        ("residual u / px", &|m| format_fixed(m.residual_u_px, 3)),
-        ("residual v / px", &|m| format_fixed(m.residual_v_px, 3)),
-        ("~distance / m", &|m| distance(m).0),
-        ("~sigma / m", &|m| distance(m).1),
-        ("deflection / m", &|m| deflection(m).0),
-        ("sigma / m", &|m| deflection(m).1),
-        ("~w", &|m| format_fixed(m.w_test, 1)),
-        ("<remark", &marker_remark),
+        One("<marker", &|m| m.id.clone()),
+        One("~<shape", &|m| m.shape.name().to_owned()),
+        One("u / px", &|m| format_rounded(m.u_px, m.sigma_u_px, 2).0),
+        One("v / px", &|m| format_rounded(m.v_px, m.sigma_v_px, 2).0),
+        One("~sigma u / px", &|m| format_rounded(m.u_px, m.sigma_u_px, 2).1),
+        One("~sigma v / px", &|m| format_rounded(m.v_px, m.sigma_v_px, 2).1),
+        One("residual u / px", &|m| format_fixed(m.residual_u_px, 3)),
+        One("residual v / px", &|m| format_fixed(m.residual_v_px, 3)),
+        Pair("~distance / m", "~sigma / m", &|m| format_rounded(m.distance_m, m.sigma_distance_m, 3)),
+        Pair("deflection / m", "sigma / m", &deflection),
+        One("~w", &|m| format_fixed(m.w_test, 1)),
+        One("<remark", &marker_remark),
     ])
 }
 
@@ -260,10 +242,10 @@ pub fn unused_markers_of_series<'a>(records: impl Iterator<Item = (String, &'a I
     }
     seen.sort_by(|a, b| a.0.cmp(&b.0));
     Grid::for_rows(&seen).columns(&[
-        ("<marker", &|s| s.0.clone()),
-        ("<reason", &|s| s.1.clone()),
-        ("frames", &|s| s.2.to_string()),
-        ("<first in", &|s| s.3.clone()),
+        One("<marker", &|s| s.0.clone()),
+        One("<reason", &|s| s.1.clone()),
+        One("frames", &|s| s.2.to_string()),
+        One("<first in", &|s| s.3.clone()),
     ])
 }
 

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 
 use super::default_paths::{load_installation, resolve_installation};
-use super::{Completion, Failure, print_json, print_line, write_output};
+use super::{Completion, Failure, TaskResult, print_json, print_line, write_output};
 use crate::desk::CHECK_WRITE_ACCESS;
 use crate::desk::plan::{
     draft_installation, drafted_facts, flight_precision, plan_failure, prior_precision, write_layout,
@@ -20,7 +20,7 @@ use crate::measure::plan::{
 };
 use crate::measure::setup::Setup;
 use crate::record::DeflectionReference;
-use crate::report::grid::Grid;
+use crate::report::grid::{ColumnDefinition::One, Grid};
 use crate::report::number::format_fixed;
 use crate::report::{plan_figure, table};
 
@@ -64,7 +64,7 @@ pub struct PlanArgs {
 }
 
 /// Plans an installation or a drafted layout of markers, and proposes improvements to reach a required precision.
-pub(super) fn run(args: &PlanArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &PlanArgs) -> TaskResult<Completion> {
     let sensible = args.pixel_sigma > 0.0 && args.pixel_sigma <= 100.0 && args.tip_deflection.abs() <= 100.0;
     if !sensible {
         return Err(Failure::Usage("--pixel-sigma must be in (0, 100] px, --tip-deflection within 100 m".into()));
@@ -133,9 +133,9 @@ fn variants_json(args: &PlanArgs, variants: &[DraftVariant]) -> Value {
 /// Lists other lenses and heights; recommends the most precise one that can be measured.
 fn variants_text(args: &PlanArgs, variants: &[DraftVariant]) -> String {
     let rows = Grid::for_rows(variants).columns(&[
-        ("focal length / mm", &|v| format!("{:.1}", focal_mm(args, v))),
-        ("height / m", &|v| format!("{:.2}", v.height_m)),
-        ("tip deflection / mm", &|v| format_fixed(v.sigma_m.map(|m| 1e3 * m), 1)),
+        One("focal length / mm", &|v| format!("{:.1}", focal_mm(args, v))),
+        One("height / m", &|v| format!("{:.2}", v.height_m)),
+        One("tip deflection / mm", &|v| format_fixed(v.sigma_m.map(|m| 1e3 * m), 1)),
     ]);
     let mut out = format!("\nOther lenses and heights, one frame (- cannot be measured)\n{}", rows.text());
     let usable = variants.iter().filter(|v| v.sigma_m.is_some());
@@ -211,18 +211,18 @@ fn optics_text(plan: &InstallationPlan) -> String {
 fn marker_table(markers: &[MarkerPlan]) -> Grid {
     let mm = |value: Option<f64>| format_fixed(value.map(|m| 1e3 * m), 1);
     Grid::for_rows(markers).columns(&[
-        ("<marker", &|m| m.id.clone()),
-        ("~<shape", &|m| m.shape.to_owned()),
-        ("span / m", &|m| format_fixed(Some(m.span_m), 2)),
-        ("~distance / m", &|m| format_fixed(Some(m.distance_m), 2)),
-        ("spanwise / (mm/px)", &|m| format_fixed(Some(m.ground.spanwise_mm), 1)),
-        ("in flight", &|m| format_fixed(Some(m.flight.spanwise_mm), 1)),
-        ("streamwise / (mm/px)", &|m| format_fixed(Some(m.ground.streamwise_mm), 2)),
-        ("image / px", &|m| format!("{:.1} x {:.1}", m.image_px[1], m.image_px[0])),
-        ("blur / px", &|m| format_fixed(m.blur_px, 1)),
-        ("sigma deflection / mm", &|m| mm(m.sigma.as_ref().map(|s| s.deflection_m))),
-        ("~sigma span / mm", &|m| mm(m.sigma.as_ref().map(|s| s.span_m))),
-        ("<seen", &|m| if m.visible { "yes" } else { "no" }.to_owned()),
+        One("<marker", &|m| m.id.clone()),
+        One("~<shape", &|m| m.shape.to_owned()),
+        One("span / m", &|m| format_fixed(Some(m.span_m), 2)),
+        One("~distance / m", &|m| format_fixed(Some(m.distance_m), 2)),
+        One("spanwise / (mm/px)", &|m| format_fixed(Some(m.ground.spanwise_mm), 1)),
+        One("in flight", &|m| format_fixed(Some(m.flight.spanwise_mm), 1)),
+        One("streamwise / (mm/px)", &|m| format_fixed(Some(m.ground.streamwise_mm), 2)),
+        One("image / px", &|m| format!("{:.1} x {:.1}", m.image_px[1], m.image_px[0])),
+        One("blur / px", &|m| format_fixed(m.blur_px, 1)),
+        One("sigma deflection / mm", &|m| mm(m.sigma.as_ref().map(|s| s.deflection_m))),
+        One("~sigma span / mm", &|m| mm(m.sigma.as_ref().map(|s| s.span_m))),
+        One("<seen", &|m| if m.visible { "yes" } else { "no" }.to_owned()),
     ])
 }
 
@@ -282,21 +282,21 @@ fn marker_change_table(prediction: &LayoutPrediction) -> Grid {
         (name, Some(change.span_m), change.expected)
     }));
     Grid::for_rows(&rows).columns(&[
-        ("<layout", &|(name, ..)| name.clone()),
-        ("span / m", &|(_, span_m, _)| format_fixed(*span_m, 2)),
-        ("tip deflection / mm", &|(.., e)| format_sigma_mm(*e, |e| e.sigma_tip_deflection_m)),
-        ("mean deflection / mm", &|(.., e)| format_sigma_mm(*e, |e| e.sigma_mean_deflection_m)),
-        ("tip twist / deg", &|(.., e)| format_fixed(e.and_then(|e| e.sigma_tip_twist_deg), 3)),
-        ("along span / mm", &|(.., e)| format_sigma_mm(*e, |e| e.sigma_span_m)),
-        ("tip deflection changes by", &|(.., e)| relative_change(prediction, *e)),
+        One("<layout", &|(name, ..)| name.clone()),
+        One("span / m", &|(_, span_m, _)| format_fixed(*span_m, 2)),
+        One("tip deflection / mm", &|(.., e)| format_sigma_mm(*e, |e| e.sigma_tip_deflection_m)),
+        One("mean deflection / mm", &|(.., e)| format_sigma_mm(*e, |e| e.sigma_mean_deflection_m)),
+        One("tip twist / deg", &|(.., e)| format_fixed(e.and_then(|e| e.sigma_tip_twist_deg), 3)),
+        One("along span / mm", &|(.., e)| format_sigma_mm(*e, |e| e.sigma_span_m)),
+        One("tip deflection changes by", &|(.., e)| relative_change(prediction, *e)),
     ])
 }
 
 fn alternative_table(prediction: &LayoutPrediction, list: &[AlternativeLayout]) -> Grid {
     Grid::for_rows(list).columns(&[
-        ("<assumed", &|one| one.name.clone()),
-        ("tip deflection / mm", &|one| format_sigma_mm(one.expected, |e| e.sigma_tip_deflection_m)),
-        ("mean deflection / mm", &|one| format_sigma_mm(one.expected, |e| e.sigma_mean_deflection_m)),
-        ("tip deflection changes by", &|one| relative_change(prediction, one.expected)),
+        One("<assumed", &|one| one.name.clone()),
+        One("tip deflection / mm", &|one| format_sigma_mm(one.expected, |e| e.sigma_tip_deflection_m)),
+        One("mean deflection / mm", &|one| format_sigma_mm(one.expected, |e| e.sigma_mean_deflection_m)),
+        One("tip deflection changes by", &|one| relative_change(prediction, one.expected)),
     ])
 }

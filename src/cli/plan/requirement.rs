@@ -6,7 +6,7 @@ use crate::desk::plan::FlightPrecision;
 use crate::measure::plan::{InstallationPlan, RequirementResult};
 use crate::measure::setup::{Orientation, Setup};
 use crate::record::json_fields;
-use crate::report::grid::Grid;
+use crate::report::grid::{ColumnDefinition::One, Grid};
 use crate::report::number::{count_text, format_fixed};
 
 /// Parses a length with its unit and returns it in metres.
@@ -109,7 +109,10 @@ fn answer_text(answer: &RequirementResult, proposal: &Setup) -> String {
         "\nVariance budget with {}\n{}",
         count_frames(answer.frames),
         Grid::for_rows(&answer.sources)
-            .columns(&[("<source", &|s| s.source.clone()), ("share / %", &|s| format_fixed(Some(100.0 * s.share), 0)),])
+            .columns(&[
+                One("<source", &|s| s.source.clone()),
+                One("share / %", &|s| format_fixed(Some(100.0 * s.share), 0)),
+            ])
             .text()
     );
     let taken = |sigma: Option<f64>| sigma.map_or_else(|| format_fixed(None, 0), |m| format!("{:.1}", 1e3 * m));
@@ -117,10 +120,10 @@ fn answer_text(answer: &RequirementResult, proposal: &Setup) -> String {
         "\nPossible improvements, cheapest first\n{}",
         Grid::for_rows(&answer.remedies)
             .columns(&[
-                ("<remedy", &|r| r.remedy.clone()),
-                ("<takes", &|r| r.cost.to_owned()),
-                ("alone / mm", &|r| taken(r.sigma_alone_m)),
-                ("proposed, with those above / mm", &|r| taken(r.sigma_taken_m)),
+                One("<remedy", &|r| r.remedy.clone()),
+                One("<takes", &|r| r.cost.to_owned()),
+                One("alone / mm", &|r| taken(r.sigma_alone_m)),
+                One("proposed, with those above / mm", &|r| taken(r.sigma_taken_m)),
             ])
             .text()
     ));

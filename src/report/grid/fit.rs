@@ -9,15 +9,6 @@ const GAP: usize = 2;
 /// Minimum width of a column of wrapped words, characters.
 const MIN_WORDS_WIDTH: usize = 20;
 
-/// Maximum width of a formatted table.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum TableWidth {
-    /// 80 characters.
-    Terminal,
-    /// Unlimited.
-    All,
-}
-
 /// Columns and cells to be written; a heading or a cell is a list of lines.
 struct TextTable {
     columns: Vec<GridColumn>,
@@ -28,15 +19,11 @@ struct TextTable {
 impl TextTable {
     fn from_grid(grid: &Grid, is_included: impl Fn(&GridColumn) -> bool) -> Self {
         let chosen: Vec<usize> = (0..grid.columns.len()).filter(|k| is_included(&grid.columns[*k])).collect();
-        let cells = |row: &Vec<String>| {
-            chosen
-                .iter()
-                .map(|k| vec![row.get(*k).map(|cell| replace_control_characters(cell)).unwrap_or_default()])
-                .collect()
-        };
+        let lines = |cell: &String| vec![replace_control_characters(cell)];
+        let cells = |row: &Vec<String>| chosen.iter().map(|k| row.get(*k).map(lines).unwrap_or_default()).collect();
         let columns: Vec<GridColumn> = chosen.iter().map(|k| grid.columns[*k].clone()).collect();
         Self {
-            titles: columns.iter().map(|c| vec![replace_control_characters(&c.title)]).collect(),
+            titles: columns.iter().map(|c| lines(&c.title)).collect(),
             rows: grid.rows.iter().map(cells).collect(),
             columns,
         }
@@ -124,10 +111,10 @@ impl TextTable {
     }
 }
 
-/// Formats a table; a last line gives the number of omitted columns.
-pub(super) fn fit_text(grid: &Grid, width: TableWidth) -> String {
+/// Formats a table, with all columns in full width if `wide`; a last line gives the number of omitted columns.
+pub(super) fn fit_text(grid: &Grid, wide: bool) -> String {
     let whole = TextTable::from_grid(grid, |_| true);
-    if width == TableWidth::All || whole.total_width() <= TERMINAL_WIDTH {
+    if wide || whole.total_width() <= TERMINAL_WIDTH {
         return whole.to_text();
     }
     let folded = whole.fold_titles();
@@ -211,6 +198,6 @@ mod tests {
         long.push(vec!["M01".into(), "hidden by glare ".repeat(9).trim_end().into()]);
         let text = long.text();
         assert!(text.lines().count() == 4 && text.lines().all(|line| line.chars().count() <= 80), "{text}");
-        assert!(long.wide_text().lines().any(|line| line.chars().count() > 100));
+        assert!(long.text_with_width(true).lines().any(|line| line.chars().count() > 100));
     }
 }

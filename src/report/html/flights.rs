@@ -2,6 +2,7 @@
 
 use maud::{Markup, html};
 
+use super::super::grid::ColumnDefinition::{One, Pair};
 use super::super::grid::Grid;
 use super::super::number::{count_text, format_rounded};
 use super::super::overview::{FlightOverview, SeriesOverview};
@@ -78,16 +79,15 @@ fn flights_table(flights: &[FlightOverview]) -> Grid {
         )
     };
     Grid::for_rows(flights).columns(&[
-        ("<flight", &|f| f.flight.clone()),
-        ("<start (UTC)", &|f| begun(f).map_or("unknown".to_owned(), day)),
-        ("series", &|f| f.series.len().to_string()),
-        ("frames", &|f| f.sum(|line| line.frames).to_string()),
-        ("solved", &|f| f.sum(|line| line.solved).to_string()),
-        ("largest deflection / m", &|f| deflection(f).0),
-        ("sigma / m", &|f| deflection(f).1),
-        ("<in frame", &|f| {
+        One("<flight", &|f| f.flight.clone()),
+        One("<start (UTC)", &|f| begun(f).map_or("unknown".to_owned(), day)),
+        One("series", &|f| f.series.len().to_string()),
+        One("frames", &|f| f.sum(|line| line.frames).to_string()),
+        One("solved", &|f| f.sum(|line| line.solved).to_string()),
+        Pair("largest deflection / m", "sigma / m", &deflection),
+        One("<in frame", &|f| {
             f.greatest().map_or(String::new(), |(line, deflection)| format!("{}/{}", line.name, deflection.image))
         }),
-        ("<reference", &|f| f.reference.description().to_owned()),
+        One("<reference", &|f| f.reference.description().to_owned()),
     ])
 }
