@@ -44,7 +44,7 @@ pub(super) fn default_decimal() -> char {
 }
 
 /// Positions and formats of the fields of a line.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Default)]
 #[serde(deny_unknown_fields)]
 pub struct Layout {
     /// Required first field; other lines are not read.
@@ -115,19 +115,7 @@ pub(super) const IWG1: [(usize, Quantity, f64, &str); 6] = [
 impl Layout {
     /// Creates a layout of separated fields.
     pub fn separated(separator: char, time_field: usize, column: Vec<QuantityColumn>) -> Self {
-        Self {
-            begins_with: None,
-            separator,
-            time_field,
-            time_format: TimeFormat::default(),
-            date: None,
-            date_field: None,
-            zone_s: None,
-            zone_field: None,
-            missing: vec![],
-            decimal: default_decimal(),
-            column,
-        }
+        Self { separator, time_field, decimal: default_decimal(), column, ..Self::default() }
     }
 
     /// Creates the layout of IWG1 with a platform's own fields.

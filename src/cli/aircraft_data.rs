@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use super::{Completion, Failure, print_json, print_line, print_notes};
+use super::{Completion, Failure, TaskResult, print_json, print_line, print_notes};
 use crate::aircraft::Quantity;
 use crate::clock::{Clock, SystemClock};
 use crate::desk::aircraft_table::{QuantityFrames, TableImport, count_frames_by_source};
@@ -40,7 +40,7 @@ pub struct AircraftDataArgs {
 }
 
 /// Imports a table of aircraft data into a flight, lists its sources, or withdraws one.
-pub(super) fn run(args: &AircraftDataArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &AircraftDataArgs) -> TaskResult<Completion> {
     let found = select_flights(&args.store, Some(&args.flight))?;
     let flight = found.first().ok_or_else(|| Failure::Failed(format!("there is no flight {}", args.flight)))?;
     match (args.withdraw, &args.table, &args.mapping) {
@@ -51,12 +51,7 @@ pub(super) fn run(args: &AircraftDataArgs) -> Result<Completion, Failure> {
 }
 
 /// Imports a table; exit status 1 if a quantity has no frame, or a line no time.
-fn import_table(
-    args: &AircraftDataArgs,
-    flight: &FlightRef,
-    file: &Path,
-    mapping: &Path,
-) -> Result<Completion, Failure> {
+fn import_table(args: &AircraftDataArgs, flight: &FlightRef, file: &Path, mapping: &Path) -> TaskResult<Completion> {
     let import = TableImport::read(&args.store, flight, file, mapping)?;
     if import.no_value_because.is_none() {
         import.store_lines(&open_store(&args.store)?.0, flight, file)?;
@@ -137,7 +132,7 @@ fn import_text(flight: &FlightRef, import: &TableImport) -> String {
     text
 }
 
-fn list_sources(args: &AircraftDataArgs, flight: &FlightRef) -> Result<Completion, Failure> {
+fn list_sources(args: &AircraftDataArgs, flight: &FlightRef) -> TaskResult<Completion> {
     let (disk, root) = (&RealDisk, &args.store);
     let (sources, _) = aircraft::read_sources(disk, root, flight)?;
     let (track, notes) = aircraft::read_track(disk, root, flight)?;
@@ -178,7 +173,7 @@ fn list_sources(args: &AircraftDataArgs, flight: &FlightRef) -> Result<Completio
     Ok(Completion::All)
 }
 
-fn withdraw_source(args: &AircraftDataArgs, flight: &FlightRef, number: usize) -> Result<Completion, Failure> {
+fn withdraw_source(args: &AircraftDataArgs, flight: &FlightRef, number: usize) -> TaskResult<Completion> {
     let (store, _) = open_store(&args.store)?;
     let (sources, _) = aircraft::read_sources(store.disk(), store.root(), flight)?;
     let name = match sources.iter().find(|source| source.number == number) {

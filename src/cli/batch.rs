@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-use super::{Failure, print_notes, progress_bar, stop_signal};
+use super::{Failure, TaskResult, print_notes, progress_bar, stop_signal};
 use crate::desk::image_files::{self, ImageCollection};
 use crate::desk::image_names::image_names;
 use crate::desk::image_times::DatingOptions;
@@ -29,8 +29,8 @@ pub fn for_each_image<T: Send>(
     jobs: usize,
     what: &str,
     work: impl Fn(&str, Result<&[u8], Reason>) -> T + Sync,
-    take: impl FnMut(T) -> Result<(), Failure>,
-) -> Result<(), Failure> {
+    take: impl FnMut(T) -> TaskResult<()>,
+) -> TaskResult<()> {
     let names = image_names(files);
     let inputs: Vec<(&PathBuf, &String)> = files.iter().zip(&names).collect();
     let one = |(file, name): &(&PathBuf, &String)| {
@@ -47,8 +47,8 @@ pub fn for_each_stored_frame<T: Send>(
     jobs: usize,
     what: &str,
     work: impl Fn(&FrameRef, Result<&[u8], Reason>) -> T + Sync,
-    take: impl FnMut(T) -> Result<(), Failure>,
-) -> Result<(), Failure> {
+    take: impl FnMut(T) -> TaskResult<()>,
+) -> TaskResult<()> {
     let one = |frame: &FrameRef| {
         let bytes = store::read_frame(&RealDisk, frame).map_err(Reason::from_error);
         catch_or_fail(bytes, |bytes| work(frame, bytes))
@@ -57,19 +57,19 @@ pub fn for_each_stored_frame<T: Send>(
 }
 
 /// Replaces each folder among the arguments by the images in it, and prints notes on the others.
-pub fn expand_folders(arguments: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
+pub fn expand_folders(arguments: &[PathBuf]) -> TaskResult<Vec<PathBuf>> {
     image_files::expand_folders(arguments, |note| print_notes([note]))
 }
 
 /// Reads and dates images and splits them into series.
-pub fn read_collection(files: &[PathBuf], dating: &DatingOptions) -> Result<ImageCollection, Failure> {
+pub fn read_collection(files: &[PathBuf], dating: &DatingOptions) -> TaskResult<ImageCollection> {
     let mut images = Vec::with_capacity(files.len());
     run_jobs(files, 0, "reading", |file| (file.clone(), image_files::read_image(file)), collect_into(&mut images))?;
     ImageCollection::from_images(images, dating)
 }
 
 /// Returns a `take` that keeps all results.
-pub fn collect_into<T>(results: &mut Vec<T>) -> impl FnMut(T) -> Result<(), Failure> {
+pub fn collect_into<T>(results: &mut Vec<T>) -> impl FnMut(T) -> TaskResult<()> {
     |result| {
         results.push(result);
         Ok(())
@@ -88,8 +88,8 @@ pub fn run_jobs<I: Sync, T: Send>(
     jobs: usize,
     what: &str,
     work: impl Fn(&I) -> T + Sync,
-    mut take: impl FnMut(T) -> Result<(), Failure>,
-) -> Result<(), Failure> {
+    mut take: impl FnMut(T) -> TaskResult<()>,
+) -> TaskResult<()> {
     let jobs = job_count(jobs, inputs.len());
     let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).build();
     let pool = pool.map_err(|e| Failure::Failed(format!("cannot start {jobs} jobs: {e}; use fewer --jobs")))?;

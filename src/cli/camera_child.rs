@@ -1,13 +1,13 @@
 //! The camera process: started by the recorder, never by a person.
 
-use crate::cli::{Completion, Failure};
+use crate::cli::{Completion, Failure, TaskResult};
 
 /// Arguments of the camera process: none.
 #[derive(clap::Args)]
 pub struct CameraChildArgs {}
 
 /// Serves the recorder on standard input and output.
-pub fn run(_: &CameraChildArgs) -> Result<Completion, Failure> {
+pub fn run(_: &CameraChildArgs) -> TaskResult<Completion> {
     crate::camera::gphoto::child::serve_requests()
         .map(|()| Completion::All)
         .map_err(|error| Failure::Failed(format!("camera process: {error}")))

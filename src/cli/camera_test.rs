@@ -9,7 +9,7 @@ use serde_json::json;
 
 use crate::camera::freshness::Freshness;
 use crate::camera::{Camera, CameraError, CameraFrame};
-use crate::cli::{Completion, Failure, print_json};
+use crate::cli::{Completion, TaskResult, print_json};
 use crate::clock::SystemClock;
 use crate::config;
 
@@ -34,7 +34,7 @@ pub struct CameraTestArgs {
 }
 
 /// Takes the shots and prints one line of JSON for each.
-pub fn run(args: &CameraTestArgs) -> Result<Completion, Failure> {
+pub fn run(args: &CameraTestArgs) -> TaskResult<Completion> {
     let camera = config::load_camera(&super::default_paths::resolve_configuration(args.config.as_deref())?)?;
     let mut bench = CameraBench {
         camera: camera.factory(Arc::new(SystemClock::new()), Duration::ZERO)(),

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::{Completion, Failure, default_paths, print_json, print_line, show_busy};
+use super::{Completion, Failure, TaskResult, default_paths, print_json, print_line, show_busy};
 use crate::camera::section::CameraSection;
 use crate::clock::SystemClock;
 use crate::config::{self, Config};
@@ -36,7 +36,7 @@ pub struct CheckArgs {
 type Finding = (&'static str, String);
 
 /// Checks a configuration, the installation and the store, and prints faults and remarks.
-pub(super) fn run(args: &CheckArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &CheckArgs) -> TaskResult<Completion> {
     let mut findings = Findings::default();
     let (file, directory) = select_subjects(args)?;
     if let Some(directory) = &directory {
@@ -60,7 +60,7 @@ pub(super) fn run(args: &CheckArgs) -> Result<Completion, Failure> {
 }
 
 /// Selects the configuration and the installation to check: those given, else those in the working directory.
-fn select_subjects(args: &CheckArgs) -> Result<(Option<PathBuf>, Option<PathBuf>), Failure> {
+fn select_subjects(args: &CheckArgs) -> TaskResult<(Option<PathBuf>, Option<PathBuf>)> {
     if args.config.is_some() || args.installation.is_some() {
         return Ok((args.config.clone(), args.installation.clone()));
     }
@@ -72,7 +72,7 @@ fn select_subjects(args: &CheckArgs) -> Result<(Option<PathBuf>, Option<PathBuf>
 }
 
 /// Prints the findings by name, and the errors, as one JSON object.
-fn print_findings(reported: &[Finding], faults: &[Fault]) -> Result<Completion, Failure> {
+fn print_findings(reported: &[Finding], faults: &[Fault]) -> TaskResult<Completion> {
     let found: serde_json::Map<_, _> =
         reported.iter().map(|(what, how)| ((*what).to_owned(), how.as_str().into())).collect();
     let fault = |f: &Fault| json!({"file": f.file, "place": f.place, "problem": f.problem, "remedy": f.remedy});

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::{Completion, Failure, print_line};
+use super::{Completion, Failure, TaskResult, print_line};
 use crate::exchange::{self, CameraFormat, ReadCamera};
 use crate::installation;
 
@@ -26,7 +26,7 @@ pub struct ConvertArgs {
     to: Option<CameraFormat>,
 }
 
-pub(super) fn run(args: &ConvertArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &ConvertArgs) -> TaskResult<Completion> {
     let to = args.to.or_else(|| exchange::output_format(&args.output));
     let to = to.ok_or_else(|| {
         Failure::Usage(format!("the name {} does not determine its format; give --to", args.output.display()))

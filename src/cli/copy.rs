@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use super::verify::content_text;
-use super::{Completion, Failure, byte_progress, print_json, print_line, print_notes, show_busy};
+use super::{Completion, TaskResult, byte_progress, print_json, print_line, print_notes, show_busy};
 use crate::desk::stored_flights::select_flights;
 use crate::report::number::count_text;
 use crate::store::bundle::{self, BundleContent};
 use crate::store::receive::{Listing, Receiver};
 use crate::store::verify::VerifyReport;
-use crate::store::{Disk, FlightRef, RealDisk, StoreError};
+use crate::store::{Disk, FlightRef, RealDisk, StoreError, StoreResult};
 
 /// Copy a store's flights to another directory, disk or USB stick; an interrupted copy is resumed, and the result verified.
 #[derive(clap::Args)]
@@ -27,7 +27,7 @@ pub struct CopyArgs {
     json: bool,
 }
 
-pub(super) fn run(args: &CopyArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &CopyArgs) -> TaskResult<Completion> {
     let flights = select_flights(&args.store, args.flight.as_deref())?;
     let report = copy_flights(args, &flights, false)?;
     // Damaged files are copied again, once.
@@ -36,7 +36,7 @@ pub(super) fn run(args: &CopyArgs) -> Result<Completion, Failure> {
 }
 
 /// Copies the missing files of the flights, or, if `thorough`, also the damaged ones, and reads the copy back.
-fn copy_flights(args: &CopyArgs, flights: &[FlightRef], thorough: bool) -> Result<VerifyReport, StoreError> {
+fn copy_flights(args: &CopyArgs, flights: &[FlightRef], thorough: bool) -> StoreResult<VerifyReport> {
     let receiver = Receiver::open(&RealDisk, &args.directory)?;
     for flight in flights {
         copy_flight(&RealDisk, &args.store, flight, &receiver, thorough)?;
@@ -45,7 +45,7 @@ fn copy_flights(args: &CopyArgs, flights: &[FlightRef], thorough: bool) -> Resul
 }
 
 /// Reads the complete copy back from its disk and verifies it.
-pub(super) fn read_back(receiver: Receiver) -> Result<VerifyReport, StoreError> {
+pub(super) fn read_back(receiver: Receiver) -> StoreResult<VerifyReport> {
     show_busy("verifying the copy", || receiver.finish())
 }
 
@@ -55,7 +55,7 @@ fn copy_flight(
     flight: &FlightRef,
     receiver: &Receiver,
     thorough: bool,
-) -> Result<(), StoreError> {
+) -> StoreResult<()> {
     let bundle = bundle::bundle_flight(disk, store, flight)?;
     let listing = Listing::from_bundle(&flight.id, &bundle);
     receiver.prepare_flight(&listing)?;
@@ -82,7 +82,7 @@ fn copy_flight(
 }
 
 /// Prints the verdict on a copy that was read back.
-pub(super) fn report_copy(report: &VerifyReport, directory: &Path, json: bool) -> Result<Completion, Failure> {
+pub(super) fn report_copy(report: &VerifyReport, directory: &Path, json: bool) -> TaskResult<Completion> {
     if json {
         print_json(report)?;
         return Ok(Completion::from_success(report.is_sound()));

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{Failure, print_notes};
+use super::{Failure, TaskResult, print_notes};
 use crate::installation::{self, Installation};
 use crate::measure::setup::Setup;
 
@@ -15,7 +15,7 @@ const INSTALLATION_FILE: &str = "installation.toml";
 ///
 /// # Errors
 /// Returns an error if none is given and the directory has none.
-pub(super) fn resolve_configuration(named: Option<&Path>) -> Result<PathBuf, Failure> {
+pub(super) fn resolve_configuration(named: Option<&Path>) -> TaskResult<PathBuf> {
     let text = format!(
         "name the configuration with --config FILE (this directory has no {CONFIGURATION_FILE}; `wingd init` writes one)"
     );
@@ -32,7 +32,7 @@ pub(super) fn local_configuration() -> Option<PathBuf> {
 ///
 /// # Errors
 /// Returns an error if none is given and the directory has none.
-pub(super) fn resolve_installation(named: Option<&Path>) -> Result<PathBuf, Failure> {
+pub(super) fn resolve_installation(named: Option<&Path>) -> TaskResult<PathBuf> {
     let text = format!(
         "name the installation with --installation DIR (this directory has no {INSTALLATION_FOLDER}/; `wingd init` writes one)"
     );
@@ -46,14 +46,14 @@ pub(super) fn local_installation() -> Option<PathBuf> {
 }
 
 /// Loads an installation and prints its warnings.
-pub(super) fn load_installation(directory: &Path) -> Result<Installation, Failure> {
+pub(super) fn load_installation(directory: &Path) -> TaskResult<Installation> {
     let installation = installation::load(directory)?;
     print_warnings(&installation);
     Ok(installation)
 }
 
 /// Loads an installation whose orientation is ignored, and prints its warnings.
-pub(super) fn load_without_orientation(directory: &Path) -> Result<Installation, Failure> {
+pub(super) fn load_without_orientation(directory: &Path) -> TaskResult<Installation> {
     let installation = installation::load_without_orientation(directory)?;
     print_warnings(&installation);
     Ok(installation)
@@ -65,7 +65,7 @@ pub(super) fn print_warnings(installation: &Installation) {
 }
 
 /// Loads the setup of an installation that a figure is drawn with, if one is named.
-pub(super) fn load_setup(named: Option<&Path>) -> Result<Option<Setup>, Failure> {
+pub(super) fn load_setup(named: Option<&Path>) -> TaskResult<Option<Setup>> {
     let installation = named.map(installation::load_without_orientation).transpose()?;
     Ok(installation.map(|installation| installation.setup))
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use tracing::level_filters::LevelFilter;
 
-use super::{Completion, Failure, logging, print_line, print_notes, recorder, write_output};
+use super::{Completion, Failure, TaskResult, logging, print_line, print_notes, recorder, write_output};
 use crate::camera::replay::ReplayConfig;
 use crate::camera::section::CameraSection;
 use crate::clock::{Clock, SimulatedClock};
@@ -61,7 +61,7 @@ const SERIES_INTERVAL: Duration = Duration::from_secs(2 * 3600);
 const SPEED_UP: f64 = 20_000.0;
 const TAKE_OFF_UNIX_S: i64 = 1_780_300_800;
 
-pub(super) fn run(args: &DemoArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &DemoArgs) -> TaskResult<Completion> {
     logging::start_logging(LevelFilter::WARN);
     let input = args.output.join("input");
     unpack_files(&input)?;
@@ -72,7 +72,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<Completion, Failure> {
 }
 
 /// Writes the bundled files, except those that exist with the same content.
-fn unpack_files(input: &Path) -> Result<(), Failure> {
+fn unpack_files(input: &Path) -> TaskResult<()> {
     for (name, bytes) in BUNDLED_FILES {
         let path = input.join(name);
         if std::fs::read(&path).is_ok_and(|there| there == *bytes) {
@@ -86,7 +86,7 @@ fn unpack_files(input: &Path) -> Result<(), Failure> {
 }
 
 /// Estimates the orientation from the ground frame, as `wingd orient` does.
-fn orient_camera(directory: &Path, ground: &Path) -> Result<(), Failure> {
+fn orient_camera(directory: &Path, ground: &Path) -> TaskResult<()> {
     if installation::load(directory).is_ok_and(|i| i.orientation.is_some()) {
         return Ok(());
     }
@@ -102,7 +102,7 @@ fn orient_camera(directory: &Path, ground: &Path) -> Result<(), Failure> {
 }
 
 /// Runs the daemon until the end of its timetable. An interrupted demo is resumed.
-fn record_flight(output: &Path, input: &Path, directory: &Path) -> Result<(), Failure> {
+fn record_flight(output: &Path, input: &Path, directory: &Path) -> TaskResult<()> {
     let config = Config {
         installation: Some(directory.to_owned()),
         camera: CameraSection::Replay(ReplayConfig::from_list(input.join("frames.toml"))),
@@ -143,7 +143,7 @@ fn flight_progress() -> Observer {
 }
 
 /// Verifies the store, writes the report, and prints the paths of both.
-fn verify_and_report(output: &Path, directory: &Path) -> Result<Completion, Failure> {
+fn verify_and_report(output: &Path, directory: &Path) -> TaskResult<Completion> {
     let store = output.join("store");
     let checked = verify::verify_path(&RealDisk, &store);
     let setup = installation::load(directory)?.setup;

@@ -8,7 +8,7 @@ use nalgebra::Matrix2;
 use serde_json::{Map, Value, json};
 
 use super::default_paths::load_installation;
-use super::{Completion, Failure, batch, print_json, print_line};
+use super::{Completion, Failure, TaskResult, batch, print_json, print_line};
 use crate::installation::Installation;
 use crate::measure::detect::{CovarianceSource, Detection, Rejected};
 use crate::pipeline::{ProcessedFrame, recording, stages};
@@ -41,7 +41,7 @@ pub struct DetectArgs {
     jobs: usize,
 }
 
-pub(super) fn run(args: &DetectArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &DetectArgs) -> TaskResult<Completion> {
     let installation = args.installation.as_deref().map(load_installation).transpose()?;
     if let Some(directory) = &args.overlay {
         let text = |e| format!("{} cannot be created ({e}); name another directory", directory.display());

@@ -11,7 +11,7 @@ use clap::ValueEnum;
 use serde_json::{Map, Value};
 
 use self::sink::{ExportEnd, FileMetadata, RowSink, finish_export, write_failure};
-use super::{Completion, Failure, print_line, print_notes};
+use super::{Completion, Failure, TaskResult, print_line, print_notes};
 use crate::desk::stored_flights;
 use crate::installation;
 use crate::quantities::{ResultTable, SCHEMA_VERSION};
@@ -66,7 +66,7 @@ impl ExportArgs {
 }
 
 /// Exports results of a flight, of all flights or of live mode as a file of the chosen format.
-pub(super) fn run(args: &ExportArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &ExportArgs) -> TaskResult<Completion> {
     let data = match args.format {
         _ if args.table == ResultTable::Live => return live::export_live_results(args),
         FormatName::Csv | FormatName::Parquet => export_rows(args)?,
@@ -78,7 +78,7 @@ pub(super) fn run(args: &ExportArgs) -> Result<Completion, Failure> {
 }
 
 /// Collects the facts common to all rows. The names of torsion pairs need a first pass through the results.
-fn read_common_facts(args: &ExportArgs) -> Result<ExportContext, Failure> {
+fn read_common_facts(args: &ExportArgs) -> TaskResult<ExportContext> {
     let mut names: Vec<String> = Vec::new();
     for flight in source::selected_flights(&args.store, args.flight.as_deref())? {
         for series in catalogue::list_series(&RealDisk, &flight)? {
@@ -96,7 +96,7 @@ fn read_common_facts(args: &ExportArgs) -> Result<ExportContext, Failure> {
 }
 
 /// Exports a table, series by series.
-fn export_rows(args: &ExportArgs) -> Result<ReportData, Failure> {
+fn export_rows(args: &ExportArgs) -> TaskResult<ReportData> {
     let common = read_common_facts(args)?;
     let empty = export::table_columns(args.table, &SeriesData::default(), &common);
     let written = || {
@@ -110,7 +110,7 @@ fn export_rows(args: &ExportArgs) -> Result<ReportData, Failure> {
     finish_export(args, written())
 }
 
-fn export_jsonl(args: &ExportArgs) -> Result<ReportData, Failure> {
+fn export_jsonl(args: &ExportArgs) -> TaskResult<ReportData> {
     let id = catalogue::store_id(&RealDisk, &args.store);
     let written = || {
         let mut output = args.text_output()?;
@@ -143,7 +143,7 @@ fn add_provenance(notes: &mut FileMetadata, key: &str, provenance: &Map<String, 
 }
 
 /// Metadata of an exported file with the recorder and the provenance of results by the key in column `inputs`.
-fn file_metadata(args: &ExportArgs, common: &ExportContext) -> Result<FileMetadata, Failure> {
+fn file_metadata(args: &ExportArgs, common: &ExportContext) -> TaskResult<FileMetadata> {
     let mut notes = recorder_metadata(common.store_id.as_deref());
     for flight in source::selected_flights(&args.store, args.flight.as_deref())? {
         if let Some(set) = result_sets::flight_result_sets(&RealDisk, &flight)?.choose_set(args.inputs.as_deref()) {
@@ -153,7 +153,7 @@ fn file_metadata(args: &ExportArgs, common: &ExportContext) -> Result<FileMetada
     Ok(notes)
 }
 
-fn export_vtk(args: &ExportArgs) -> Result<ReportData, Failure> {
+fn export_vtk(args: &ExportArgs) -> TaskResult<ReportData> {
     let folder = args.output.as_deref().unwrap_or(Path::new("export-vtk"));
     let mut data = ReportData::default();
     for flight in source::selected_flights(&args.store, args.flight.as_deref())? {
@@ -165,7 +165,7 @@ fn export_vtk(args: &ExportArgs) -> Result<ReportData, Failure> {
 }
 
 /// Reads the surveyed positions that displacements refer to.
-fn ground_markers(args: &ExportArgs, flight: &FlightRef) -> Result<Vec<GroundMarker>, Failure> {
+fn ground_markers(args: &ExportArgs, flight: &FlightRef) -> TaskResult<Vec<GroundMarker>> {
     let directory = match &args.installation {
         Some(directory) => Some(directory.clone()),
         None => stored_flights::kept_installation(&args.store, flight)?,
@@ -181,7 +181,7 @@ fn ground_markers(args: &ExportArgs, flight: &FlightRef) -> Result<Vec<GroundMar
     Ok(ReportSite::from(&installation.setup).ground)
 }
 
-fn export_vtk_flight(args: &ExportArgs, flight: &FlightRef, folder: &Path) -> Result<ReportData, Failure> {
+fn export_vtk_flight(args: &ExportArgs, flight: &FlightRef, folder: &Path) -> TaskResult<ReportData> {
     let ground = ground_markers(args, flight)?;
     let below = folder.join(&flight.id);
     fs::create_dir_all(&below).map_err(|e| write_failure(&below, &e))?;
@@ -214,7 +214,7 @@ fn export_vtk_flight(args: &ExportArgs, flight: &FlightRef, folder: &Path) -> Re
 }
 
 /// Writes a file and prints its path.
-fn write_file(file: &Path, text: &str) -> Result<(), Failure> {
+fn write_file(file: &Path, text: &str) -> TaskResult<()> {
     fs::write(file, text).map_err(|e| write_failure(file, &e))?;
     print_line(&file.display().to_string())
 }

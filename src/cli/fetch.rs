@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::copy::{read_back, report_copy};
-use super::{Completion, Failure, byte_progress};
+use super::{Completion, Failure, TaskResult, byte_progress};
 use crate::http::access;
 use crate::http::client::Client;
 use crate::http::fetch;
@@ -34,7 +34,7 @@ pub struct FetchArgs {
     json: bool,
 }
 
-pub(super) fn run(args: &FetchArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &FetchArgs) -> TaskResult<Completion> {
     let token = args
         .token_file
         .as_deref()
@@ -55,7 +55,7 @@ fn fetch_all(
     client: &mut Client,
     flights: &[String],
     thorough: bool,
-) -> Result<crate::store::verify::VerifyReport, Failure> {
+) -> TaskResult<crate::store::verify::VerifyReport> {
     let receiver = Receiver::open(&RealDisk, &args.directory)?;
     for flight in flights {
         let bar = byte_progress(0, flight);

@@ -8,7 +8,7 @@ use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 
 use super::default_paths::load_installation;
-use super::{Completion, Failure, batch, print_json, print_line, print_notes, progress_bar};
+use super::{Completion, Failure, TaskResult, batch, print_json, print_line, print_notes, progress_bar};
 use crate::clock::written_time::parse_offset;
 use crate::clock::{Clock, SystemClock};
 use crate::desk::image_files::ImageCollection;
@@ -85,7 +85,7 @@ fn parse_clock_sigma(text: &str) -> Result<f64, String> {
     read.ok_or_else(|| "give seconds above 0, at most 86400".to_owned())
 }
 
-pub(super) fn run(args: &ImportArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &ImportArgs) -> TaskResult<Completion> {
     // Errors of the installation are reported before anything is copied.
     let installation = args.installation.as_deref().map(load_installation).transpose()?;
     let files = installation.as_ref().map(|i| i.files()).transpose()?;
@@ -137,7 +137,7 @@ pub(super) fn run(args: &ImportArgs) -> Result<Completion, Failure> {
 }
 
 /// Checks that a stated error of the clock is not one of images in an unknown zone, whose times may be wrong by hours.
-fn check_zone_known(args: &ImportArgs, card: &ImageCollection) -> Result<(), Failure> {
+fn check_zone_known(args: &ImportArgs, card: &ImageCollection) -> TaskResult<()> {
     let without = card.series.iter().flatten().filter(|p| p.zoneless).count();
     if without == 0 || args.zone.is_some() || args.clock_sigma.is_none() {
         return Ok(());
@@ -148,7 +148,7 @@ fn check_zone_known(args: &ImportArgs, card: &ImageCollection) -> Result<(), Fai
     )))
 }
 
-fn print_series(args: &ImportArgs, imported: &ImportedSeries) -> Result<(), Failure> {
+fn print_series(args: &ImportArgs, imported: &ImportedSeries) -> TaskResult<()> {
     let ImportedSeries { pictures, flight, series, taken, already } = imported;
     let name = |p: &DatedImage| p.name.clone();
     let time = |p: Option<&DatedImage>| p.and_then(|p| p.utc).map(|t| t.to_string());

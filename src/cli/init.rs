@@ -6,7 +6,7 @@ use std::fs::OpenOptions;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-use super::{Completion, Failure, print_line};
+use super::{Completion, Failure, TaskResult, print_line};
 use answers::InitAnswers;
 
 /// Write a commented configuration, installation and board; unknown values are asked for, or left blank.
@@ -34,7 +34,7 @@ const NEXT_STEPS: &str = "Next (docs/tutorial.md; installation.svg shows the qua
                                   wingd check";
 
 /// Writes the files of a new installation from answers or arguments.
-pub(super) fn run(args: &InitArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &InitArgs) -> TaskResult<Completion> {
     let answers = args.answers.clone().ask_missing();
     // Without this line the recorder records but does not solve.
     let configuration = CONFIGURATION_TEMPLATE

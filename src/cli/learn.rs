@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::default_paths::{load_installation, resolve_installation};
-use super::{Completion, Failure, batch, print_line, print_notes, show_busy};
+use super::{Completion, Failure, TaskResult, batch, print_line, print_notes, show_busy};
 use crate::desk::CHECK_WRITE_ACCESS;
 use crate::desk::flight_marks::FlightMarks;
 use crate::desk::learning::{self, NamedEstimate, PriorCandidate};
@@ -56,7 +56,7 @@ impl FlightOutcome {
 }
 
 /// Estimates the repeating parameters from flights and writes them as the installation's prior.
-pub(super) fn run(args: &LearnArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &LearnArgs) -> TaskResult<Completion> {
     let mut installation = load_installation(&resolve_installation(args.installation.as_deref())?)?;
     installation.require_orientation()?;
     let file = installation.directory.join(FLIGHT_PRIOR_FILE);
@@ -90,7 +90,7 @@ fn gather_candidates(
     installation: &Installation,
     outcomes: &mut Vec<FlightOutcome>,
     candidates: &mut Vec<PriorCandidate>,
-) -> Result<(), Failure> {
+) -> TaskResult<()> {
     let store = catalogue::store_id(&RealDisk, root).unwrap_or_else(|| root.display().to_string());
     for flight in select_flights(root, args.flight.as_deref())? {
         let frames = flight_frames(&RealDisk, &flight, None)?;
@@ -123,7 +123,7 @@ fn measure_frames(
     flight: &FlightRef,
     frames: &[FrameRef],
     installation: &Installation,
-) -> Result<Vec<ProcessedFrame>, Failure> {
+) -> TaskResult<Vec<ProcessedFrame>> {
     let known = FlightInputs {
         installation,
         orientation: installation.require_orientation()?,

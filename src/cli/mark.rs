@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use tracing::level_filters::LevelFilter;
 
 use super::default_paths::{self, resolve_installation};
-use super::{Completion, Failure, batch, print_notes, stop_signal};
+use super::{Completion, Failure, TaskResult, batch, print_notes, stop_signal};
 use crate::desk::image_names::image_names;
 use crate::desk::stored_flights;
 use crate::http::access::Access;
@@ -54,16 +54,11 @@ fn parse_sigma(text: &str) -> Result<f64, String> {
     Some(value).filter(|v| (0.05..=100.0).contains(v)).ok_or_else(|| "give 0.05 to 100 px".to_owned())
 }
 
-pub(super) fn run(args: &MarkArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &MarkArgs) -> TaskResult<Completion> {
     super::logging::start_logging(LevelFilter::WARN);
     let option = |key: &str| (PathBuf::from(format!("--{}", key.replace('_', "-"))), "value".to_owned());
-    let config = ServeConfig {
-        listen: args.listen.clone(),
-        token_file: args.token_file.clone(),
-        hosts: vec![],
-        certificate: None,
-        key: None,
-    };
+    let (listen, token_file) = (args.listen.clone(), args.token_file.clone());
+    let config = ServeConfig { listen, token_file, ..ServeConfig::default() };
     let (address, access) = config.resolve(option)?;
     let workplace = match args.what.as_slice() {
         [store] if store.join(layout::STORE_FILE).exists() => workplace_for_store(args, store)?,
@@ -84,7 +79,7 @@ async fn serve_page(
     workplace: Workplace,
     (access, token): (Access, Option<String>),
     address: SocketAddr,
-) -> Result<Completion, Failure> {
+) -> TaskResult<Completion> {
     let listener = tokio::net::TcpListener::bind(address)
         .await
         .map_err(|e| Failure::Failed(format!("could not listen on {address}: {e}; choose another --listen")))?;
@@ -108,12 +103,12 @@ fn create_workplace(
     Workplace { installation, orientation, images: pictures, storage: kept, who, manual_sigma_px: args.sigma_px }
 }
 
-fn load_installation(args: &MarkArgs, directory: &Path) -> Result<Installation, Failure> {
+fn load_installation(args: &MarkArgs, directory: &Path) -> TaskResult<Installation> {
     let load = if args.ground { default_paths::load_without_orientation } else { default_paths::load_installation };
     load(directory)
 }
 
-fn workplace_for_store(args: &MarkArgs, root: &Path) -> Result<Workplace, Failure> {
+fn workplace_for_store(args: &MarkArgs, root: &Path) -> TaskResult<Workplace> {
     if args.observations.is_some() {
         return Err(Failure::Usage("--observations is only for images: a store saves its own marks".into()));
     }
@@ -137,7 +132,7 @@ fn workplace_for_store(args: &MarkArgs, root: &Path) -> Result<Workplace, Failur
     Ok(create_workplace(args, installation, pictures, MarkStorage::from_flight(store, flight.id, known)))
 }
 
-fn workplace_for_images(args: &MarkArgs) -> Result<Workplace, Failure> {
+fn workplace_for_images(args: &MarkArgs) -> TaskResult<Workplace> {
     if let Some(flight) = &args.flight {
         return Err(Failure::Usage(format!("--flight {flight} names a flight of a store; give the store too")));
     }

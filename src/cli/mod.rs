@@ -101,7 +101,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
-use crate::desk::Failure;
+use crate::desk::{Failure, TaskResult};
 use crate::installation::{self, Installation};
 use crate::report::ReportBuilder;
 use crate::store::layout;

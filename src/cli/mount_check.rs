@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use serde_json::json;
 
 use super::default_paths::resolve_installation;
-use super::{Completion, Failure, batch, print_json, print_line};
+use super::{Completion, TaskResult, batch, print_json, print_line};
 use crate::desk::mount_comparison::{MountVerdict, compare_frames, orient_frame};
 use crate::installation;
 use crate::measure::mount::CameraMovement;
@@ -31,7 +31,7 @@ pub struct MountCheckArgs {
     jobs: usize,
 }
 
-pub(super) fn run(args: &MountCheckArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &MountCheckArgs) -> TaskResult<Completion> {
     let directory = resolve_installation(args.installation.as_deref())?;
     let installation = installation::load_without_orientation(&directory)?;
     let setup = &installation.setup;

@@ -5,14 +5,14 @@ use std::ffi::OsString;
 use clap::{Arg, ArgMatches, Command, FromArgMatches, Subcommand, error::ErrorKind, value_parser};
 
 use super::help::DESK_COMMANDS;
-use super::{Completion, Failure, not_on_board};
+use super::{Completion, TaskResult, not_on_board};
 
 /// Command of the desk, by its name.
 pub struct AbsentCommand(String);
 
 impl AbsentCommand {
     /// Returns the failure that names the package for the desk.
-    pub fn run(&self) -> Result<Completion, Failure> {
+    pub fn run(&self) -> TaskResult<Completion> {
         Err(not_on_board(&format!("`wingd {}`", self.0)))
     }
 }

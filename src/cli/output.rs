@@ -9,14 +9,14 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use super::Failure;
+use super::{Failure, TaskResult};
 use crate::installation;
 
 /// Prints a line of results; a closed pipe (`| head`) is not an error.
 ///
 /// # Errors
 /// Returns an error if the line cannot be written, because a lost result must not look like success.
-pub fn print_line(text: &str) -> Result<(), Failure> {
+pub fn print_line(text: &str) -> TaskResult<()> {
     let mut output = std::io::stdout().lock();
     match writeln!(output, "{}", installation::printable_text(text)).and_then(|()| output.flush()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::Failed(format!(
@@ -27,7 +27,7 @@ pub fn print_line(text: &str) -> Result<(), Failure> {
 }
 
 /// Prints a result as a line of JSON.
-pub fn print_json(result: &impl Serialize) -> Result<(), Failure> {
+pub fn print_json(result: &impl Serialize) -> TaskResult<()> {
     let line = serde_json::to_string(result);
     print_line(&line.map_err(|error| Failure::Failed(format!("the result cannot be written as JSON: {error}")))?)
 }
@@ -43,7 +43,7 @@ pub fn print_notes<T: Display>(notes: impl IntoIterator<Item = T>) {
 ///
 /// # Errors
 /// Returns an error with `remedy` if the file cannot be written.
-pub fn write_output(file: &Path, text: &str, remedy: &str) -> Result<(), Failure> {
+pub fn write_output(file: &Path, text: &str, remedy: &str) -> TaskResult<()> {
     let in_place = file.symlink_metadata().is_ok_and(|there| !there.is_file());
     let written = if in_place { std::fs::write(file, text) } else { installation::write_atomically(file, text) };
     written.map_err(|error| match error.source() {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Command, CommandFactory};
 
-use super::{Arguments, Completion, Failure, help, print_line};
+use super::{Arguments, Completion, Failure, TaskResult, help, print_line};
 
 /// Print completions for a shell to standard output.
 #[derive(clap::Args)]
@@ -21,14 +21,14 @@ pub struct ManArgs {
     directory: PathBuf,
 }
 
-pub(super) fn write_completions(args: &CompletionsArgs) -> Result<Completion, Failure> {
+pub(super) fn write_completions(args: &CompletionsArgs) -> TaskResult<Completion> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut Arguments::command(), "wingd", &mut script);
     print_line(String::from_utf8_lossy(&script).trim_end())?;
     Ok(Completion::All)
 }
 
-pub(super) fn write_man_pages(args: &ManArgs) -> Result<Completion, Failure> {
+pub(super) fn write_man_pages(args: &ManArgs) -> TaskResult<Completion> {
     let mut command = help::with_groups_and_examples(Arguments::command());
     command.build();
     let visible: Vec<&Command> =

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::json;
 
-use super::{Completion, Failure, print_line, show_busy};
+use super::{Completion, TaskResult, print_line, show_busy};
 use crate::desk::stored_flights::{self, select_flights};
 use crate::report::number::count_text;
 use crate::store::prune::{CopyProof, verify_copy};
@@ -32,7 +32,7 @@ pub struct PruneArgs {
     json: bool,
 }
 
-pub(super) fn run(args: &PruneArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &PruneArgs) -> TaskResult<Completion> {
     let mut flights = select_flights(&args.store, args.flight.as_deref())?;
     if args.flight.is_none() {
         flights.truncate(flights.len().saturating_sub(args.keep));

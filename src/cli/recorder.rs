@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::{Failure, stop_signal};
+use super::{Failure, TaskResult, stop_signal};
 use crate::clock::Clock;
 use crate::config::{Config, SolveConfig};
 use crate::daemon::{
@@ -28,7 +28,7 @@ pub struct OpenedStore {
 }
 
 /// Opens the store; creates it if there is none.
-pub fn open_store(config: &Config) -> Result<OpenedStore, Failure> {
+pub fn open_store(config: &Config) -> TaskResult<OpenedStore> {
     let begin = Instant::now();
     let (store, recovery) =
         Store::open(Arc::new(RealDisk), config.store.clone()).map_err(|error| Failure::Failed(error.to_string()))?;
@@ -114,7 +114,7 @@ pub fn run_recorder(
     opened: OpenedStore,
     observer: Observer,
     reports: Option<ReportBuilder>,
-) -> Result<DaemonStatus, Failure> {
+) -> TaskResult<DaemonStatus> {
     let OpenedStore { store, recovery } = opened;
     let board = StatusBoard::new(clock.clone());
     let watch = |directory| watch_installation(directory, config.solve.clone(), store.clone(), board.clone());

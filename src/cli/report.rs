@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::default_paths::load_setup;
-use super::{Completion, Failure, print_line, print_notes, show_busy, write_output};
+use super::{Completion, TaskResult, print_line, print_notes, show_busy, write_output};
 use crate::report::number::count_text;
 use crate::report::source::{self, ResultChoice};
 use crate::report::{html, overview, summary, table};
@@ -38,7 +38,7 @@ pub struct ReportArgs {
     output: PathBuf,
 }
 
-pub(super) fn run(args: &ReportArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &ReportArgs) -> TaskResult<Completion> {
     if args.all_flights {
         return report_all_flights(args);
     }
@@ -57,7 +57,7 @@ pub(super) fn run(args: &ReportArgs) -> Result<Completion, Failure> {
 /// Remedy for a page that cannot be written.
 const OTHER_OUTPUT: &str = "choose another file with --output";
 
-fn report_all_flights(args: &ReportArgs) -> Result<Completion, Failure> {
+fn report_all_flights(args: &ReportArgs) -> TaskResult<Completion> {
     let flights = source::selected_flights(&args.store, None)?;
     let read = flights.iter().map(|flight| overview::read_overview(&RealDisk, flight));
     let all = read.collect::<Result<Vec<_>, _>>()?;

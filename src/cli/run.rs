@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use tracing::level_filters::LevelFilter;
 
-use super::{Completion, Failure, recorder};
+use super::{Completion, TaskResult, recorder};
 use crate::clock::{Clock, SystemClock};
 use crate::config;
 use crate::report::ReportBuilder;
@@ -18,7 +18,7 @@ pub struct RunArgs {
     config: Option<PathBuf>,
 }
 
-pub(super) fn run(args: &RunArgs, reports: Option<ReportBuilder>) -> Result<Completion, Failure> {
+pub(super) fn run(args: &RunArgs, reports: Option<ReportBuilder>) -> TaskResult<Completion> {
     super::logging::start_logging(LevelFilter::INFO);
     let config = config::load_configuration(&super::default_paths::resolve_configuration(args.config.as_deref())?)?;
     let clock: Arc<dyn Clock> = Arc::new(SystemClock::new());

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use tracing::level_filters::LevelFilter;
 
-use super::{Completion, Failure, stop_signal};
+use super::{Completion, Failure, TaskResult, stop_signal};
 use crate::http::access::Access;
 use crate::http::section::{self, ServeConfig};
 use crate::report::ReportBuilder;
@@ -42,7 +42,7 @@ pub struct ServeArgs {
     live_socket: PathBuf,
 }
 
-pub(super) fn run(args: &ServeArgs, reports: Option<ReportBuilder>) -> Result<Completion, Failure> {
+pub(super) fn run(args: &ServeArgs, reports: Option<ReportBuilder>) -> TaskResult<Completion> {
     super::logging::start_logging(LevelFilter::WARN);
     let (address, access) = open_access(args)?;
     catalogue::check_format(&RealDisk, &args.store).map_err(|e| Failure::Failed(e.to_string()))?;
@@ -71,7 +71,7 @@ fn parse_listen(text: &str) -> Result<String, ListenError> {
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Opens access control with the token that other computers need.
-fn open_access(args: &ServeArgs) -> Result<(SocketAddr, Access), Failure> {
+fn open_access(args: &ServeArgs) -> TaskResult<(SocketAddr, Access)> {
     let config = ServeConfig {
         listen: args.listen.clone(),
         token_file: args.token_file.clone(),
@@ -86,7 +86,7 @@ fn open_access(args: &ServeArgs) -> Result<(SocketAddr, Access), Failure> {
     Ok(config.resolve(option)?)
 }
 
-async fn serve_store(site: http::Site, access: Access, address: SocketAddr) -> Result<Completion, Failure> {
+async fn serve_store(site: http::Site, access: Access, address: SocketAddr) -> TaskResult<Completion> {
     let listener = tokio::net::TcpListener::bind(address)
         .await
         .map_err(|e| Failure::Failed(format!("could not listen on {address}: {e}; choose another --listen")))?;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::{Completion, Failure, print_line};
+use super::{Completion, Failure, TaskResult, print_line};
 use crate::config;
 use crate::daemon::{self, AircraftStatus, DaemonStatus, Health, LiveStatus, RecentShares, StatusConfig, format_span};
 use crate::record::variant_name;
@@ -41,7 +41,7 @@ struct SocketArgs {
 }
 
 impl SocketArgs {
-    fn socket_path(&self) -> Result<PathBuf, Failure> {
+    fn socket_path(&self) -> TaskResult<PathBuf> {
         match (&self.socket, &self.config) {
             (Some(socket), _) => Ok(socket.clone()),
             (None, Some(file)) => Ok(config::load_configuration(file)?.status.socket),
@@ -54,7 +54,7 @@ impl SocketArgs {
 }
 
 /// Prints the status; exit status 1 if the recorder's health is not `ok`.
-pub(super) fn print_status(args: &StatusArgs) -> Result<Completion, Failure> {
+pub(super) fn print_status(args: &StatusArgs) -> TaskResult<Completion> {
     let value =
         daemon::query_daemon(&args.socket.socket_path()?, "status").map_err(|why| Failure::Failed(why.to_string()))?;
     if args.json {
@@ -68,7 +68,7 @@ pub(super) fn print_status(args: &StatusArgs) -> Result<Completion, Failure> {
     Ok(Completion::from_success(status.health == Health::Ok))
 }
 
-pub(super) fn trigger_series(args: &TriggerArgs) -> Result<Completion, Failure> {
+pub(super) fn trigger_series(args: &TriggerArgs) -> TaskResult<Completion> {
     let command = if args.new_flight { "new-flight" } else { "trigger" };
     let answer =
         daemon::query_daemon(&args.socket.socket_path()?, command).map_err(|why| Failure::Failed(why.to_string()))?;

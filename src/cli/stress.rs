@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::json;
 
-use super::{Completion, Failure, print_json, print_line, print_notes, write_output};
+use super::{Completion, Failure, TaskResult, print_json, print_line, print_notes, write_output};
 use crate::desk::stored_flights::select_flights;
 use crate::desk::stress::{ResultOrigin, StressRequest};
 use crate::installation;
@@ -59,7 +59,7 @@ pub struct StressArgs {
     json: bool,
 }
 
-pub(super) fn run(args: &StressArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &StressArgs) -> TaskResult<Completion> {
     check_stress_options(args)?;
     let request = StressRequest {
         installation: args.installation.clone(),
@@ -99,7 +99,7 @@ pub(super) fn run(args: &StressArgs) -> Result<Completion, Failure> {
     Ok(Completion::from_success(complete))
 }
 
-fn check_stress_options(args: &StressArgs) -> Result<(), Failure> {
+fn check_stress_options(args: &StressArgs) -> TaskResult<()> {
     let positive = |value: f64| value.is_finite() && value > 0.0;
     if args.bending_hz.is_some_and(|hz| !positive(hz)) {
         return Err(Failure::Usage("--bending-hz: give a frequency above 0 Hz".into()));
@@ -127,7 +127,7 @@ fn append_moment_rows(table: &mut String, flight: &FlightRef, frames: &[StressFr
     }
 }
 
-fn print_load(args: &StressArgs, flight: &FlightRef, inputs: Option<&str>, load: &FlightLoad) -> Result<(), Failure> {
+fn print_load(args: &StressArgs, flight: &FlightRef, inputs: Option<&str>, load: &FlightLoad) -> TaskResult<()> {
     if args.json {
         let mut line = json_fields(&json!({"flight": flight.id, "inputs": inputs, "live": args.live}));
         line.extend(json_fields(load));

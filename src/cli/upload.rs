@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::{Completion, Failure, byte_progress, print_line};
+use super::{Completion, Failure, TaskResult, byte_progress, print_line};
 use crate::desk::stored_flights::select_flights;
 use crate::upload::{Upload, UploadOutcome, UploadSettings, UploadTarget, WingLabels};
 
@@ -70,7 +70,7 @@ fn parse_rate(text: &str) -> Result<u64, String> {
 }
 
 /// Uploads the flights of a store, or the requested one, to an object store or a directory.
-pub(super) fn run(args: &UploadArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &UploadArgs) -> TaskResult<Completion> {
     let flights = select_flights(&args.store, args.flight.as_deref())?;
     let settings = UploadSettings { jobs: args.jobs.into(), retries: args.retries, limit: args.limit_rate };
     let target = UploadTarget::open(&args.to, settings)?;
@@ -93,7 +93,7 @@ pub(super) fn run(args: &UploadArgs) -> Result<Completion, Failure> {
     Ok(Completion::from_success(outcomes.iter().all(Result::is_ok)))
 }
 
-fn print_outcome(args: &UploadArgs, id: &str, target: &UploadTarget, outcome: &UploadOutcome) -> Result<(), Failure> {
+fn print_outcome(args: &UploadArgs, id: &str, target: &UploadTarget, outcome: &UploadOutcome) -> TaskResult<()> {
     let line = match (outcome, args.json) {
         (Ok((sent, manifest)), true) => serde_json::json!({
             "flight": id, "status": "ok", "recorder": manifest.recorder, "aircraft": manifest.aircraft,

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::{Completion, Failure, print_json, print_line, show_busy};
+use super::{Completion, Failure, TaskResult, print_json, print_line, show_busy};
 use crate::installation::{self, printable_path};
 use crate::report::number::count_text;
 use crate::store::signing::PublicKey;
@@ -31,7 +31,7 @@ pub struct VerifyArgs {
     json: bool,
 }
 
-pub(super) fn run(args: &VerifyArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &VerifyArgs) -> TaskResult<Completion> {
     if !args.store.is_dir() {
         return Err(Failure::from_path_error(&args.store, "is not a directory; name a store"));
     }
@@ -54,7 +54,7 @@ pub(super) fn run(args: &VerifyArgs) -> Result<Completion, Failure> {
     Ok(Completion::from_success(report.is_sound()))
 }
 
-fn upgrade_store(args: &VerifyArgs) -> Result<(), Failure> {
+fn upgrade_store(args: &VerifyArgs) -> TaskResult<()> {
     catalogue::check_format(&RealDisk, &args.store)?;
     let installation = args.installation.as_deref().map(installation::load).transpose()?;
     let files = installation.map(|i| i.files()).transpose()?;

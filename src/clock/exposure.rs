@@ -105,18 +105,6 @@ impl ExposureSource {
         Self::AskedAndDelivered,
         Self::CameraClock,
     ];
-
-    /// Returns the word used in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::StartOfExposure => "start_of_exposure",
-            Self::EndOfFrame => "end_of_frame",
-            Self::ReleaseEdge => "release_edge",
-            Self::TriggerAndEvent => "trigger_and_event",
-            Self::AskedAndDelivered => "asked_and_delivered",
-            Self::CameraClock => "camera_clock",
-        }
-    }
 }
 
 /// Returns the standard deviation of a uniform distribution over an interval of this length.

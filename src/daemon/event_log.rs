@@ -6,7 +6,7 @@ use super::event::Event;
 use super::status::{Activity, SIGNING_PART};
 use crate::record::{GlobalTest, ImageRecord, RecordStatus};
 use crate::store::manifest::{FrameEntry, SeriesCause, Shot, ShotFailure};
-use crate::store::{FrameRef, OpenSeries, StoreError};
+use crate::store::{FrameRef, OpenSeries, StoreError, StoreResult};
 
 impl Core {
     /// Reports that a series of `shots` shots begins.
@@ -36,7 +36,7 @@ impl Core {
     }
 
     /// Reports that a series was closed or interrupted. `complete`: every planned shot was attempted.
-    pub fn log_series_ended(&self, series: String, complete: bool, closed: &Result<(), StoreError>) {
+    pub fn log_series_ended(&self, series: String, complete: bool, closed: &StoreResult<()>) {
         let complete = complete && closed.is_ok();
         match closed {
             Ok(()) => tracing::info!(series, complete, "series closed"),

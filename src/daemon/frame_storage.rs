@@ -5,10 +5,10 @@ use serde_json::Value;
 use super::core::Core;
 use crate::camera::{CameraFrame, file_extension};
 use crate::store::manifest::{FrameEntry, Shot};
-use crate::store::{NewFrame, OpenSeries, Recovery, SeriesPlan, StoreError};
+use crate::store::{NewFrame, OpenSeries, Recovery, SeriesPlan, StoreResult};
 
 /// Begins a series, writes the flight into the status, and logs everything that had to be recovered first.
-pub(crate) fn begin_series(core: &Core, plan: SeriesPlan) -> Result<OpenSeries, StoreError> {
+pub(crate) fn begin_series(core: &Core, plan: SeriesPlan) -> StoreResult<OpenSeries> {
     let (series, recovery) = core.store.begin_series(plan, &core.clock.stamp())?;
     log_recovery(&recovery);
     core.board.update(|status| status.flight = Some(series.flight().to_owned()));
@@ -20,7 +20,7 @@ pub(crate) fn add_shot(
     series: &mut OpenSeries,
     shot: Shot,
     frame: Option<&CameraFrame>,
-) -> Result<Option<FrameEntry>, StoreError> {
+) -> StoreResult<Option<FrameEntry>> {
     let new = frame.map(|frame| NewFrame {
         bytes: &frame.bytes,
         extension: file_extension(&frame.format),

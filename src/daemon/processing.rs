@@ -13,7 +13,7 @@ use super::status::{Activity, RESULTS_PART};
 use super::worker::{CallError, Worker};
 use crate::camera::Format;
 use crate::record::{ImageRecord, Reason};
-use crate::store::{FrameRef, StoreError};
+use crate::store::{FrameRef, StoreResult};
 
 /// Number of attempts at one frame after which it is assumed to crash the program.
 const MAX_ATTEMPTS: u32 = 5;
@@ -115,7 +115,7 @@ impl Processing {
     }
 
     /// Solves a frame and stores the outcome in any case: a frame that cannot be solved must not be tried forever.
-    fn solve_frame(&mut self, solver: &Arc<Solver>, frame: &FrameRef) -> Result<(), StoreError> {
+    fn solve_frame(&mut self, solver: &Arc<Solver>, frame: &FrameRef) -> StoreResult<()> {
         let beginnings = self.core.store.begin_solving(frame, &solver.inputs)?;
         let record = match self.core.store.read_frame(frame) {
             Ok(_) if beginnings > MAX_ATTEMPTS => {

@@ -16,7 +16,7 @@ use super::{frame_storage, machine};
 use crate::camera::CameraFrame;
 use crate::clock::Stamp;
 use crate::store::manifest::{SeriesCause, SeriesState, Shot, ShotFailure};
-use crate::store::{OpenSeries, SeriesPlan, StoreError};
+use crate::store::{OpenSeries, SeriesPlan, StoreResult};
 
 /// Maximum length of a wait between two checks of the clock and beats of the watchdog.
 const WAIT_SLICE: Duration = Duration::from_secs(5);
@@ -226,14 +226,14 @@ impl Recorder {
         })
     }
 
-    fn close_series(&mut self, series: OpenSeries, complete: bool) -> Result<(), StoreError> {
+    fn close_series(&mut self, series: OpenSeries, complete: bool) -> StoreResult<()> {
         let state = if complete { SeriesState::Complete } else { SeriesState::Interrupted };
         let remark = if self.core.halt.is_paused() { "the power failed" } else { "the daemon was asked to stop" };
         let remarks = if complete { Vec::new() } else { vec![remark.to_owned()] };
         self.store(|core| core.store.close_series(series, state, &core.clock.stamp(), remarks))
     }
 
-    fn take_shots(&mut self, series: &mut OpenSeries, count: u32) -> Result<(), StoreError> {
+    fn take_shots(&mut self, series: &mut OpenSeries, count: u32) -> StoreResult<()> {
         for number in 1..=count {
             self.handle_pending_commands();
             if self.core.halt.is_requested() {
@@ -248,7 +248,7 @@ impl Recorder {
     }
 
     /// Stores the frames that an interrupted series left on the camera's card as a series of their own.
-    fn fetch_left_over(&mut self) -> Result<(), StoreError> {
+    fn fetch_left_over(&mut self) -> StoreResult<()> {
         // The card of an open camera has been read already; if it does not open, the shots report why.
         if !self.capture.ensure_open().unwrap_or(false) {
             return Ok(());
@@ -287,7 +287,7 @@ impl Recorder {
     }
 
     /// Takes a shot, with repeats, and stores it with its frame or with the reasons for its absence.
-    fn take_shot(&mut self, series: &mut OpenSeries, number: u32) -> Result<(), StoreError> {
+    fn take_shot(&mut self, series: &mut OpenSeries, number: u32) -> StoreResult<()> {
         let mut failures = Vec::new();
         loop {
             let stamp = self.core.clock.stamp();
@@ -321,7 +321,7 @@ impl Recorder {
         &mut self,
         series: &mut OpenSeries,
         asked: &Stamp,
-    ) -> Result<Result<CapturedFrame, FailedAttempt>, StoreError> {
+    ) -> StoreResult<Result<CapturedFrame, FailedAttempt>> {
         if let Err(error) = self.capture.ensure_open() {
             return Ok(Err(error.into()));
         }
@@ -338,7 +338,7 @@ impl Recorder {
         taken: CapturedFrame,
         number: u32,
         failures: Vec<ShotFailure>,
-    ) -> Result<(), StoreError> {
+    ) -> StoreResult<()> {
         let shot = taken.to_shot(number, failures);
         let entry = self.store(|_| frame_storage::add_shot(series, shot.clone(), Some(&taken.frame)))?;
         self.core.log_shot_stored(series.id(), &shot, entry);

@@ -16,20 +16,15 @@ use super::status::{STATUS_PART, StatusBoard, prometheus_text};
 
 /// `[status]` of the configuration.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, default)]
 pub struct StatusConfig {
     /// Path of the socket for `wingd status` and `wingd trigger`.
-    #[serde(default = "default_socket")]
     pub socket: PathBuf,
-}
-
-fn default_socket() -> PathBuf {
-    PathBuf::from("/run/wingd/wingd.sock")
 }
 
 impl Default for StatusConfig {
     fn default() -> Self {
-        Self { socket: default_socket() }
+        Self { socket: "/run/wingd/wingd.sock".into() }
     }
 }
 

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use crate::camera::Format;
-use crate::measure::adjust::AdjustError;
+use crate::measure::adjust::AdjustResult;
 use crate::pipeline::live::TrackedFrame;
 use crate::record::ImageRecord;
 use crate::store::Inputs;
@@ -13,7 +13,7 @@ use crate::store::Inputs;
 pub type FrameTracker = Box<dyn FnMut(&str, &[u8], &Format, f64) -> TrackedFrame + Send>;
 
 /// Creates a tracker, at the start and after a solver was abandoned.
-pub type FrameTrackerFactory = Arc<dyn Fn() -> Result<FrameTracker, AdjustError> + Send + Sync>;
+pub type FrameTrackerFactory = Arc<dyn Fn() -> AdjustResult<FrameTracker> + Send + Sync>;
 
 /// Solves one frame: file name, bytes, format.
 pub type FrameSolver = Arc<dyn Fn(&str, &[u8], &Format) -> ImageRecord + Send + Sync>;

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::{Failure, read_text_file};
+use super::{TaskResult, read_text_file};
 use crate::aircraft::{
     self, AircraftTable, AircraftTrack, ColumnTally, DAY_S, Mapping, Quantity, ReceivedLine, TableContents, TimeFormat,
 };
@@ -16,7 +16,7 @@ use crate::installation::{self, Fault};
 use crate::measure::estimation::robust::median;
 use crate::report::aircraft as joined;
 use crate::store::aircraft::AircraftLine;
-use crate::store::{FlightRef, RealDisk, Store, StoreError};
+use crate::store::{FlightRef, RealDisk, Store, StoreResult};
 
 /// Number of lines written durably at once.
 const LINES_PER_WRITE: usize = 5000;
@@ -76,7 +76,7 @@ impl TableImport {
     ///
     /// # Errors
     /// Returns the errors of table and mapping with file and remedy, or an error of the store.
-    pub fn read(root: &Path, flight: &FlightRef, file: &Path, mapping: &Path) -> Result<Self, Failure> {
+    pub fn read(root: &Path, flight: &FlightRef, file: &Path, mapping: &Path) -> TaskResult<Self> {
         let (text, written) = (read_text_file(file)?, read_text_file(mapping)?);
         let requested: Mapping = toml::from_str(&written)
             .map_err(|error| installation::toml_fault(mapping, &written, &error, "see docs/aircraft-data.md"))?;
@@ -291,7 +291,7 @@ impl TableImport {
     }
 
     /// Adds the lines to the flight as a new source.
-    pub fn store_lines(&self, store: &Store, flight: &FlightRef, file: &Path) -> Result<(), StoreError> {
+    pub fn store_lines(&self, store: &Store, flight: &FlightRef, file: &Path) -> StoreResult<()> {
         let name = file.file_name().map(installation::printable_path);
         let head = json!({"table": name, "number": self.source, "layout": self.table.layout});
         let lines: Vec<AircraftLine> =

@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::installation::ManualObservation;
 use crate::measure::setup::Setup;
 use crate::pipeline::manual_observations::observation_from_mark;
-use crate::store::{Disk, FlightRef, StoreError, manual_marks};
+use crate::store::{Disk, FlightRef, StoreResult, manual_marks};
 
 /// Manual marks in the frames of a flight.
 #[derive(Default)]
@@ -19,7 +19,7 @@ pub struct FlightMarks {
 
 impl FlightMarks {
     /// Reads the marks.
-    pub fn read(disk: &dyn Disk, root: &Path, flight: &FlightRef, setup: &Setup) -> Result<Self, StoreError> {
+    pub fn read(disk: &dyn Disk, root: &Path, flight: &FlightRef, setup: &Setup) -> StoreResult<Self> {
         let (all, mut notes) = manual_marks::read_marks(disk, root, flight)?;
         let counting = manual_marks::effective_marks(&all);
         let observations: Vec<ManualObservation> =

@@ -7,7 +7,7 @@ use std::time::Duration;
 use jiff::Timestamp;
 
 use super::image_times::{DatedImage, DatingOptions, TimeRemark, date_images};
-use super::{Failure, image_names};
+use super::{Failure, TaskResult, image_names};
 use crate::camera::exif;
 use crate::camera::replay::format_from_path;
 use crate::installation::printable_path;
@@ -21,7 +21,7 @@ const IMAGE_EXTENSIONS: &str = ".jpg, .png, .pgm, .ppm or .tif";
 ///
 /// # Errors
 /// Returns an error if a folder cannot be read or has no images.
-pub fn expand_folders(arguments: &[PathBuf], note: impl Fn(String)) -> Result<Vec<PathBuf>, Failure> {
+pub fn expand_folders(arguments: &[PathBuf], note: impl Fn(String)) -> TaskResult<Vec<PathBuf>> {
     let mut all = Vec::new();
     for argument in arguments {
         if !argument.is_dir() {
@@ -96,7 +96,7 @@ fn is_foreign_folder(name: &str) -> bool {
 
 /// Lists the files in a folder and below, ordered by name, without links to folders; `left_out` receives the number of
 /// images in each foreign folder, and of hidden ones.
-fn list_files(folder: &Path, left_out: &mut BTreeMap<String, usize>) -> Result<Vec<PathBuf>, Failure> {
+fn list_files(folder: &Path, left_out: &mut BTreeMap<String, usize>) -> TaskResult<Vec<PathBuf>> {
     let unreadable =
         |e: std::io::Error| Failure::Failed(format!("{} cannot be read ({e}); check the path", printable_path(folder)));
     let mut entries = Vec::new();
@@ -173,10 +173,7 @@ impl ImageCollection {
     ///
     /// # Errors
     /// Returns an error if a list of times is given that does not fit the images.
-    pub fn from_images(
-        images: Vec<(PathBuf, Result<DatedImage, String>)>,
-        dating: &DatingOptions,
-    ) -> Result<Self, Failure> {
+    pub fn from_images(images: Vec<(PathBuf, Result<DatedImage, String>)>, dating: &DatingOptions) -> TaskResult<Self> {
         let mut card = Self::default();
         let mut pictures: Vec<DatedImage> = Vec::new();
         for (file, read) in images {

@@ -8,8 +8,8 @@ use jiff::tz::Offset;
 use jiff::{SignedDuration, Timestamp};
 use serde_json::{Map, Value};
 
-use super::Failure;
 use super::time_list::{FIRST_YEAR, TimeList};
+use super::{Failure, TaskResult};
 use crate::camera::exif::CaptureMetadata;
 use crate::clock::written_time::{WrittenTime, duration_text, offset_text};
 use crate::installation::Fault;
@@ -123,7 +123,7 @@ pub type TimeRemark = (String, String);
 ///
 /// # Errors
 /// Returns an error if a list of times is given that does not fit the images.
-pub fn date_images(pictures: &mut [DatedImage], dating: &DatingOptions) -> Result<Vec<TimeRemark>, Failure> {
+pub fn date_images(pictures: &mut [DatedImage], dating: &DatingOptions) -> TaskResult<Vec<TimeRemark>> {
     let mut remarks = take_listed_times(pictures, dating)?;
     take_camera_times(pictures, dating);
     remarks.extend(take_name_times(pictures, dating));
@@ -144,7 +144,7 @@ fn select_images(pictures: &[DatedImage], select: impl Fn(&DatedImage) -> bool) 
     (!selected.is_empty()).then_some(selected)
 }
 
-fn take_listed_times(pictures: &mut [DatedImage], dating: &DatingOptions) -> Result<Vec<TimeRemark>, Failure> {
+fn take_listed_times(pictures: &mut [DatedImage], dating: &DatingOptions) -> TaskResult<Vec<TimeRemark>> {
     let Some(list) = &dating.list else { return Ok(vec![]) };
     let fault = |line: u64, problem: String, remedy: &str| {
         let place = if line == 0 { "file".to_owned() } else { format!("line {line}") };

@@ -6,9 +6,9 @@ use std::time::Duration;
 use jiff::{SignedDuration, Timestamp};
 use serde_json::Value;
 
-use super::Failure;
 use super::image_files::split_at_pauses;
 use super::image_times::{DatedImage, TimeSource};
+use super::{Failure, TaskResult};
 use crate::camera::file_extension;
 use crate::camera::replay::format_from_path;
 use crate::clock::Stamp;
@@ -65,7 +65,7 @@ impl<'a> Importer<'a> {
         wanted: Option<String>,
         clock_sigma_s: Option<f64>,
         progress: &'a dyn Fn(u64),
-    ) -> Result<Self, Failure> {
+    ) -> TaskResult<Self> {
         let mut import = Self {
             store,
             requested: None,
@@ -90,7 +90,7 @@ impl<'a> Importer<'a> {
     }
 
     /// Notes digests and time span of a flight's images, and whether it is the requested flight.
-    fn index_existing_flight(&mut self, flight: &FlightRef, wanted: Option<&str>) -> Result<(), Failure> {
+    fn index_existing_flight(&mut self, flight: &FlightRef, wanted: Option<&str>) -> TaskResult<()> {
         let disk = self.store.disk();
         let mut span = None;
         for series in catalogue::list_series(disk, flight)? {
@@ -115,11 +115,7 @@ impl<'a> Importer<'a> {
     /// # Errors
     /// Returns an error if the store has images with other times, or if an image or the store cannot be read or written;
     /// the next import resumes there.
-    pub fn import_all(
-        mut self,
-        series: Vec<Vec<DatedImage>>,
-        imported: &mut Vec<ImportedSeries>,
-    ) -> Result<(), Failure> {
+    pub fn import_all(mut self, series: Vec<Vec<DatedImage>>, imported: &mut Vec<ImportedSeries>) -> TaskResult<()> {
         self.check_stored_times(&series)?;
         let begin = |series: &Vec<DatedImage>| series.first().and_then(|p| p.utc);
         let end = |series: &Vec<DatedImage>| series.last().and_then(|p| p.utc);
@@ -133,7 +129,7 @@ impl<'a> Importer<'a> {
     }
 
     /// Checks that images which the store has would get the times that they have there: these are never changed.
-    fn check_stored_times(&self, series: &[Vec<DatedImage>]) -> Result<(), Failure> {
+    fn check_stored_times(&self, series: &[Vec<DatedImage>]) -> TaskResult<()> {
         let stored = |p: &DatedImage| self.stored.get(&p.digest)?.time;
         let shift_s = |p: &DatedImage| Some(p.utc?.duration_since(stored(p)?.0).as_secs_f64());
         let other_sigma = |p: &DatedImage| {
@@ -169,7 +165,7 @@ impl<'a> Importer<'a> {
 
     /// Returns the flight that images belong to: the one requested; one that has some of them; one whose imported images
     /// are near in time. `None`: a new one.
-    fn find_flight(&self, series: &[Vec<DatedImage>]) -> Result<Option<String>, Failure> {
+    fn find_flight(&self, series: &[Vec<DatedImage>]) -> TaskResult<Option<String>> {
         if let Some(wanted) = &self.requested {
             return Ok(self.flights.iter().any(|f| f.id == *wanted).then(|| wanted.clone()));
         }
@@ -183,11 +179,7 @@ impl<'a> Importer<'a> {
     }
 
     /// Imports a series; its flight begins with the first image that the store does not have.
-    fn import_series(
-        &mut self,
-        pictures: Vec<DatedImage>,
-        flight: &mut Option<String>,
-    ) -> Result<ImportedSeries, Failure> {
+    fn import_series(&mut self, pictures: Vec<DatedImage>, flight: &mut Option<String>) -> TaskResult<ImportedSeries> {
         let new: Vec<&DatedImage> = pictures.iter().filter(|p| !self.stored.contains_key(&p.digest)).collect();
         let already = pictures.len() - new.len();
         (self.progress)(already as u64);
@@ -224,7 +216,7 @@ impl<'a> Importer<'a> {
         Ok(ImportedSeries { taken: new.len(), flight: id, series: Some(name), already, pictures })
     }
 
-    fn store_new_images(&self, open: &mut OpenSeries, began: &ImportClock, new: &[&DatedImage]) -> Result<(), Failure> {
+    fn store_new_images(&self, open: &mut OpenSeries, began: &ImportClock, new: &[&DatedImage]) -> TaskResult<()> {
         let settings = new.iter().flat_map(|p| &p.taken.settings);
         let of_camera = settings.filter(|(name, _)| CAMERA_SETTINGS.contains(name));
         open.note_camera(of_camera.map(|(k, v)| ((*k).to_owned(), v.clone().into())).collect())?;

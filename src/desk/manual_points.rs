@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{Failure, image_names};
+use super::{Failure, TaskResult, image_names};
 use crate::installation::{self, Fault, ManualObservation};
 use crate::measure::setup::Setup;
 
@@ -19,7 +19,7 @@ impl ManualPoints {
     ///
     /// # Errors
     /// Returns an error if a point names no image, or one that is not among the given.
-    pub fn read(file: &Path, files: &[PathBuf], setup: &Setup) -> Result<Self, Failure> {
+    pub fn read(file: &Path, files: &[PathBuf], setup: &Setup) -> TaskResult<Self> {
         let points = installation::read_observations(file, setup)?;
         let names = image_names::image_names(files);
         let fault = |place: &str, problem: String, remedy: &str| {

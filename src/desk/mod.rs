@@ -28,6 +28,9 @@ use crate::installation::Fault;
 use crate::record::Reason;
 use crate::store::StoreError;
 
+/// Result of a task.
+pub type TaskResult<T> = Result<T, Failure>;
+
 /// Failure of a task, by what its user has to change.
 #[derive(Debug)]
 pub enum Failure {

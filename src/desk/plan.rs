@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{CHECK_WRITE_ACCESS, Failure};
+use super::{CHECK_WRITE_ACCESS, Failure, TaskResult};
 use crate::installation::{self, DEFAULT_CENTRE_SIGMA_M, Installation};
 use crate::measure::plan::{self, LayoutDraft, LayoutPrecision, PlanOptions};
 use crate::measure::setup::{Orientation, Setup, SetupUncertainty, WingSide};
@@ -34,7 +34,7 @@ pub fn flight_precision(
     installation: &Installation,
     options: &PlanOptions,
     frames: usize,
-) -> Result<Option<FlightPrecision>, Failure> {
+) -> TaskResult<Option<FlightPrecision>> {
     if frames == 1 {
         return Ok(None);
     }
@@ -51,7 +51,7 @@ pub fn prior_precision(
     installation: &Installation,
     options: &PlanOptions,
     frames: usize,
-) -> Result<Option<FlightPrecision>, Failure> {
+) -> TaskResult<Option<FlightPrecision>> {
     let Installation { setup, orientation, flight_prior: stored, .. } = installation;
     let Some(stored) = stored else { return Ok(None) };
     let prior = stored.prior_without(&[], setup).filter(|t| t.matches_curvature_terms(options.curvature_terms));
@@ -64,7 +64,7 @@ pub fn prior_precision(
 ///
 /// # Errors
 /// Returns an error if no layout can be adjusted.
-pub fn draft_installation(draft: &LayoutDraft, options: &PlanOptions, frames: usize) -> Result<Installation, Failure> {
+pub fn draft_installation(draft: &LayoutDraft, options: &PlanOptions, frames: usize) -> TaskResult<Installation> {
     let folder =
         tempfile::tempdir().map_err(|e| Failure::Failed(format!("no temporary folder: {e}; {CHECK_WRITE_ACCESS}")))?;
     let mut first = setup_without_markers(draft);
@@ -123,7 +123,7 @@ pub fn write_layout(
     facts: &Setup,
     attitude: &Orientation,
     tip_deflection_m: f64,
-) -> Result<(), Failure> {
+) -> TaskResult<()> {
     let fixed = setup.markers.iter().any(|m| m.fixed);
     let heads = [
         "# Written by wingd plan. The survey frame has its origin in the lens, x outboard, z up: replace projection_centre_m,\n\
@@ -143,7 +143,7 @@ pub fn write_layout(
         .map_err(|error| Failure::from_write_error(&drawing, &error, CHECK_WRITE_ACCESS))
 }
 
-fn write_setup(folder: &Path, setup: &Setup, facts: Option<&Setup>, heads: [&str; 2]) -> Result<(), Failure> {
+fn write_setup(folder: &Path, setup: &Setup, facts: Option<&Setup>, heads: [&str; 2]) -> TaskResult<()> {
     installation::write_installation(folder, setup, facts, heads)
         .map_err(|(file, error)| Failure::from_write_error(&file, &error, CHECK_WRITE_ACCESS))
 }

@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::Failure;
+use super::{Failure, TaskResult};
 use crate::store::{
-    self, Disk, FlightRef, FrameRef, RealDisk, Recovery, Store, StoreConfig, StoreError, catalogue, installations,
+    self, Disk, FlightRef, FrameRef, RealDisk, Recovery, Store, StoreConfig, StoreResult, catalogue, installations,
     layout,
 };
 
 /// Selects the flights of a store: the one requested, or all.
-pub fn select_flights(root: &Path, wanted: Option<&str>) -> Result<Vec<FlightRef>, Failure> {
+pub fn select_flights(root: &Path, wanted: Option<&str>) -> TaskResult<Vec<FlightRef>> {
     catalogue::check_format(&RealDisk, root)?;
     let all = catalogue::list_flights(&RealDisk, root)?;
     let Some(wanted) = wanted else { return Ok(all) };
@@ -25,7 +25,7 @@ pub fn select_flights(root: &Path, wanted: Option<&str>) -> Result<Vec<FlightRef
 }
 
 /// Lists a flight's frames in order: those of the series requested, or all.
-pub fn flight_frames(disk: &dyn Disk, flight: &FlightRef, wanted: Option<&str>) -> Result<Vec<FrameRef>, StoreError> {
+pub fn flight_frames(disk: &dyn Disk, flight: &FlightRef, wanted: Option<&str>) -> StoreResult<Vec<FrameRef>> {
     let mut frames = Vec::new();
     let is_wanted = |id: &str| wanted.is_none_or(|wanted| wanted == id);
     for series in catalogue::list_series(disk, flight)?.into_iter().filter(|series| is_wanted(&series.id)) {
@@ -35,12 +35,12 @@ pub fn flight_frames(disk: &dyn Disk, flight: &FlightRef, wanted: Option<&str>) 
 }
 
 /// Opens a store for writing, without disk reserve, because nothing is being recorded.
-pub fn open_store(root: &Path) -> Result<(Store, Recovery), StoreError> {
+pub fn open_store(root: &Path) -> StoreResult<(Store, Recovery)> {
     Store::open(Arc::new(RealDisk), StoreConfig { reserve_mb: 0, ..StoreConfig::new(root) })
 }
 
 /// Returns the kept installation that a flight's last results came from.
-pub fn kept_installation(root: &Path, flight: &FlightRef) -> Result<Option<PathBuf>, StoreError> {
+pub fn kept_installation(root: &Path, flight: &FlightRef) -> StoreResult<Option<PathBuf>> {
     let last = installations::flight_installations(&RealDisk, flight)?.pop();
     Ok(last.map(|digest| installations::installation_folder(root, &digest)))
 }
@@ -50,7 +50,7 @@ pub fn kept_installation(root: &Path, flight: &FlightRef) -> Result<Option<PathB
 ///
 /// # Errors
 /// Returns an error if none is named and the store keeps none or several.
-pub fn flight_installation(named: Option<&Path>, root: &Path, flight: &FlightRef) -> Result<PathBuf, Failure> {
+pub fn flight_installation(named: Option<&Path>, root: &Path, flight: &FlightRef) -> TaskResult<PathBuf> {
     if let Some(named) = named {
         return Ok(named.to_owned());
     }
@@ -67,7 +67,7 @@ pub fn frame_name(frame: &FrameRef) -> String {
 }
 
 /// Returns the installation of a store that keeps exactly one: an imported flight has no results to name it.
-fn only_kept_installation(root: &Path) -> Result<Option<PathBuf>, StoreError> {
+fn only_kept_installation(root: &Path) -> StoreResult<Option<PathBuf>> {
     let disk: &dyn Disk = &RealDisk;
     let all = disk.list_entries(&root.join(layout::INSTALLATIONS)).unwrap_or_default();
     match all.as_slice() {

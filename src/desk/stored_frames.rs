@@ -14,7 +14,7 @@ use crate::pipeline::{ProcessedFrame, stages};
 use crate::record::Reason;
 use crate::report::aircraft;
 use crate::store::manifest::SeriesCause;
-use crate::store::{self, Disk, FlightRef, FrameRef, StoreError, catalogue};
+use crate::store::{self, Disk, FlightRef, FrameRef, StoreResult, catalogue};
 
 /// Kind of a shot's failure if the camera was unplugged or lost power.
 const CAMERA_GONE: &str = "gone";
@@ -60,7 +60,7 @@ pub struct FlightAircraftData {
 
 impl FlightAircraftData {
     /// Reads the data.
-    pub fn read(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<Self, StoreError> {
+    pub fn read(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> StoreResult<Self> {
         let (track, mut notes) = aircraft::read_track(disk, root, flight)?;
         let mut digest = None;
         if !track.is_empty() {
@@ -75,7 +75,7 @@ impl FlightAircraftData {
 /// Returns the mounting of each frame by its digest. A reboot or a lost camera begins a new mounting, because the camera
 /// may have been taken down then. Reopening before each series, which the recorder does itself, does not. Imported images
 /// have no entry: their mountings are unknown.
-pub fn frame_mountings(disk: &dyn Disk, flight: &FlightRef) -> Result<BTreeMap<String, Mounting>, StoreError> {
+pub fn frame_mountings(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<BTreeMap<String, Mounting>> {
     let mut all = BTreeMap::new();
     let (mut number, mut boot): (usize, Option<String>) = (0, None);
     for series in catalogue::list_series(disk, flight)? {

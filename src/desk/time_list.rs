@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 
-use super::{Failure, read_text_file};
+use super::{Failure, TaskResult, read_text_file};
 use crate::clock::written_time::WrittenTime;
 use crate::installation::{KeyFault, parse_rows};
 
@@ -31,7 +31,7 @@ impl TimeList {
     ///
     /// # Errors
     /// Returns the first error of the file with its line and remedy.
-    pub fn read(file: &Path) -> Result<Self, Failure> {
+    pub fn read(file: &Path) -> TaskResult<Self> {
         let text = read_text_file(file)?;
         Self::parse(file, &text).map_err(|fault| Failure::from(fault.into_fault(file)))
     }

@@ -10,7 +10,7 @@ use super::tls;
 use crate::installation::Fault;
 
 /// Section `[serve]` of the configuration.
-#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ServeConfig {
     /// Address and port, `HOST:PORT`.

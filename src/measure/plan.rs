@@ -22,7 +22,7 @@ pub use resolution::{Footprint, SkinProfile, skin_footprint};
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::adjust::{AdjustError, Options};
+use super::adjust::{AdjustResult, Options};
 use super::setup::{Orientation, Setup};
 use prediction::SimulatedFlight;
 
@@ -126,7 +126,7 @@ pub fn plan_installation(
     setup: &Setup,
     orientation: Option<&Orientation>,
     options: &PlanOptions,
-) -> Result<InstallationPlan, AdjustError> {
+) -> AdjustResult<InstallationPlan> {
     let simulation = SimulatedFlight::new(setup, orientation, options)?;
     let (prediction, failure) = match simulation.predict_layout() {
         Ok(prediction) => (Some(prediction), None),

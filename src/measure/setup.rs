@@ -75,7 +75,7 @@ pub struct SkinHeight {
 }
 
 /// Uniform thermal expansion between ground and flight.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct Thermal {
     /// Linear coefficient of expansion, 1/K.
     pub expansion_per_k: f64,

@@ -120,7 +120,7 @@ pub static SECTIONS: [QuantitySection; 12] = [
             time("exposure_time", "middle of the [exposure](time.md)", |r| Some(r.exposure?.exposure_time))
                 .in_live(Derived),
             EXPOSURE_SIGMA,
-            text("exposure_source", "event that determines it", |r| Some(r.exposure?.exposure_source.name().into()))
+            text("exposure_source", "event that determines it", |r| Some(variant_name(r.exposure?.exposure_source)))
                 .word_since(2, || words(ExposureSource::ALL)),
             CLOCK_SIGMA,
             text("status", "`ok`, `failed`, `not solved`, `no frame`", |r| r.status()).in_live(Derived),

@@ -10,7 +10,7 @@ use crate::aircraft::{AircraftTrack, Layout, ReceivedLine};
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
 use crate::store::aircraft::AircraftLine;
-use crate::store::{Disk, FlightRef, StoreError, aircraft, catalogue};
+use crate::store::{Disk, FlightRef, StoreResult, aircraft, catalogue};
 
 /// Source of aircraft data: lines recorded from a feed without interruption, or an imported table. Nothing is deleted: a
 /// withdrawn source stays in the flight.
@@ -52,7 +52,7 @@ pub fn read_sources(
     disk: &dyn Disk,
     root: &Path,
     flight: &FlightRef,
-) -> Result<(Vec<AircraftSource>, Vec<String>), StoreError> {
+) -> StoreResult<(Vec<AircraftSource>, Vec<String>)> {
     let (all, mut notes) = aircraft::read_aircraft(disk, root, flight)?;
     let mut found: Vec<AircraftSource> = vec![];
     let mut is_continued = false;
@@ -81,11 +81,7 @@ pub fn read_sources(
 }
 
 /// Reads the samples of all sources in use of a flight, and notes on unreadable lines.
-pub fn read_track(
-    disk: &dyn Disk,
-    root: &Path,
-    flight: &FlightRef,
-) -> Result<(AircraftTrack, Vec<String>), StoreError> {
+pub fn read_track(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> StoreResult<(AircraftTrack, Vec<String>)> {
     let (all, mut notes) = read_sources(disk, root, flight)?;
     let mut track = AircraftTrack::default();
     for source in all.iter().filter(|source| source.withdrawn.is_none()) {
@@ -112,7 +108,7 @@ pub fn join_aircraft_data(track: &AircraftTrack, series: &mut SeriesData) {
 }
 
 /// Reads the time of each frame of a flight. Unreadable series are skipped; `wingd verify` lists them.
-pub fn read_frame_times(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<(Stamp, Option<Exposure>)>, StoreError> {
+pub fn read_frame_times(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<Vec<(Stamp, Option<Exposure>)>> {
     let series = catalogue::list_series(disk, flight)?;
     let manifests = series.iter().filter_map(|series| catalogue::read_series_manifest(disk, series).ok());
     let shots = manifests.flat_map(|manifest| manifest.shots).filter(|shot| shot.frame.is_some());

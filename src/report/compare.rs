@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::record::{ImageRecord, MarkerRecord, Provenance, Quality, RecordStatus, json_text, variant_name};
 use crate::store::result_sets::{self, ResultSet};
-use crate::store::{Disk, FlightRef, SeriesRef, StoreError, catalogue};
+use crate::store::{Disk, FlightRef, SeriesRef, StoreResult, catalogue};
 
 /// Change of one frame's result between two result sets.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -48,11 +48,7 @@ pub struct ComparedFlight {
 }
 
 /// Compares the results of two flights frame by frame, matching frames by SHA-256; sorted by series and frame.
-pub fn compare_frames(
-    disk: &dyn Disk,
-    old: &ComparedFlight,
-    new: &ComparedFlight,
-) -> Result<Vec<FrameChange>, StoreError> {
+pub fn compare_frames(disk: &dyn Disk, old: &ComparedFlight, new: &ComparedFlight) -> StoreResult<Vec<FrameChange>> {
     let mut before = BTreeMap::new();
     for series in catalogue::list_series(disk, &old.flight)? {
         before.extend(read_records(disk, &series, &old.set)?.into_iter().map(|(key, r)| (key.2.clone(), (key, r))));
@@ -73,11 +69,7 @@ pub fn compare_frames(
 type FrameKey = (String, String, String);
 
 /// Reads the records that a set of results has of a series, with the frame of each.
-fn read_records(
-    disk: &dyn Disk,
-    series: &SeriesRef,
-    set: &ResultSet,
-) -> Result<Vec<(FrameKey, ImageRecord)>, StoreError> {
+fn read_records(disk: &dyn Disk, series: &SeriesRef, set: &ResultSet) -> StoreResult<Vec<(FrameKey, ImageRecord)>> {
     let record = |value| serde_json::from_value::<ImageRecord>(value).ok();
     let lean = |r: ImageRecord| ImageRecord {
         quality: Quality::default(),

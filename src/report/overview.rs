@@ -9,7 +9,7 @@ use crate::clock::Stamp;
 use crate::record::{DeflectionReference, RecordStatus, Tip};
 use crate::store::manifest::{SeriesManifest, SeriesState};
 use crate::store::result_sets::{ResultGrouper, ResultSets};
-use crate::store::{Disk, FlightRef, SeriesRef, StoreError, catalogue};
+use crate::store::{Disk, FlightRef, SeriesRef, StoreResult, catalogue};
 
 /// Series of a flight in one line.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -109,7 +109,7 @@ struct FrameResult {
 }
 
 /// Reads the overview of a flight. Damaged files are reported in `notes` and do not hide the rest.
-pub fn read_overview(disk: &dyn Disk, flight: &FlightRef) -> Result<FlightOverview, StoreError> {
+pub fn read_overview(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<FlightOverview> {
     let mut overview = FlightOverview { flight: flight.id.clone(), ..FlightOverview::default() };
     let mut grouper = ResultGrouper::default();
     let mut all = Vec::new();
@@ -171,10 +171,8 @@ fn summarize_results(
     chosen: Option<usize>,
     reference: DeflectionReference,
 ) -> SeriesOverview {
-    let mut latest = std::collections::BTreeMap::new();
-    for one in results.iter().filter(|one| Some(one.set) == chosen) {
-        latest.insert(&one.frame, one);
-    }
+    let in_set = results.iter().filter(|one| Some(one.set) == chosen);
+    let latest: std::collections::BTreeMap<_, _> = in_set.map(|one| (&one.frame, one)).collect();
     let solved = || latest.values().filter(|s| s.ok);
     let tips = || solved().filter_map(|s| Some((s.frame.as_str(), s.tip.as_ref()?)));
     let deflections: Vec<_> = tips().filter_map(|(_, tip)| tip.deflection(reference)).collect();

@@ -12,7 +12,9 @@ use crate::measure::setup::Setup;
 use crate::record::{ImageRecord, Model, Quality};
 use crate::store::manifest::{RefusedSeries, ResultLine, SeriesManifest, SeriesState, Shot};
 use crate::store::result_sets::{self, ResultGrouper, ResultSet};
-use crate::store::{self, Disk, FlightRef, RealDisk, SeriesRef, StoreError, catalogue, installations, jsonl, layout};
+use crate::store::{
+    self, Disk, FlightRef, RealDisk, SeriesRef, StoreError, StoreResult, catalogue, installations, jsonl, layout,
+};
 
 /// Selection of a flight and of one of its result sets.
 #[derive(Clone, Copy, Debug, Default)]
@@ -40,7 +42,7 @@ pub const DEFAULT_PICTURES: usize = 4;
 ///
 /// # Errors
 /// Returns an error if [`read_flight_with_pictures`] does.
-pub fn read_flight(root: &Path, choice: ResultChoice, setup: Option<&Setup>) -> Result<ReportData, StoreError> {
+pub fn read_flight(root: &Path, choice: ResultChoice, setup: Option<&Setup>) -> StoreResult<ReportData> {
     read_flight_with_pictures(root, choice, setup, DEFAULT_PICTURES)
 }
 
@@ -54,7 +56,7 @@ pub fn read_flight_with_pictures(
     choice: ResultChoice,
     setup: Option<&Setup>,
     pictures: usize,
-) -> Result<ReportData, StoreError> {
+) -> StoreResult<ReportData> {
     let disk = RealDisk;
     catalogue::check_format(&disk, root)?;
     let mut data = ReportData { site: setup.map(ReportSite::from), ..ReportData::default() };
@@ -132,14 +134,14 @@ fn read_aircraft_track(
     root: &Path,
     flight: &FlightRef,
     notes: &mut Vec<String>,
-) -> Result<AircraftTrack, StoreError> {
+) -> StoreResult<AircraftTrack> {
     let (track, messages) = aircraft::read_track(disk, root, flight)?;
     notes.extend(messages);
     Ok(track)
 }
 
 /// Returns the named flight, or all flights.
-pub fn selected_flights(root: &Path, name: Option<&str>) -> Result<Vec<FlightRef>, StoreError> {
+pub fn selected_flights(root: &Path, name: Option<&str>) -> StoreResult<Vec<FlightRef>> {
     catalogue::check_format(&RealDisk, root)?;
     match name {
         Some(_) => Ok(find_named_or_newest_flight(&RealDisk, root, name)?.into_iter().collect()),
@@ -153,7 +155,7 @@ fn select_results(
     flight: &FlightRef,
     choice: ResultChoice,
     warnings: &mut Vec<String>,
-) -> Result<Option<ResultSet>, StoreError> {
+) -> StoreResult<Option<ResultSet>> {
     let sets = result_sets::flight_result_sets(disk, flight)?;
     warnings.extend(sets.mixed_inputs_warning(&flight.id, choice.inputs));
     let found = sets.choose_set(choice.inputs).cloned();
@@ -180,11 +182,7 @@ fn reduce_series(mut series: SeriesData, whole: &mut FrameRanking) -> SeriesData
     series
 }
 
-fn find_named_or_newest_flight(
-    disk: &dyn Disk,
-    root: &Path,
-    name: Option<&str>,
-) -> Result<Option<FlightRef>, StoreError> {
+fn find_named_or_newest_flight(disk: &dyn Disk, root: &Path, name: Option<&str>) -> StoreResult<Option<FlightRef>> {
     let flights = catalogue::list_flights(disk, root)?;
     if let Some(name) = name {
         let known: Vec<&str> = flights.iter().map(|f| f.id.as_str()).collect();
@@ -244,7 +242,7 @@ impl SeriesIndex {
     ///
     /// # Errors
     /// Returns an error if one of the files cannot be read.
-    pub fn read(disk: &dyn Disk, series: &SeriesRef) -> Result<Self, StoreError> {
+    pub fn read(disk: &dyn Disk, series: &SeriesRef) -> StoreResult<Self> {
         let data = series_data(series, catalogue::read_series_manifest(disk, series)?);
         let mut grouper = ResultGrouper::default();
         let heads = grouper.add_series(disk, series, &[], |head| (head.set, head.frame, head.place))?;

@@ -4,8 +4,9 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use crate::record::variant_name;
 use crate::store::bundle::{BundleContent, BundleFile, FlightBundle};
-use crate::store::{Disk, FlightRef, RealDisk, StoreError, catalogue, installations, layout, sha256_hex};
+use crate::store::{Disk, FlightRef, RealDisk, StoreError, StoreResult, catalogue, installations, layout, sha256_hex};
 
 /// Format of the manifest.
 const FORMAT: u32 = 2;
@@ -40,7 +41,7 @@ impl WingLabels {
 
 /// Manifest of a flight, `manifests/recorder=R/flight=F/manifest.json`: announces the flight with all its files. Completion
 /// objects next to it show the stages that have arrived ([`UploadStage`]).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Default)]
 pub struct UploadManifest {
     /// Format of the manifest.
     pub format: u32,
@@ -81,7 +82,8 @@ pub struct PublishedFile {
 }
 
 /// Stage of an upload, in order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum UploadStage {
     /// Everything except frames.
     Results,
@@ -104,21 +106,13 @@ pub(super) struct UploadObject {
 #[derive(Serialize)]
 struct CompletionRecord<'a> {
     format: u32,
-    stage: &'a str,
+    stage: UploadStage,
     /// SHA-256 of the manifest.
     manifest: String,
     seal: &'a str,
 }
 
 impl UploadStage {
-    /// Returns the name of the stage in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Results => "results",
-            Self::Frames => "frames",
-        }
-    }
-
     /// Returns the key prefix of the stage. Frames have their own prefix, so that a lifecycle rule of the bucket can delete
     /// them.
     fn key_prefix(self) -> &'static str {
@@ -143,7 +137,7 @@ impl UploadManifest {
         flight: &FlightRef,
         labels: &WingLabels,
         bundle: &FlightBundle,
-    ) -> Result<Self, StoreError> {
+    ) -> StoreResult<Self> {
         let recorder = catalogue::store_id(&RealDisk, root).ok_or_else(|| missing_id_error(root))?;
         let files: Vec<PublishedFile> = bundle.items.iter().map(published_file).collect::<Result<_, _>>()?;
         let short = recorder.get(..SHORT_ID_LENGTH).unwrap_or(&recorder);
@@ -203,10 +197,10 @@ impl UploadManifest {
     pub(super) fn completion_object(&self, stage: UploadStage) -> (String, String) {
         let manifest = sha256_hex(self.json_text().as_bytes());
         let text = |seal: &str| {
-            let mark = CompletionRecord { format: FORMAT, stage: stage.name(), manifest: manifest.clone(), seal };
+            let mark = CompletionRecord { format: FORMAT, stage, manifest: manifest.clone(), seal };
             serde_json::to_string_pretty(&mark).unwrap_or_default() + "\n"
         };
-        let key = format!("manifests/{}/{}.json", self.flight_path(), stage.name());
+        let key = format!("manifests/{}/{}.json", self.flight_path(), variant_name(stage));
         (key, text(&sha256_hex(text(EMPTY_SEAL).as_bytes())))
     }
 
@@ -252,7 +246,7 @@ impl UploadManifest {
     }
 }
 
-fn published_file(item: &BundleFile) -> Result<PublishedFile, StoreError> {
+fn published_file(item: &BundleFile) -> StoreResult<PublishedFile> {
     let parts = if item.length > PART_BYTES as u64 {
         read_verified(item)?.chunks(PART_BYTES).map(sha256_hex).collect()
     } else {
@@ -262,7 +256,7 @@ fn published_file(item: &BundleFile) -> Result<PublishedFile, StoreError> {
 }
 
 /// Reads a file's bytes in the state of the bundle; returns an error if they do not have the digest in the chain.
-pub(super) fn read_verified(item: &BundleFile) -> Result<Vec<u8>, StoreError> {
+pub(super) fn read_verified(item: &BundleFile) -> StoreResult<Vec<u8>> {
     let (bytes, path) = match &item.content {
         BundleContent::Bytes(bytes) => (bytes.clone(), item.name.clone().into()),
         BundleContent::File(path) => {
@@ -279,7 +273,7 @@ pub(super) fn read_verified(item: &BundleFile) -> Result<Vec<u8>, StoreError> {
 }
 
 /// Returns the wing side in the latest installation of the flight's results.
-fn wing_side(root: &Path, flight: &FlightRef) -> Result<Option<String>, StoreError> {
+fn wing_side(root: &Path, flight: &FlightRef) -> StoreResult<Option<String>> {
     let last = installations::flight_installations(&RealDisk, flight)?.pop();
     let file = last.map(|digest| installations::installation_folder(root, &digest).join("installation.toml"));
     let text = file.and_then(|file| RealDisk.read(&file).ok());
@@ -306,13 +300,10 @@ mod tests {
             recorder: "ab12".into(),
             flight: "f0001".into(),
             aircraft: "recorder-ab12".into(),
-            aircraft_type: None,
-            wing: None,
             started: "2026-06-01T08:00:00Z".into(),
             digest: "d".into(),
             bytes: 9,
-            files: Vec::new(),
-            seal: String::new(),
+            ..UploadManifest::default()
         };
         manifest.update_seal();
         manifest

@@ -43,38 +43,28 @@ fn kill_deadline(deadline: Duration) -> Duration {
 }
 
 /// Section `[camera]` with `kind = "gphoto"`. Without `model` and `port`, the only camera there is.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct GphotoSection {
     /// Part of the model's name, as `gphoto2 --auto-detect` prints it.
     pub model: Option<String>,
     /// Port, such as `usb:001,004`; it changes with every connection.
     pub port: Option<String>,
     /// Setting -> value, as `gphoto2 --get-config NAME` prints it; set and read back before each series.
-    #[serde(default)]
     pub settings: BTreeMap<String, String>,
     /// Maximum time for finding and setting up the camera, s.
-    #[serde(default = "default_open")]
     pub open_s: f64,
     /// Delete an image on the card once our copy is durable.
-    #[serde(default = "default_true")]
     pub delete: bool,
     /// Take over images found on the card, if there are at most this many; more are assumed to be somebody else's and left
     /// alone. 0: never.
-    #[serde(default = "default_recover")]
     pub recover: usize,
 }
 
-fn default_open() -> f64 {
-    30.0
-}
-
-fn default_true() -> bool {
-    true
-}
-
-fn default_recover() -> usize {
-    40
+impl Default for GphotoSection {
+    fn default() -> Self {
+        Self { model: None, port: None, settings: BTreeMap::new(), open_s: 30.0, delete: true, recover: 40 }
+    }
 }
 
 impl DriverSection for GphotoSection {

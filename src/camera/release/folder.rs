@@ -134,13 +134,7 @@ fn is_jpeg(path: &Path) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn picture(seed: usize) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        let grey: Vec<u8> = (0..64 * 48).map(|i| (i * seed % 251) as u8).collect();
-        jpeg_encoder::Encoder::new(&mut bytes, 90).encode(&grey, 64, 48, jpeg_encoder::ColorType::Luma).unwrap();
-        bytes
-    }
+    use crate::camera::jpeg::tests::picture;
 
     #[test]
     fn only_complete_new_files_are_delivered() {

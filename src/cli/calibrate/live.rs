@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::{CalibrateArgs, Failure};
+use super::{CalibrateArgs, Failure, TaskResult};
 use crate::camera::freshness::Freshness;
 use crate::clock::SystemClock;
 use crate::config;
@@ -17,11 +17,7 @@ use crate::report::number::count_text;
 const SHOT_DEADLINE: Duration = Duration::from_secs(20);
 
 /// Takes images until the verdict is good, the camera ends, or the limit is reached.
-pub(super) fn take_images(
-    args: &CalibrateArgs,
-    file: &Path,
-    board: &DescribedBoard,
-) -> Result<Vec<BoardImage>, Failure> {
+pub(super) fn take_images(args: &CalibrateArgs, file: &Path, board: &DescribedBoard) -> TaskResult<Vec<BoardImage>> {
     let section = config::load_camera(file)?;
     let mut camera = section.factory(Arc::new(SystemClock::new()), Duration::ZERO)();
     let opened = camera.open().map_err(Failure::from_error)?;

@@ -5,7 +5,7 @@ mod output;
 
 use std::path::PathBuf;
 
-use super::{Completion, Failure, batch, print_line, write_output};
+use super::{Completion, Failure, TaskResult, batch, print_line, write_output};
 use crate::desk::CHECK_WRITE_ACCESS;
 use crate::desk::calibration::{
     BoardImage, JudgedCalibration, board_corners, calibrate_and_judge, calibration_report, exclusion_reason,
@@ -58,7 +58,7 @@ pub struct CalibrateArgs {
 }
 
 /// Calibrates a camera from images of a board or their corners, and writes the calibration, its page and corners.
-pub(super) fn run(args: &CalibrateArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &CalibrateArgs) -> TaskResult<Completion> {
     let board = exchange::load_board(&args.board)?;
     let mut pictures = match &args.config {
         Some(config) if args.live => live::take_images(args, config, &board)?,
@@ -77,7 +77,7 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<Completion, Failure> {
 }
 
 /// Reads the images, or a file of corners.
-fn read_images(args: &CalibrateArgs, board: &Board) -> Result<Vec<BoardImage>, Failure> {
+fn read_images(args: &CalibrateArgs, board: &Board) -> TaskResult<Vec<BoardImage>> {
     if let (Some(file), true) = (&args.corners, args.images.is_empty()) {
         return Ok(exchange::read_corners(file)?.into_iter().map(BoardImage::from).collect());
     }
@@ -92,7 +92,7 @@ fn write_and_report(
     args: &CalibrateArgs,
     pictures: &[BoardImage],
     judged: &JudgedCalibration,
-) -> Result<Completion, Failure> {
+) -> TaskResult<Completion> {
     let JudgedCalibration { calibration, verdict, reasons, .. } = judged;
     let accepted = acceptance_reason(args, judged)?;
     let written = calibration_report(calibration, *verdict, accepted.clone());
@@ -137,7 +137,7 @@ fn write_and_report(
 }
 
 /// Returns the reason for writing a refused calibration, or an error if it cannot be accepted.
-fn acceptance_reason(args: &CalibrateArgs, judged: &JudgedCalibration) -> Result<Option<String>, Failure> {
+fn acceptance_reason(args: &CalibrateArgs, judged: &JudgedCalibration) -> TaskResult<Option<String>> {
     let Some(reason) = args.accept.as_ref().filter(|_| judged.verdict == Verdict::Refused) else {
         return Ok(None);
     };

@@ -2,13 +2,13 @@
 
 use super::sink::{ExportEnd, FileMetadata, RowSink, finish_export};
 use super::{ExportArgs, FormatName, add_provenance, recorder_metadata};
-use crate::cli::{Completion, Failure, byte_progress, print_notes};
+use crate::cli::{Completion, Failure, TaskResult, byte_progress, print_notes};
 use crate::quantities::LiveSource;
 use crate::report::export::LiveColumns;
 use crate::report::{aircraft, source};
 use crate::store::{FlightRef, Inputs, LiveTable, RealDisk, StoreError, catalogue, live};
 
-pub(super) fn export_live_results(args: &ExportArgs) -> Result<Completion, Failure> {
+pub(super) fn export_live_results(args: &ExportArgs) -> TaskResult<Completion> {
     check_live_options(args)?;
     let flights = source::selected_flights(&args.store, args.flight.as_deref())?;
     let (mut tables, mut bytes) = (Vec::new(), 0);
@@ -79,7 +79,7 @@ fn write_flight_rows(
     Ok(notes)
 }
 
-fn check_live_options(args: &ExportArgs) -> Result<(), Failure> {
+fn check_live_options(args: &ExportArgs) -> TaskResult<()> {
     let wrong = match args.format {
         FormatName::Vtk => Some("--format vtk has no live results; use csv, parquet or jsonl"),
         _ if args.inputs.is_some() => {

@@ -5,7 +5,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 use super::{ExportArgs, FormatName};
-use crate::cli::{Failure, print_line};
+use crate::cli::{Failure, TaskResult, print_line};
 use crate::report::export::{self, CsvWriter, ExportColumn};
 use crate::store::StoreError;
 
@@ -71,7 +71,7 @@ impl RowSink {
     pub(super) fn begin(
         args: &ExportArgs,
         columns: Vec<ExportColumn>,
-        notes: impl FnOnce() -> Result<FileMetadata, Failure>,
+        notes: impl FnOnce() -> TaskResult<FileMetadata>,
     ) -> Result<Self, ExportEnd> {
         match args.format {
             FormatName::Jsonl => Ok(Self::Lines(args.text_output()?)),
@@ -124,7 +124,7 @@ fn io_error_from_csv(error: csv::Error) -> io::Error {
 }
 
 /// Prints the path of the file, or returns the failure; a closed pipe (`| head`) is not an error.
-pub(super) fn finish_export<T: Default>(args: &ExportArgs, outcome: Result<T, ExportEnd>) -> Result<T, Failure> {
+pub(super) fn finish_export<T: Default>(args: &ExportArgs, outcome: Result<T, ExportEnd>) -> TaskResult<T> {
     let file = args.output_file();
     match outcome {
         Err(ExportEnd::Output(error)) if file.is_none() && error.kind() == io::ErrorKind::BrokenPipe => {

@@ -1,6 +1,6 @@
 //! Options of a plan for a wing of which only the main dimensions are known.
 
-use crate::cli::Failure;
+use crate::cli::{Failure, TaskResult};
 use crate::measure::geometry::Lens;
 use crate::measure::plan::LayoutDraft;
 use crate::measure::setup::WingSide;
@@ -63,7 +63,7 @@ impl DraftArgs {
     ///
     /// # Errors
     /// Returns an error if a dimension is missing or out of range.
-    pub fn to_draft(&self) -> Result<LayoutDraft, Failure> {
+    pub fn to_draft(&self) -> TaskResult<LayoutDraft> {
         let (Some(span_m), Some(height_m), Some(chord_m), Some(focal_mm), Some(sensor)) =
             (self.span, self.height, self.chord, self.focal, self.sensor)
         else {

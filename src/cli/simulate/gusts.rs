@@ -3,7 +3,7 @@
 use nalgebra::{Rotation3, Vector3};
 
 use super::SimulateArgs as Simulate;
-use crate::cli::Failure;
+use crate::cli::{Failure, TaskResult};
 use crate::desk::simulation::{FlightMoment, SetFrame, choose_hidden};
 use crate::measure::render::{BendingMode, GustSeries, Light, Scene, SeededRandom};
 use crate::measure::setup::Width;
@@ -43,7 +43,7 @@ fn parse_mode(text: &str) -> Result<BendingMode, String> {
 
 impl GustArgs {
     /// Returns a usage error if an option is out of its range.
-    pub fn check_options(&self) -> Result<(), Failure> {
+    pub fn check_options(&self) -> TaskResult<()> {
         let wrong = |what: &str| Err(Failure::Usage(what.into()));
         match self.seconds {
             Some(seconds) if !(seconds > 0.0 && seconds <= 3600.0) => {

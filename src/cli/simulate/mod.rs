@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use nalgebra::Vector2;
 
-use super::{Completion, Failure, print_line, progress_bar};
+use super::{Completion, Failure, TaskResult, print_line, progress_bar};
 use crate::desk::simulation::{
     FlightMoment, SetFrame, choose_hidden, sample_aircraft, with_default_priors, write_board_images, write_set,
 };
@@ -149,7 +149,7 @@ fn parse_side(name: &str) -> Result<SceneSide, String> {
     }
 }
 
-pub(super) fn run(args: &SimulateArgs) -> Result<Completion, Failure> {
+pub(super) fn run(args: &SimulateArgs) -> TaskResult<Completion> {
     args.gusts.check_options()?;
     let scene = create_scene(args)?;
     let mut frames = match args.gusts.seconds {
@@ -176,7 +176,7 @@ pub(super) fn run(args: &SimulateArgs) -> Result<Completion, Failure> {
     Ok(Completion::All)
 }
 
-fn create_scene(args: &SimulateArgs) -> Result<Scene, Failure> {
+fn create_scene(args: &SimulateArgs) -> TaskResult<Scene> {
     let highest = args.tip_deflections.iter().copied().fold(0.5, f64::max) + args.gusts.max_added_deflection_m();
     let Some(directory) = &args.installation else {
         let options = args.wing.render_options(args.seed, highest);
@@ -194,7 +194,7 @@ fn create_scene(args: &SimulateArgs) -> Result<Scene, Failure> {
     Scene::from_setup(&setup, attitude, args.seed, highest).map_err(|e| Failure::from_path_error(directory, e))
 }
 
-fn check_scene_options(options: &SceneOptions) -> Result<(), Failure> {
+fn check_scene_options(options: &SceneOptions) -> TaskResult<()> {
     let wrong = |what: &str| Err(Failure::Usage(what.into()));
     let positive = |x: f64| x.is_finite() && x > 0.0;
     if options.lens.width < 64 || options.lens.height < 64 || options.lens.width.max(options.lens.height) > 65_000 {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::{ReportFile, ResultOutput, SolveArgs, job_from_args, report};
 use crate::cli::default_paths::{load_installation, resolve_installation};
-use crate::cli::{Completion, Failure, batch, print_flight_prior, print_notes};
+use crate::cli::{Completion, Failure, TaskResult, batch, print_flight_prior, print_notes};
 use crate::desk::image_names::{image_name, image_names};
 use crate::desk::manual_points::ManualPoints;
 use crate::installation::{self, Fault, Installation, Mountings};
@@ -12,7 +12,7 @@ use crate::measure::setup::Orientation;
 use crate::pipeline::{self, ProcessedFrame, SolveJob, stages};
 use crate::record::Reason;
 
-pub(super) fn solve_images(args: &SolveArgs, report: Option<ReportFile>) -> Result<Completion, Failure> {
+pub(super) fn solve_images(args: &SolveArgs, report: Option<ReportFile>) -> TaskResult<Completion> {
     let directory = resolve_installation(args.installation.as_deref())?;
     if args.images.is_empty() && (args.adjusts_jointly() || args.mountings.is_some() || args.report.is_some()) {
         let what = "--flight, --mountings and --report need images in addition to --observations";
@@ -60,7 +60,7 @@ fn solve_files(
     known: &SolveInputs,
     job: &SolveJob,
     output: &mut ResultOutput,
-) -> Result<(), Failure> {
+) -> TaskResult<()> {
     let SolveInputs { installation, orientation, mountings, manual } = known;
     let process = |name: &str, bytes: Result<&[u8], Reason>| {
         let processed = match bytes {
@@ -89,7 +89,7 @@ fn solve_files(
 }
 
 /// Reads the mountings given by the user; each frame must have one.
-fn read_mountings(args: &SolveArgs, files: &[PathBuf]) -> Result<Option<Mountings>, Failure> {
+fn read_mountings(args: &SolveArgs, files: &[PathBuf]) -> TaskResult<Option<Mountings>> {
     let Some(file) = &args.mountings else { return Ok(None) };
     let read = installation::read_mountings(file)?;
     let names = image_names(files);

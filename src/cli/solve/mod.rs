@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 
-use super::{Completion, Failure, print_json, print_line};
+use super::{Completion, Failure, TaskResult, print_json, print_line};
 use crate::desk::image_files;
 use crate::measure::adjust::{AdjustmentMethod, Options, SigmaKind};
 use crate::pipeline::SolveJob;
@@ -109,7 +109,7 @@ impl SolveArgs {
 }
 
 /// Solves image files or the frames of a store, prints the results, and writes a report if requested.
-pub(super) fn run(args: &SolveArgs, reports: Option<ReportBuilder>) -> Result<Completion, Failure> {
+pub(super) fn run(args: &SolveArgs, reports: Option<ReportBuilder>) -> TaskResult<Completion> {
     if args.adjusts_jointly() && matches!(args.method, MethodName::Profile) {
         return Err(Failure::Usage("--flight needs the spatial method; omit --method profile".into()));
     }
@@ -171,7 +171,7 @@ impl<'a> ResultOutput<'a> {
         Self { args, records: vec![], kept: keep_records.then(Vec::new), all_solved: true }
     }
 
-    fn take_record(&mut self, record: ImageRecord) -> Result<(), Failure> {
+    fn take_record(&mut self, record: ImageRecord) -> TaskResult<()> {
         self.all_solved &= record.is_solved();
         if let Some(kept) = &mut self.kept {
             kept.push(record.clone());
@@ -188,7 +188,7 @@ impl<'a> ResultOutput<'a> {
         Ok(())
     }
 
-    fn finish(self) -> Result<Completion, Failure> {
+    fn finish(self) -> TaskResult<Completion> {
         if !self.records.is_empty() {
             print_line(&table::results_text(&self.records, self.args.wide))?;
         }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::camera::replay::format_from_path;
 use crate::cli::default_paths::load_setup;
-use crate::cli::{Failure, batch, not_on_board, print_notes, write_output};
+use crate::cli::{TaskResult, batch, not_on_board, print_notes, write_output};
 use crate::clock::Stamp;
 use crate::desk::CHECK_WRITE_ACCESS;
 use crate::desk::image_names::image_names;
@@ -28,7 +28,7 @@ impl<'a> ReportFile<'a> {
     ///
     /// # Errors
     /// Returns an error if this program builds no reports.
-    pub(super) fn from_option(file: Option<&'a Path>, reports: Option<ReportBuilder>) -> Result<Option<Self>, Failure> {
+    pub(super) fn from_option(file: Option<&'a Path>, reports: Option<ReportBuilder>) -> TaskResult<Option<Self>> {
         let Some(file) = file else { return Ok(None) };
         let builder = reports.ok_or_else(|| not_on_board("`wingd solve --report`"))?;
         Ok(Some(Self { file, builder }))
@@ -41,7 +41,7 @@ pub(super) fn write_store_report(
     store: &Store,
     flight: Option<&str>,
     directory: Option<&Path>,
-) -> Result<(), Failure> {
+) -> TaskResult<()> {
     let choice = ResultChoice { flight, inputs: None };
     let data = source::read_flight(store.root(), choice, load_setup(directory)?.as_ref())?;
     print_notes(data.warnings.iter().chain(&data.notes));
@@ -54,7 +54,7 @@ pub(super) fn write_image_report(
     files: &[PathBuf],
     records: Vec<ImageRecord>,
     installation: &Installation,
-) -> Result<(), Failure> {
+) -> TaskResult<()> {
     let names: BTreeMap<&PathBuf, String> = files.iter().zip(image_names(files)).collect();
     let mut of_name: BTreeMap<String, ImageRecord> =
         records.into_iter().map(|record| (record.image.clone(), record)).collect();
@@ -99,7 +99,7 @@ fn shot_data(number: u32, picture: &DatedImage, name: String) -> ShotData {
     }
 }
 
-fn write_page(page: &ReportFile, data: &ReportData) -> Result<(), Failure> {
+fn write_page(page: &ReportFile, data: &ReportData) -> TaskResult<()> {
     write_output(page.file, &(page.builder.page)(data), CHECK_WRITE_ACCESS)?;
     eprintln!("wingd: report: {}", page.file.display());
     Ok(())

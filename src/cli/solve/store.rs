@@ -6,7 +6,7 @@ use std::path::Path;
 use serde_json::{Map, Value};
 
 use super::{ReportFile, ResultOutput, SolveArgs, job_from_args, report};
-use crate::cli::{Completion, Failure, batch, print_flight_prior, print_notes};
+use crate::cli::{Completion, Failure, TaskResult, batch, print_flight_prior, print_notes};
 use crate::desk::flight_marks::FlightMarks;
 use crate::desk::stored_flights;
 use crate::desk::stored_frames::{self, FlightAircraftData, FlightInputs};
@@ -16,7 +16,7 @@ use crate::pipeline::{self, SolveJob};
 use crate::record::{ImageRecord, Reason};
 use crate::store::{self, FlightRef, FrameRef, Inputs, Store, result_sets};
 
-pub(super) fn solve_store(args: &SolveArgs, root: &Path, report: Option<ReportFile>) -> Result<Completion, Failure> {
+pub(super) fn solve_store(args: &SolveArgs, root: &Path, report: Option<ReportFile>) -> TaskResult<Completion> {
     // Checked first, because opening would create a missing store.
     let flights = stored_flights::select_flights(root, args.flight_name())?;
     let (store, recovery) = stored_flights::open_store(root)?;
@@ -32,7 +32,7 @@ pub(super) fn solve_store(args: &SolveArgs, root: &Path, report: Option<ReportFi
     done
 }
 
-fn solve_flight(args: &SolveArgs, store: &Store, flight: &FlightRef, output: &mut ResultOutput) -> Result<(), Failure> {
+fn solve_flight(args: &SolveArgs, store: &Store, flight: &FlightRef, output: &mut ResultOutput) -> TaskResult<()> {
     let directory = stored_flights::flight_installation(args.installation.as_deref(), store.root(), flight)?;
     let installation = installation::load(&directory)?;
     store.keep_installation(&installation.files()?)?;
@@ -69,7 +69,7 @@ struct FlightSolver<'a> {
 }
 
 impl FlightSolver<'_> {
-    fn solve_frames_singly(&self, output: &mut ResultOutput) -> Result<(), Failure> {
+    fn solve_frames_singly(&self, output: &mut ResultOutput) -> TaskResult<()> {
         let FlightInputs { installation, orientation, .. } = self.known;
         let (inputs, frames) = self.unsolved_frames(pipeline::provenance_map(installation, self.job))?;
         let solve = |frame: &FrameRef, bytes: Result<&[u8], Reason>| {
@@ -81,7 +81,7 @@ impl FlightSolver<'_> {
     }
 
     /// Solves all frames of the flight together. Each result depends on all frames: their digests are part of its inputs.
-    fn solve_jointly(&self, output: &mut ResultOutput) -> Result<(), Failure> {
+    fn solve_jointly(&self, output: &mut ResultOutput) -> TaskResult<()> {
         let FlightInputs { installation, orientation, .. } = self.known;
         let frames = stored_flights::flight_frames(self.store.disk(), self.flight, None)?;
         let job = SolveJob { method: AdjustmentMethod::Spatial, ..self.job.clone() };
@@ -102,7 +102,7 @@ impl FlightSolver<'_> {
     }
 
     /// Adds the digests of aircraft data and manual marks to the inputs, and finds the frames without a result from them.
-    fn unsolved_frames(&self, mut provenance: Map<String, Value>) -> Result<(Inputs, Vec<FrameRef>), Failure> {
+    fn unsolved_frames(&self, mut provenance: Map<String, Value>) -> TaskResult<(Inputs, Vec<FrameRef>)> {
         let named = [("aircraft_data", &self.known.aircraft.digest), ("marks", &self.known.marks.digest)];
         let there = named.into_iter().filter_map(|(name, digest)| Some((name, digest.clone()?)));
         provenance.extend(there.map(|(name, digest)| (name.to_owned(), digest.into())));
@@ -123,7 +123,7 @@ impl FlightSolver<'_> {
         inputs: &Inputs,
         record: ImageRecord,
         output: &mut ResultOutput,
-    ) -> Result<(), Failure> {
+    ) -> TaskResult<()> {
         let written = ImageRecord { image: frame.entry.file.clone(), ..record.clone() };
         let value: Value = serde_json::to_value(&written)
             .map_err(|e| Failure::Failed(format!("{}: result cannot be written as JSON: {e}", record.image)))?;

@@ -14,7 +14,7 @@ use super::result::LiveFrame;
 use crate::daemon::budget::DiskShare;
 use crate::daemon::frame_storage;
 use crate::store::manifest::{SeriesCause, SeriesState};
-use crate::store::{OpenSeries, SeriesPlan, StoreError};
+use crate::store::{OpenSeries, SeriesPlan, StoreResult};
 
 /// Maximum number of every-n-th frames that wait for the disk.
 const MAX_NTH_WAITING: usize = 4;
@@ -252,12 +252,7 @@ impl RawFrameWriter {
         }
     }
 
-    fn write_frame(
-        &self,
-        series: &mut Option<OpenSeries>,
-        cause: SeriesCause,
-        frame: &LiveFrame,
-    ) -> Result<(), StoreError> {
+    fn write_frame(&self, series: &mut Option<OpenSeries>, cause: SeriesCause, frame: &LiveFrame) -> StoreResult<()> {
         let open = match series {
             Some(open) => open,
             none => {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::files;
-use crate::desk::Failure;
+use crate::desk::{Failure, TaskResult};
 use crate::exchange::load_board;
 use crate::measure::calibrate::Board;
 use crate::measure::geometry::Lens;
@@ -23,7 +23,7 @@ pub fn write_board_images(
     count: usize,
     seed: u64,
     done: impl Fn(),
-) -> Result<(), Failure> {
+) -> TaskResult<()> {
     let described = load_board(file)?;
     let Board::Checkerboard { columns, rows, square_m } = described.board else {
         return Err(Failure::from_path_error(file, "pattern: only checkerboards are rendered"));

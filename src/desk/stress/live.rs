@@ -9,7 +9,7 @@ use super::BendingLine;
 use crate::quantities::{CURVATURE, CURVATURE_COVARIANCE, LiveSource, NUMBER, StoredTimes, finite_value};
 use crate::report::stress::StressFrame;
 use crate::store::columns::{LiveBlock, LiveFile, LiveHead, LiveTable};
-use crate::store::{FlightRef, RealDisk, StoreError, live};
+use crate::store::{FlightRef, RealDisk, StoreError, StoreResult, live};
 
 fn curvature_provenance(table: &LiveTable) -> Option<Map<String, Value>> {
     let is_there = table.columns.iter().any(|column| column.name == CURVATURE.name);
@@ -17,7 +17,7 @@ fn curvature_provenance(table: &LiveTable) -> Option<Map<String, Value>> {
 }
 
 /// Returns the provenance of the last live results with a curvature; `None` if there are none.
-pub(super) fn last_provenance(store: &Path, flight: &FlightRef) -> Result<Option<Map<String, Value>>, StoreError> {
+pub(super) fn last_provenance(store: &Path, flight: &FlightRef) -> StoreResult<Option<Map<String, Value>>> {
     let mut last = None;
     live::for_each_live_file(&RealDisk, store, flight, |file| {
         last = curvature_provenance(&file.head.table).or(last.take());
@@ -32,7 +32,7 @@ pub(super) fn live_frames(
     flight: &FlightRef,
     provenance: &Map<String, Value>,
     line: &BendingLine,
-) -> Result<(Vec<StressFrame>, Vec<String>), StoreError> {
+) -> StoreResult<(Vec<StressFrame>, Vec<String>)> {
     let (mut frames, mut without, mut others, mut foreign) = (Vec::new(), 0, 0, Vec::new());
     let notes = live::for_each_live_file(&RealDisk, store, flight, |mut file: LiveFile<'_>| {
         let head = file.head.clone();

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::{DMatrix, DVector};
 use serde_json::{Map, Value};
 
-use super::Failure;
+use super::{Failure, TaskResult};
 use crate::clock::Stamp;
 use crate::installation::{self, Installation};
 use crate::measure::setup::{DEFAULT_BENDING_HZ, StiffnessSection, Width};
@@ -15,7 +15,7 @@ use crate::measure::stress::{BendingCurvature, DEFAULT_STEPS, bending_length_m};
 use crate::report::stress::{self, StressFrame, StressQuery};
 use crate::report::{ShotData, source};
 use crate::store::result_sets::{self, ResultSet};
-use crate::store::{FlightRef, RealDisk, StoreError, catalogue, installations};
+use crate::store::{FlightRef, RealDisk, StoreResult, catalogue, installations};
 
 /// Results of a flight to evaluate.
 pub enum ResultOrigin {
@@ -32,7 +32,7 @@ impl ResultOrigin {
         flight: &FlightRef,
         live: bool,
         inputs: Option<&str>,
-    ) -> Result<Option<(Self, Option<String>)>, StoreError> {
+    ) -> StoreResult<Option<(Self, Option<String>)>> {
         if live {
             return Ok(live::last_provenance(root, flight)?.map(|provenance| (Self::Live(provenance), None)));
         }
@@ -47,7 +47,7 @@ impl ResultOrigin {
         root: &Path,
         flight: &FlightRef,
         line: &BendingLine,
-    ) -> Result<(Vec<StressFrame>, Vec<String>), StoreError> {
+    ) -> StoreResult<(Vec<StressFrame>, Vec<String>)> {
         match self {
             Self::Series(set) => series_frames(flight, set, line),
             Self::Live(provenance) => live::live_frames(root, flight, provenance, line),
@@ -105,7 +105,7 @@ impl StressRequest {
         root: &Path,
         flight: &FlightRef,
         provenance: &Map<String, Value>,
-    ) -> Result<(StressQuery, BendingLine), Failure> {
+    ) -> TaskResult<(StressQuery, BendingLine)> {
         let installation = self.load_installation(root, flight, provenance)?;
         let own = installation.structure.as_ref();
         let sections = self.sections.clone().or_else(|| own.map(|s| s.sections.clone())).ok_or_else(|| {
@@ -134,7 +134,7 @@ impl StressRequest {
         root: &Path,
         flight: &FlightRef,
         provenance: &Map<String, Value>,
-    ) -> Result<Installation, Failure> {
+    ) -> TaskResult<Installation> {
         let kept = || {
             let digest = installations::digest_from_provenance(provenance)?;
             Some(installations::installation_folder(root, &digest)).filter(|folder| folder.is_dir())
@@ -152,7 +152,7 @@ fn series_frames(
     flight: &FlightRef,
     set: &ResultSet,
     line: &BendingLine,
-) -> Result<(Vec<StressFrame>, Vec<String>), StoreError> {
+) -> StoreResult<(Vec<StressFrame>, Vec<String>)> {
     let (mut frames, mut excluded) = (Vec::new(), Vec::new());
     for series in catalogue::list_series(&RealDisk, flight)? {
         let Some(read) = source::read_series(&RealDisk, &series, Some(set), &mut excluded) else { continue };

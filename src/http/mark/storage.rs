@@ -7,7 +7,7 @@ use crate::installation::{self, Fault, ManualObservation};
 use crate::measure::setup::Setup;
 use crate::pipeline::manual_observations::{mark_from_observation, observation_from_mark};
 use crate::store::manual_marks::{ManualMark, effective_marks};
-use crate::store::{Disk, RealDisk, Store, StoreError};
+use crate::store::{Disk, RealDisk, Store, StoreError, StoreResult};
 
 /// Manual marks and their storage.
 pub struct MarkStorage {
@@ -49,7 +49,7 @@ impl MarkStorage {
     ///
     /// # Errors
     /// Returns an error if the marks cannot be written; none of them is then effective.
-    pub fn add(&mut self, new: Vec<ManualMark>) -> Result<(), StoreError> {
+    pub fn add(&mut self, new: Vec<ManualMark>) -> StoreResult<()> {
         match &self.destination {
             MarkDestination::Flight { store, flight } => store.add_marks(flight, &new)?,
             MarkDestination::File { path, setup } => {
@@ -79,7 +79,7 @@ impl MarkStorage {
     ///
     /// # Errors
     /// Returns an error if it cannot be closed; the next start closes it.
-    pub fn close(&self) -> Result<(), StoreError> {
+    pub fn close(&self) -> StoreResult<()> {
         match &self.destination {
             MarkDestination::Flight { store, .. } => store.close_marks_file(),
             MarkDestination::File { .. } => Ok(()),

@@ -74,12 +74,12 @@ pub fn attribute_information(
 impl FrameOutcome<'_> {
     /// Computes the budget for the outermost marker with a deflection; `None` if there is no such marker.
     pub fn variance_budget(&self, markers: &[MarkerSolution], sources: &VarianceSources) -> Option<VarianceBudget> {
-        let stations = &self.input.scene.ground.stations;
+        let stations = &self.solved.input.scene.ground.stations;
         let span = |m: &&MarkerSolution| stations.get(m.marker).map_or(f64::MIN, |s| s.surveyed_m.x);
         let deflected = markers.iter().filter(|m| m.deflection_m.is_some());
         let tip = deflected.max_by(|a, b| span(a).total_cmp(&span(b)))?;
         let reference = DeflectionReference::most_precise(|reference| tip.deflection_against(reference)?.sigma);
-        let parts = sources.contributions(self.group, &self.deflection_gradient(tip.marker, reference));
+        let parts = sources.contributions(self.solved.group, &self.deflection_gradient(tip.marker, reference));
         let total: f64 = parts.iter().map(|part| part.variance).sum();
         let share = |part: &crate::estimation::VarianceContribution| VarianceShare {
             source: part.source.into(),

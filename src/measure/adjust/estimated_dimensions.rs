@@ -7,7 +7,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::AdjustError;
+use super::AdjustResult;
 use super::beam::{BeamGrid, BeamSection, Bending, MarkerArm};
 use super::ground::GroundShape;
 use super::marker_state::{ESTIMATED_DIMENSIONS, MarkerState};
@@ -40,10 +40,7 @@ pub struct NeighbourWing {
 impl NeighbourWing {
     /// Creates the neighbours of an installation; `None` for a dimension without uncertainty. `trusted` holds one flag per
     /// marker, as in [`GroundShape::new`].
-    pub fn all_from_setup(
-        setup: &Setup,
-        trusted: &[bool],
-    ) -> Result<[Option<Self>; ESTIMATED_DIMENSIONS], AdjustError> {
+    pub fn all_from_setup(setup: &Setup, trusted: &[bool]) -> AdjustResult<[Option<Self>; ESTIMATED_DIMENSIONS]> {
         let nominal = GroundShape::new(setup, trusted)?;
         let sigmas = dimension_sigmas(&setup.uncertainty);
         let mut all = [None, None, None];
@@ -53,7 +50,7 @@ impl NeighbourWing {
         Ok(all)
     }
 
-    fn new(setup: &Setup, trusted: &[bool], nominal: &GroundShape, which: usize) -> Result<Self, AdjustError> {
+    fn new(setup: &Setup, trusted: &[bool], nominal: &GroundShape, which: usize) -> AdjustResult<Self> {
         let step = DIMENSION_STEPS[which];
         let mut setup = setup.clone();
         match which {

@@ -1,5 +1,4 @@
 //! A small wing for the tests of the spatial methods.
-
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 
 use crate::geometry::Lens;

@@ -44,7 +44,7 @@ use super::input::AdjustmentInput;
 use super::outcome::with_prior_if_consistent;
 use super::scene::WingScene;
 use super::terms::MIN_DRIFT_RAD;
-use super::{AdjustError, Observation, Options, Solution};
+use super::{AdjustResult, Observation, Options, Solution};
 use crate::setup::{Orientation, Setup};
 
 /// Adjusts all frames of a flight jointly with the rigid-section beam; returns one solution per frame.
@@ -56,7 +56,7 @@ pub fn solve_flight(
     orientation: &Orientation,
     frames: &[Vec<Observation>],
     options: &Options,
-) -> Result<Vec<Solution>, AdjustError> {
+) -> AdjustResult<Vec<Solution>> {
     if frames.is_empty() {
         return Ok(vec![]);
     }
@@ -69,7 +69,7 @@ pub fn solve_flight(
 }
 
 /// Adjusts one frame with the prior from earlier flights, as a flight of one frame.
-pub fn solve_frame_with_prior(input: &AdjustmentInput, frame: &[Observation]) -> Result<Solution, AdjustError> {
+pub fn solve_frame_with_prior(input: &AdjustmentInput, frame: &[Observation]) -> AdjustResult<Solution> {
     let frames = [frame.to_vec()];
     let solve = |options: &Options| {
         let input = AdjustmentInput { options, ..*input };

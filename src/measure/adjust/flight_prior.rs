@@ -9,7 +9,7 @@
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::shapes::{burning_covariance, shape_covariance};
-use super::{AdjustError, Estimate};
+use super::{AdjustError, AdjustResult, Estimate};
 use crate::estimation::InformationPrior;
 use crate::setup::Setup;
 use crate::widths::{Unknown, Width};
@@ -80,7 +80,7 @@ struct RepeatingParameters {
 }
 
 impl RepeatingParameters {
-    fn new(unknowns: &[InvariantParameter], setup: &Setup) -> Result<Self, AdjustError> {
+    fn new(unknowns: &[InvariantParameter], setup: &Setup) -> AdjustResult<Self> {
         let columns_of =
             |unknown| -> Vec<usize> { (0..unknowns.len()).filter(|k| unknowns[*k].unknown == unknown).collect() };
         let [shape, skin, targets] = [Unknown::Shape, Unknown::SkinMotion, Unknown::FixedTargetMotion].map(columns_of);
@@ -105,7 +105,7 @@ impl RepeatingParameters {
 
     /// Marginalizes the part specific to a flight: adds its variance to the prior of the sum. Used once per contributing
     /// flight and once for the flight that is solved.
-    fn remove_flight_part(&self, normal: &mut DMatrix<f64>, right: &mut DVector<f64>) -> Result<(), AdjustError> {
+    fn remove_flight_part(&self, normal: &mut DMatrix<f64>, right: &mut DVector<f64>) -> AdjustResult<()> {
         if self.columns.is_empty() {
             return Ok(());
         }
@@ -127,7 +127,7 @@ impl RepeatingParameters {
     }
 }
 
-fn invert_matrix(matrix: DMatrix<f64>) -> Result<DMatrix<f64>, AdjustError> {
+fn invert_matrix(matrix: DMatrix<f64>) -> AdjustResult<DMatrix<f64>> {
     let singular = || {
         AdjustError::Input(
             "the information matrix in flight_prior.json is not positive definite; run `wingd learn` again".into(),
@@ -141,7 +141,7 @@ impl FlightPrior {
     ///
     /// # Errors
     /// Returns an error if the flights have different parameters, or a prior standard deviation is 0.
-    pub fn from_flights(flights: &[&ReducedNormals], setup: &Setup) -> Result<Option<Self>, AdjustError> {
+    pub fn from_flights(flights: &[&ReducedNormals], setup: &Setup) -> AdjustResult<Option<Self>> {
         let Some(first) = flights.first() else { return Ok(None) };
         let unknowns = first.unknowns.clone();
         let repeating = RepeatingParameters::new(&unknowns, setup)?;

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
-use super::AdjustError;
+use super::{AdjustError, AdjustResult};
 use crate::estimation::robust;
 use crate::geometry::WingFrame;
 use crate::setup::{Setup, SkinHeight, SurveyMarker, Width, WingSide};
@@ -15,7 +15,7 @@ const OVERHANG_M: f64 = 2.0;
 const TIP_OVER_LAST_MARKER: f64 = 1.03;
 
 /// Bending axis on the ground as slope over arc length, wing frame.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Default)]
 pub struct BendingAxis {
     /// Bending root, wing frame, m.
     pub root_m: Vector3<f64>,
@@ -59,7 +59,7 @@ impl GroundShape {
     ///
     /// # Errors
     /// Returns an error if there are fewer than 2 markers on the wing or the geometry is not plausible.
-    pub fn new(setup: &Setup, trusted: &[bool]) -> Result<Self, AdjustError> {
+    pub fn new(setup: &Setup, trusted: &[bool]) -> AdjustResult<Self> {
         let frame = setup.wing_frame();
         let surveyed: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
         let (wing, points): (Vec<usize>, Vec<_>) = setup.wing_markers().into_iter().unzip();
@@ -118,7 +118,7 @@ impl BendingAxis {
         axis_z: f64,
         root_x: f64,
         skin: SkinHeight,
-    ) -> Result<(Self, Matrix4<f64>), AdjustError> {
+    ) -> AdjustResult<(Self, Matrix4<f64>)> {
         let last = points.iter().fold(f64::MIN, |a, p| a.max(p.x));
         let reach = last - root_x;
         if reach.is_nan() || reach <= 0.5 {
@@ -129,14 +129,8 @@ impl BendingAxis {
         let surface = SurveySurface::fit_robust(points, weights, axis_z, root_x);
         let skin_slope = (skin.tip_m - skin.root_m) / skin.tip_span_m;
         let step = (reach + OVERHANG_M) / (AXIS_POINTS - 1) as f64;
-        let mut axis = Self {
-            root_m: Vector3::new(root_x, surface.height_at(0.0) - skin.root_m, axis_z),
-            length_m: 0.0,
-            arc_m: vec![],
-            x_m: vec![],
-            y_m: vec![],
-            slope_rad: vec![],
-        };
+        let mut axis =
+            Self { root_m: Vector3::new(root_x, surface.height_at(0.0) - skin.root_m, axis_z), ..Self::default() };
         let mut arc = 0.0;
         for k in 0..AXIS_POINTS {
             let x = step * k as f64;

@@ -1,7 +1,7 @@
 //! Input of the spatial methods.
 
 use super::scene::WingScene;
-use super::{AdjustError, Observation, Options};
+use super::{AdjustError, AdjustResult, Observation, Options};
 use crate::setup::{Orientation, Setup};
 
 /// Installation, orientation and options of an adjustment.
@@ -22,10 +22,7 @@ pub type FrameObservations<'a> = Vec<Option<&'a Observation>>;
 ///
 /// # Errors
 /// Returns an error if an observation is not finite and positive definite, or its marker is not in the survey.
-pub fn order_by_marker<'a>(
-    setup: &Setup,
-    observations: &'a [Observation],
-) -> Result<FrameObservations<'a>, AdjustError> {
+pub fn order_by_marker<'a>(setup: &Setup, observations: &'a [Observation]) -> AdjustResult<FrameObservations<'a>> {
     let mut list = vec![None; setup.markers.len()];
     for o in observations {
         let finite = o.pixel.iter().chain(o.covariance_px2.iter()).all(|v| v.is_finite());

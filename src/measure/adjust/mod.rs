@@ -290,6 +290,9 @@ pub struct Solution {
     pub iterations: usize,
 }
 
+/// Result of a step of an adjustment.
+pub type AdjustResult<T> = Result<T, AdjustError>;
+
 /// Reason for a failed adjustment.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum AdjustError {

@@ -11,29 +11,21 @@ pub use prior_conflict::with_prior_if_consistent;
 
 use super::beam::RAISE_TERMS;
 use super::curve::AxisCurve;
-use super::input::AdjustmentInput;
-use super::layout::{BlockMember, GroundPositions, ParameterLayout};
+use super::layout::{GroundPositions, ParameterLayout};
 use super::marker_state::MarkerState;
 use super::scene::BentWing;
 use super::snooping::{ResidualSum, SolvedGroup, Suspect, SuspectTarget};
 use super::values::UnknownValues;
 use super::{CurvePoint, Estimate, GlobalTest, MarkerSolution, Parameter, Solution};
 use crate::estimation::quality::Reliability;
-use crate::estimation::{Fit, Gradient, Problem, VarianceSources};
+use crate::estimation::{Gradient, VarianceSources};
 
 /// Part of a fit that belongs to one frame.
 pub struct FrameOutcome<'a> {
-    pub input: &'a AdjustmentInput<'a>,
+    /// The frame's group.
+    pub solved: SolvedGroup<'a>,
     /// Columns of the unknowns.
     pub layout: &'a ParameterLayout,
-    /// Problem that was solved.
-    pub problem: &'a Problem,
-    /// Solution of the problem.
-    pub fit: &'a Fit,
-    /// Index of the frame's group.
-    pub group: usize,
-    /// Members of the frame's blocks.
-    pub members: &'a [BlockMember],
     values: UnknownValues,
     bent: BentWing,
     global_test: Option<GlobalTest>,
@@ -49,26 +41,12 @@ pub struct FrameOutcome<'a> {
 impl<'a> FrameOutcome<'a> {
     /// Evaluates the model at the solution.
     pub fn new(solved: SolvedGroup<'a>, layout: &'a ParameterLayout) -> Self {
-        let SolvedGroup { input, problem, fit, group, members } = solved;
+        let SolvedGroup { input, fit, group, .. } = solved;
         let values = layout.values(&fit.global, &fit.groups[group].local);
         let bent = input.scene.bend_frame(&values);
         let (global_test, posterior, scale) = (None, false, 1.0);
         let (tested_sum, before_removal) = (ResidualSum::from_fit(fit), false);
-        let new = Self {
-            input,
-            layout,
-            problem,
-            fit,
-            group,
-            members,
-            values,
-            bent,
-            global_test,
-            posterior,
-            scale,
-            tested_sum,
-            before_removal,
-        };
+        let new = Self { solved, layout, values, bent, global_test, posterior, scale, tested_sum, before_removal };
         new.apply_global_test()
     }
 
@@ -80,7 +58,7 @@ impl<'a> FrameOutcome<'a> {
         parameters.push(self.axis_raise());
         let (mut markers, mut remarks) = (self.marker_solutions(), vec![]);
         for suspect in removed {
-            let remark = suspect.remark(self.input.setup, self.input.options);
+            let remark = suspect.remark(self.solved.input.setup, self.solved.input.options);
             match suspect.target {
                 SuspectTarget::Ground => {}
                 SuspectTarget::Flight => markers[suspect.marker].reason = Some(remark.clone()),
@@ -107,7 +85,7 @@ impl<'a> FrameOutcome<'a> {
             budget,
             variance_components: vec![],
             remarks,
-            iterations: self.fit.iterations,
+            iterations: self.solved.fit.iterations,
         }
     }
 
@@ -122,34 +100,35 @@ impl<'a> FrameOutcome<'a> {
     }
 
     fn function_covariance(&self, gradient: &Gradient) -> DMatrix<f64> {
-        self.fit.function_covariance(self.group, gradient) * (self.scale * self.scale)
+        self.solved.fit.function_covariance(self.solved.group, gradient) * (self.scale * self.scale)
     }
 
     fn function_sigmas(&self, gradient: &Gradient) -> Vec<f64> {
         let sigma = |variance: f64| self.scale * variance.max(0.0).sqrt();
-        self.fit.function_variances(self.group, gradient).into_iter().map(sigma).collect()
+        self.solved.fit.function_variances(self.solved.group, gradient).into_iter().map(sigma).collect()
     }
 
     /// Block of a marker. Where surveyed positions are observed, each marker has one, whether it is seen or not.
     fn marker_block(&self, marker: usize) -> Option<usize> {
-        self.members.iter().position(|m| m.marker == marker)
+        self.solved.members.iter().position(|m| m.marker == marker)
     }
 
     fn block_with_image(&self, marker: usize) -> Option<usize> {
-        self.marker_block(marker).filter(|&block| self.members[block].flight.is_some())
+        self.marker_block(marker).filter(|&block| self.solved.members[block].flight.is_some())
     }
 
     fn adjusted_ground_position(&self, marker: usize) -> Vector3<f64> {
-        let (blocks, fits) = (&self.problem.groups[self.group].blocks, &self.fit.groups[self.group].blocks);
+        let (blocks, fits) =
+            (&self.solved.problem.groups[self.solved.group].blocks, &self.solved.fit.groups[self.solved.group].blocks);
         let adjusted = |block: usize| &blocks[block].observed + &fits[block].residuals;
         let observed = self.marker_block(marker).map_or(DVector::zeros(0), adjusted);
-        self.layout.ground_position(marker, &self.fit.global, &observed)
+        self.layout.ground_position(marker, &self.solved.fit.global, &observed)
     }
 
     fn ground_position_and_flight_state(&self, marker: usize) -> (Vector3<f64>, MarkerState) {
         let ground = self.adjusted_ground_position(marker);
-        let moved = self.layout.moved_position(marker, &ground, &self.fit.global);
-        (ground, self.input.scene.marker_in_flight(marker, &self.bent, &moved, &self.values))
+        let moved = self.layout.moved_position(marker, &ground, &self.solved.fit.global);
+        (ground, self.solved.input.scene.marker_in_flight(marker, &self.bent, &moved, &self.values))
     }
 
     /// Adds `directions * d(position in flight) + ground * d(position on the ground)` to a gradient, one function per
@@ -172,7 +151,7 @@ impl<'a> FrameOutcome<'a> {
         match self.layout.ground_positions {
             GroundPositions::Observed => {
                 let Some(block) = self.marker_block(state.marker) else { return };
-                let n = self.problem.groups[self.group].blocks[block].observed.len();
+                let n = self.solved.problem.groups[self.solved.group].blocks[block].observed.len();
                 let mut derivative = DMatrix::zeros(n, directions.len());
                 for (f, by) in by_ground.enumerate() {
                     (0..3).for_each(|k| derivative[(k, f)] = by[k]);
@@ -191,13 +170,13 @@ impl<'a> FrameOutcome<'a> {
 
     /// Results of all markers of the survey. Where one on the wing is not measured, the adjusted shape predicts it.
     fn marker_solutions(&self) -> Vec<MarkerSolution> {
-        (0..self.input.setup.markers.len()).map(|marker| self.build_marker_solution(marker)).collect()
+        (0..self.solved.input.setup.markers.len()).map(|marker| self.build_marker_solution(marker)).collect()
     }
 
     fn build_marker_solution(&self, marker: usize) -> MarkerSolution {
         let measured = self.block_with_image(marker);
         let unused = MarkerSolution::unused(marker, "not measured in this frame".into());
-        if measured.is_none() && self.input.setup.markers[marker].fixed {
+        if measured.is_none() && self.solved.input.setup.markers[marker].fixed {
             return unused;
         }
         let (ground, state) = self.ground_position_and_flight_state(marker);
@@ -213,12 +192,12 @@ impl<'a> FrameOutcome<'a> {
         self.add_reference_derivatives(&mut gradient, &state, &(position - ground), [4, 5, 6]);
         let deflections = self.marker_deflections(&state, &ground);
         let covariance = self.function_covariance(&gradient);
-        let survey_from_wing = self.input.scene.ground.frame.wing_from_survey.inverse();
+        let survey_from_wing = self.solved.input.scene.ground.frame.wing_from_survey.inverse();
         let in_wing = covariance.fixed_view::<3, 3>(0, 0).into_owned();
         let sigma = |k: usize| Some(covariance[(k, k)].max(0.0).sqrt());
         let solution = MarkerSolution {
             distance_m: Some(Estimate { value: distance, sigma: sigma(3) }),
-            position_m: Some(self.input.scene.ground.frame.survey_point(&position)),
+            position_m: Some(self.solved.input.scene.ground.frame.survey_point(&position)),
             covariance_m2: Some(survey_from_wing.matrix() * in_wing * survey_from_wing.matrix().transpose()),
             deflection_m: deflections.map(|deflections| Estimate { value: deflections[0], sigma: sigma(4) }),
             deflection_ground_m: deflections.map(|deflections| Estimate { value: deflections[1], sigma: sigma(5) }),
@@ -229,11 +208,10 @@ impl<'a> FrameOutcome<'a> {
     }
 
     fn add_residuals_and_reliability(&self, mut solution: MarkerSolution, block: usize) -> MarkerSolution {
-        let member = self.members[block];
+        let member = self.solved.members[block];
         let Some(first) = member.flight else { return solution };
-        let residuals = &self.fit.groups[self.group].blocks[block].residuals;
-        let Self { input, problem, fit, group, members, .. } = *self;
-        let all = SolvedGroup { input, problem, fit, group, members }.reliability(block);
+        let residuals = &self.solved.fit.groups[self.solved.group].blocks[block].residuals;
+        let all = self.solved.reliability(block);
         let (u, v) = (all[first], all[first + 1]);
         let bias = |r: &Reliability| r.minimal_detectable_bias.unwrap_or(f64::INFINITY);
         (solution.used, solution.reason) = (true, None);
@@ -251,7 +229,7 @@ impl<'a> FrameOutcome<'a> {
     /// Computes deflection and twist of the axis from the root to the outermost marker, and fits `a_per_m` to the
     /// deflection.
     fn deflection_curve(&self) -> (Vec<CurvePoint>, Gradient, f64) {
-        let curve = AxisCurve::new(self.input.scene, &self.values);
+        let curve = AxisCurve::new(self.solved.input.scene, &self.values);
         let deflections_m = curve.deflections_m();
         let count = deflections_m.len();
         let gradient = self.curve_gradient(&curve);
@@ -267,7 +245,7 @@ impl<'a> FrameOutcome<'a> {
         let sigmas = self.function_sigmas(&gradient);
         let sigma = |k: usize| sigmas.get(k).copied();
         // The sign of a nose-up twist depends on the side.
-        let side = self.input.setup.side();
+        let side = self.solved.input.setup.side();
         let point = |k: usize| CurvePoint {
             arc_length_m: curve.arcs_m[k],
             span_m: curve.bent[k].axis_m.x,
@@ -318,7 +296,7 @@ impl<'a> FrameOutcome<'a> {
         for k in 0..t {
             self.layout.add_derivative(&mut gradient, self.layout.twist, k, n + k, 1.0);
         }
-        let pitch_axis = self.input.scene.camera_from_wing * Vector3::z();
+        let pitch_axis = self.solved.input.scene.camera_from_wing * Vector3::z();
         for (scope, k) in self.layout.rotation.iter().flat_map(|scope| (0..3).map(move |k| (*scope, k))) {
             self.layout.add_derivative(&mut gradient, scope, k, n + t + k, 1.0);
             self.layout.add_derivative(&mut gradient, scope, k, count, pitch_axis[k]);
@@ -333,7 +311,8 @@ impl<'a> FrameOutcome<'a> {
             values.iter().enumerate().map(one).collect()
         };
         let v = &self.values;
-        let twist = self.input.setup.side().map_or(vec![], |_| list(&v.twist_rad[..t.min(v.twist_rad.len())], n));
+        let twist =
+            self.solved.input.setup.side().map_or(vec![], |_| list(&v.twist_rad[..t.min(v.twist_rad.len())], n));
         let parameters = vec![
             Parameter { name: "curvature_per_m", values: list(&v.curvature_per_m, 0) },
             Parameter { name: "twist_rad", values: twist },

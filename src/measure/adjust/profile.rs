@@ -16,7 +16,8 @@ use nalgebra::{DMatrix, DVector, Matrix3, RowVector4, Vector2, Vector3};
 
 use super::snooping;
 use super::{
-    AdjustError, CurvePoint, Estimate, MarkerSolution, Observation, Options, Parameter, Solution, VarianceComponent,
+    AdjustError, AdjustResult, CurvePoint, Estimate, MarkerSolution, Observation, Options, Parameter, Solution,
+    VarianceComponent,
 };
 use crate::estimation::quality::{self, Reliability};
 use crate::estimation::{Block, Fit, Group, Problem, SolveOptions, VarianceGroup, solve_groups, variance_components};
@@ -54,7 +55,7 @@ impl<'a> ProfileAdjustment<'a> {
         orientation: &Orientation,
         observations: Vec<Observation>,
         alpha: f64,
-    ) -> Result<Self, AdjustError> {
+    ) -> AdjustResult<Self> {
         if observations.len() < 2 {
             return Err(AdjustError::TooFewMarkers { found: observations.len(), needed: 2 });
         }
@@ -76,7 +77,7 @@ impl<'a> ProfileAdjustment<'a> {
     }
 
     /// Scales the standard deviations of image and survey by their variance components (Koch 1986).
-    fn with_components(mut self, alpha: f64) -> Result<Self, AdjustError> {
+    fn with_components(mut self, alpha: f64) -> AdjustResult<Self> {
         let image = |_: usize, _: usize| vec![PIXEL, PIXEL + 1];
         let survey = |_: usize, _: usize| vec![ARC_LENGTH, HEIGHT];
         let groups =
@@ -107,7 +108,7 @@ pub fn correlations_with_distances(
     setup: &Setup,
     orientation: &Orientation,
     observations: &[Observation],
-) -> Result<Vec<f64>, AdjustError> {
+) -> AdjustResult<Vec<f64>> {
     Ok(ProfileAdjustment::new(setup, orientation, observations.to_vec(), 0.0)?.distance_correlations())
 }
 
@@ -120,7 +121,7 @@ pub fn solve_profile(
     orientation: &Orientation,
     observations: &[Observation],
     options: &Options,
-) -> Result<Solution, AdjustError> {
+) -> AdjustResult<Solution> {
     // Fixed targets do not move with the wing and are not points of its profile.
     let fixed = |o: &&Observation| setup.markers.get(o.marker).is_some_and(|m| m.fixed);
     let observations: Vec<Observation> = observations.iter().filter(|o| !fixed(o)).cloned().collect();
@@ -139,7 +140,7 @@ pub fn solve_profile(
     adjusted.build_solution(options, &outliers)
 }
 
-fn build_problem(geometry: &ProfileGeometry, observations: &[Observation]) -> Result<Problem, AdjustError> {
+fn build_problem(geometry: &ProfileGeometry, observations: &[Observation]) -> AdjustResult<Problem> {
     let mut starts = Vec::with_capacity(observations.len());
     let mut groups = Vec::with_capacity(observations.len());
     for observation in observations {
@@ -198,7 +199,7 @@ impl ProfileAdjustment<'_> {
     }
 
     /// Computes the marker by polar point determination (equations 8 and 10) with the observed direction.
-    fn place_marker(&self, index: usize) -> Result<ProfileMarker, AdjustError> {
+    fn place_marker(&self, index: usize) -> AdjustResult<ProfileMarker> {
         let observation = &self.observations[index];
         let ray = self.geometry.plane_ray(&observation.pixel)?;
         let d = self.marker_distance_m(index);
@@ -227,7 +228,7 @@ impl ProfileAdjustment<'_> {
         survey_from_wing * wing * survey_from_wing.inverse()
     }
 
-    fn build_solution(&self, options: &Options, outliers: &[(usize, String)]) -> Result<Solution, AdjustError> {
+    fn build_solution(&self, options: &Options, outliers: &[(usize, String)]) -> AdjustResult<Solution> {
         let placed: Vec<_> = (0..self.observations.len()).map(|k| self.place_marker(k)).collect::<Result<_, _>>()?;
         let global_test = quality::global_test(self.fit.omega, self.fit.redundancy, options.global_alpha);
         let posterior = quality::is_posterior(options.sigma, global_test);

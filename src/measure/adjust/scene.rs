@@ -7,7 +7,7 @@ use super::estimated_dimensions::NeighbourWing;
 use super::ground::GroundShape;
 use super::marker_state::{DimensionDerivatives, ESTIMATED_DIMENSIONS, MarkerState};
 use super::values::{CameraPose, UnknownValues};
-use super::{AdjustError, Observation};
+use super::{AdjustResult, Observation};
 use crate::environment::Plate;
 use crate::geometry::{BROWN, Lens, cross_matrix, left_jacobian};
 use crate::setup::{Orientation, Setup};
@@ -97,7 +97,7 @@ impl WingScene {
     ///
     /// # Errors
     /// Returns an error if the surveyed markers do not define a bending axis.
-    pub fn new(setup: &Setup, orientation: &Orientation) -> Result<Self, AdjustError> {
+    pub fn new(setup: &Setup, orientation: &Orientation) -> AdjustResult<Self> {
         let trusted = trusted_markers(setup, orientation);
         let ground = GroundShape::new(setup, &trusted)?;
         let neighbours = NeighbourWing::all_from_setup(setup, &trusted)?;

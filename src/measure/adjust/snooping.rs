@@ -2,7 +2,7 @@
 
 use super::input::AdjustmentInput;
 use super::layout::BlockMember;
-use super::{AdjustError, GlobalTest, Options};
+use super::{AdjustResult, GlobalTest, Options};
 use crate::estimation::quality::{self, Reliability};
 use crate::estimation::{Fit, Problem};
 use crate::setup::Setup;
@@ -114,7 +114,7 @@ pub trait SnoopingModel: Clone {
     fn is_sufficient(&self, last: &Self::SolvedModel) -> bool;
 
     /// Solves with the observations in use, starting from an earlier solution.
-    fn solve_from(&self, before: Option<&Self::SolvedModel>) -> Result<Self::SolvedModel, AdjustError>;
+    fn solve_from(&self, before: Option<&Self::SolvedModel>) -> AdjustResult<Self::SolvedModel>;
 }
 
 /// Result of data snooping.
@@ -139,7 +139,7 @@ pub fn snoop_one_by_one<M: SnoopingModel>(
     mut model: M,
     mut solved: M::SolvedModel,
     observations: usize,
-) -> Result<SnoopingResult<M>, AdjustError> {
+) -> AdjustResult<SnoopingResult<M>> {
     let mut removed: Vec<Suspect> = vec![];
     let mut with_all = ResidualSum::from_fit(model.solved_group(&solved).fit);
     while removed.len() < observations / OBSERVATIONS_PER_REMOVAL {

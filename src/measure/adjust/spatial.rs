@@ -15,7 +15,7 @@ use super::prior_scales::PriorScales;
 use super::scene::WingScene;
 use super::shapes::{TYPICAL_CURVATURE_PER_M, bounded_amplitude, shape_covariance};
 use super::snooping::{self, SnoopingModel, SnoopingResult, SolvedGroup, Suspect, SuspectTarget};
-use super::{AdjustError, Observation, Options, Solution, VarianceComponent};
+use super::{AdjustError, AdjustResult, Observation, Options, Solution, VarianceComponent};
 use crate::estimation::{EstimationError, Fit, SolveOptions, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};
 
@@ -44,7 +44,7 @@ struct SolvedFrame<'a> {
 
 impl<'a> SolvedFrame<'a> {
     /// Solves in several passes that also find the amplitude with which the shape ratios are weighted.
-    fn new(single: &SingleFrame<'a>, before: Option<&SolvedFrame>) -> Result<Self, AdjustError> {
+    fn new(single: &SingleFrame<'a>, before: Option<&SolvedFrame>) -> AdjustResult<Self> {
         let mut amplitude = before.map_or(TYPICAL_CURVATURE_PER_M, |b| b.amplitude);
         let mut solved: Option<Self> = None;
         for _ in 0..AMPLITUDE_PASSES {
@@ -67,7 +67,7 @@ impl<'a> SolvedFrame<'a> {
     }
 
     /// Iterates a rough solution to convergence.
-    fn converge(&mut self) -> Result<(), AdjustError> {
+    fn converge(&mut self) -> AdjustResult<()> {
         self.frame.problem.start = self.fit.global.clone();
         self.fit = self.frame.solve(&SolveOptions { rough: false, residuals: Some(&self.fit) })?;
         Ok(())
@@ -83,7 +83,7 @@ impl<'a> SolvedFrame<'a> {
     }
 
     /// Estimates variance components of images and survey, with remarks; updates the solution.
-    fn estimate_variance_components(&mut self) -> Result<(Vec<VarianceComponent>, Vec<String>), AdjustError> {
+    fn estimate_variance_components(&mut self) -> AdjustResult<(Vec<VarianceComponent>, Vec<String>)> {
         let (frame, mut problem) = (&self.frame, self.frame.problem.clone());
         let size = |block: usize| frame.problem.groups[0].blocks[block].observed.len();
         let image = |_: usize, block: usize| (3..size(block)).collect();
@@ -101,7 +101,7 @@ fn solve_rough<'a>(
     single: &SingleFrame<'a>,
     amplitude_per_m: f64,
     last: Option<&SolvedFrame>,
-) -> Result<(FrameProblem<'a>, Fit), AdjustError> {
+) -> AdjustResult<(FrameProblem<'a>, Fit)> {
     let from = last.map(|s| (&s.frame.layout, &s.fit.global));
     let frame = FrameProblem::new(single, &FrameStart { amplitude_per_m, from });
     let fit = frame.solve(&SolveOptions { rough: true, residuals: last.map(|s| &s.fit) })?;
@@ -129,13 +129,13 @@ impl<'a> SnoopingModel for SingleFrame<'a> {
         count_wing_markers(self.input.setup, &left.collect::<Vec<_>>()) >= MIN_MARKERS
     }
 
-    fn solve_from(&self, before: Option<&SolvedFrame<'a>>) -> Result<SolvedFrame<'a>, AdjustError> {
+    fn solve_from(&self, before: Option<&SolvedFrame<'a>>) -> AdjustResult<SolvedFrame<'a>> {
         SolvedFrame::new(self, before)
     }
 }
 
 /// Solves and removes outliers. If fixed targets contradict each other, the motion of all of them is increased.
-fn remove_outliers(mut single: SingleFrame) -> Result<SnoopingResult<SingleFrame>, AdjustError> {
+fn remove_outliers(mut single: SingleFrame) -> AdjustResult<SnoopingResult<SingleFrame>> {
     let (mut all, input) = (single.solve_from(None)?, single.input);
     let conflict = |all: &SolvedFrame| all.as_solved_group(&input).fixed_targets_conflict(1);
     while single.prior_scales.fixed_targets < snooping::MAX_FIXED_TARGET_SCALE && conflict(&all) {
@@ -159,10 +159,7 @@ fn explain_by_displacement<'a>(single: &SingleFrame<'a>) -> Option<SnoopingResul
 }
 
 /// Chooses the most probable number of curvature terms, given the data and the prior of beam shapes.
-fn choose_curvature_order<'a>(
-    single: &SingleFrame<'a>,
-    default: SolvedFrame<'a>,
-) -> Result<SolvedFrame<'a>, AdjustError> {
+fn choose_curvature_order<'a>(single: &SingleFrame<'a>, default: SolvedFrame<'a>) -> AdjustResult<SolvedFrame<'a>> {
     let amplitude = default.amplitude;
     let mut best = default;
     for terms in CANDIDATE_ORDERS.into_iter().filter(|&t| t != DEFAULT_ORDER) {
@@ -184,7 +181,7 @@ pub fn solve_spatial(
     orientation: &Orientation,
     observations: &[Observation],
     options: &Options,
-) -> Result<Solution, AdjustError> {
+) -> AdjustResult<Solution> {
     let scene = WingScene::new(setup, orientation)?;
     let frame_observations = order_by_marker(setup, observations)?;
     let found = count_wing_markers(setup, &frame_observations);

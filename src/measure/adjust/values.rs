@@ -9,7 +9,7 @@ use super::marker_state::{DimensionDerivatives, ESTIMATED_DIMENSIONS};
 use crate::geometry::BROWN;
 
 /// Values of one frame's unknowns.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Default)]
 pub struct UnknownValues {
     pub curvature_per_m: Vec<f64>,
     /// Coefficients of the twist basis, rad: the polynomial terms and, if there are torques, those of all torques.
@@ -40,21 +40,7 @@ pub struct UnknownValues {
 impl UnknownValues {
     /// Creates the values with all unknowns at 0 and the given scale.
     pub fn nominal(scale: f64) -> Self {
-        Self {
-            curvature_per_m: vec![],
-            twist_rad: vec![],
-            pose: CameraPose::default(),
-            scale,
-            raise_m: [0.0; RAISE_TERMS],
-            estimated: [0.0; ESTIMATED_DIMENSIONS],
-            moved_m: vec![],
-            moved_on_ground_m: vec![],
-            moved_at_row_m: vec![],
-            root_rotation_rad: Vector3::zeros(),
-            root_translation_m: Vector3::zeros(),
-            plane_rad: None,
-            dimension_derivatives: None,
-        }
+        Self { scale, ..Self::default() }
     }
 
     /// Displacement of a wing point by the root's motion, wing frame, m.

@@ -111,14 +111,9 @@ impl BoardBundle<'_> {
     /// Returns the normal equations at these parameters; `None` if a point has no image.
     fn assemble(&self, global: &GlobalParameters, poses: &[BoardPose]) -> Option<BundleEquations> {
         let lens = lens_from_parameters(self.size, global);
-        let mut all = BundleEquations {
-            global: GlobalCovariance::zeros(),
-            right: GlobalParameters::zeros(),
-            poses: vec![],
-            omega: 0.0,
-        };
+        let mut all = BundleEquations::default();
         for ((pose, view), common_px) in poses.iter().zip(self.views).zip(self.common_px) {
-            let mut own = PoseEquations { own: Matrix6::zeros(), cross: SMatrix::zeros(), right: Vector6::zeros() };
+            let mut own = PoseEquations::default();
             for p in view.iter() {
                 all.add_point(&mut own, self.linearise_point(&lens, global, pose, p, *common_px)?);
             }
@@ -180,6 +175,7 @@ struct LinearisedPoint {
     residual: Vector2<f64>,
 }
 
+#[derive(Default)]
 struct PoseEquations {
     own: Matrix6<f64>,
     cross: SMatrix<f64, GLOBAL, POSE>,
@@ -195,6 +191,7 @@ impl PoseEquations {
 }
 
 /// Normal equations of shared parameters and poses.
+#[derive(Default)]
 struct BundleEquations {
     global: GlobalCovariance,
     right: GlobalParameters,

@@ -14,7 +14,7 @@ use std::borrow::Cow;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::error::EstimationError;
+use super::error::EstimationResult;
 use super::fit::{BlockFit, Fit};
 use super::problem::{GroupPoint, Linearised, Problem};
 use super::solve::{SolveOptions, solve_groups};
@@ -73,8 +73,8 @@ pub struct ComponentEstimate {
 pub fn variance_components(
     problem: &mut Problem,
     groups: &[VarianceGroup],
-    linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
-) -> Result<ComponentEstimate, EstimationError> {
+    linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> EstimationResult<()>,
+) -> EstimationResult<ComponentEstimate> {
     let given = problem.clone();
     let mut free = vec![true; groups.len()];
     let mut logs = vec![0.0; groups.len()];

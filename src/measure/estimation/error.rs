@@ -1,5 +1,8 @@
 //! Errors of least squares.
 
+/// Result of a step of an estimation.
+pub type EstimationResult<T> = Result<T, EstimationError>;
+
 /// An error that leaves a problem without a solution.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum EstimationError {

@@ -7,7 +7,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::error::EstimationError;
+use super::error::{EstimationError, EstimationResult};
 use super::problem::{GroupPoint, Linearised, Problem};
 use super::state::EstimationState;
 use super::system::NormalEquations;
@@ -29,9 +29,9 @@ pub(super) fn half_hessian<L>(
     state: &EstimationState,
     start: DVector<f64>,
     linearise: &L,
-) -> Result<DMatrix<f64>, EstimationError>
+) -> EstimationResult<DMatrix<f64>>
 where
-    L: Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
+    L: Fn(&GroupPoint, &mut Vec<Linearised>) -> EstimationResult<()>,
 {
     let normal = &system.normal;
     let mut directions: Vec<DVector<f64>> = vec![];
@@ -70,9 +70,9 @@ fn half_gradient_change<L>(
     state: &EstimationState,
     direction: &DVector<f64>,
     linearise: &L,
-) -> Result<DVector<f64>, EstimationError>
+) -> EstimationResult<DVector<f64>>
 where
-    L: Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
+    L: Fn(&GroupPoint, &mut Vec<Linearised>) -> EstimationResult<()>,
 {
     let (mut near, mut settled) = (state.clone(), state.clone());
     let mut side = |by: f64| {

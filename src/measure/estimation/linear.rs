@@ -2,7 +2,7 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-use super::error::EstimationError;
+use super::error::{EstimationError, EstimationResult};
 
 /// Smallest accepted pivot of the normal matrix scaled to a unit diagonal.
 const MIN_PIVOT: f64 = 1e-13;
@@ -17,7 +17,7 @@ pub(super) struct Whitener {
 
 impl Whitener {
     /// Computes `W` for derivatives and covariance of the observations, unless the derivatives are unchanged.
-    pub(super) fn update(&mut self, by: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Result<(), EstimationError> {
+    pub(super) fn update(&mut self, by: &DMatrix<f64>, covariance: &DMatrix<f64>) -> EstimationResult<()> {
         if self.by.shape() == by.shape() && self.by.as_slice() == by.as_slice() {
             return Ok(());
         }
@@ -174,10 +174,7 @@ impl NormalFactor {
 ///
 /// # Errors
 /// Returns an error if a number is not finite, or one that names the missing information if the matrix is singular.
-pub(super) fn factor_normal_matrix(
-    normal: &DMatrix<f64>,
-    missing: &[&'static str],
-) -> Result<NormalFactor, EstimationError> {
+pub(super) fn factor_normal_matrix(normal: &DMatrix<f64>, missing: &[&'static str]) -> EstimationResult<NormalFactor> {
     let n = normal.nrows();
     if normal.as_slice().iter().any(|v| !v.is_finite()) {
         return Err(EstimationError::Input(

@@ -43,7 +43,7 @@ mod system;
 mod variance_budget;
 
 pub use components::{ComponentEstimate, VarianceComponent, VarianceGroup, variance_components};
-pub use error::EstimationError;
+pub use error::{EstimationError, EstimationResult};
 pub use fit::{BlockFit, Fit, Gradient, GroupFit, PropagatedCovariance};
 pub use problem::{Block, BlockPoint, Group, GroupPoint, InformationPrior, Linearised, Prior, PriorName, Problem};
 pub use quality::{GlobalTest, SigmaKind};

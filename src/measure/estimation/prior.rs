@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::error::EstimationError;
+use super::error::{EstimationError, EstimationResult};
 use super::linear::inverse_spd;
 use super::problem::Prior;
 
@@ -10,7 +10,7 @@ use super::problem::Prior;
 ///
 /// # Errors
 /// Returns an error if a covariance is not positive definite.
-pub(super) fn prior_weights(priors: &[Prior]) -> Result<Vec<DMatrix<f64>>, EstimationError> {
+pub(super) fn prior_weights(priors: &[Prior]) -> EstimationResult<Vec<DMatrix<f64>>> {
     let weight = |prior: &Prior| {
         inverse_spd(&prior.covariance).ok_or_else(|| {
             EstimationError::Input(format!(

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::error::EstimationError;
+use super::error::EstimationResult;
 use super::problem::Problem;
 use super::system::NormalEquations;
 
@@ -46,7 +46,7 @@ impl Secants {
         system: &NormalEquations,
         problem: &Problem,
         global: &DVector<f64>,
-    ) -> Result<DVector<f64>, EstimationError> {
+    ) -> EstimationResult<DVector<f64>> {
         if let Some((before, right)) = self.from.take() {
             self.add_secant_pair(&system.normal, global - before, right - &system.right);
         }

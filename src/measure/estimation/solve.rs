@@ -3,7 +3,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::error::EstimationError;
+use super::error::{EstimationError, EstimationResult};
 use super::fit::Fit;
 use super::hessian_correction;
 use super::problem::{BlockPoint, GroupPoint, Linearised, Problem};
@@ -45,8 +45,8 @@ const UNSETTLED_FRACTION: f64 = 0.1;
 /// Returns an error if the problem is singular, does not converge or is not finite, or the error of `linearise`.
 pub fn solve(
     problem: &Problem,
-    linearise: impl Fn(&BlockPoint) -> Result<Linearised, EstimationError>,
-) -> Result<Fit, EstimationError> {
+    linearise: impl Fn(&BlockPoint) -> EstimationResult<Linearised>,
+) -> EstimationResult<Fit> {
     solve_groups(problem, &SolveOptions::default(), |at, blocks| {
         let point =
             |(block, observed)| BlockPoint { group: at.group, block, global: at.global, local: at.local, observed };
@@ -75,8 +75,8 @@ pub struct SolveOptions<'a> {
 pub fn solve_groups(
     problem: &Problem,
     options: &SolveOptions,
-    linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
-) -> Result<Fit, EstimationError> {
+    linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> EstimationResult<()>,
+) -> EstimationResult<Fit> {
     let mut solver = GaussNewton::new(problem, options, linearise)?;
     for iteration in 1..=MAX_ITERATIONS {
         if solver.iterate(iteration)? {
@@ -110,9 +110,9 @@ struct GaussNewton<'a, L> {
 
 impl<'a, L> GaussNewton<'a, L>
 where
-    L: Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
+    L: Fn(&GroupPoint, &mut Vec<Linearised>) -> EstimationResult<()>,
 {
-    fn new(problem: &'a Problem, options: &SolveOptions, linearise: L) -> Result<Self, EstimationError> {
+    fn new(problem: &'a Problem, options: &SolveOptions, linearise: L) -> EstimationResult<Self> {
         let state = EstimationState::initial(problem, options.residuals);
         let mut system = NormalEquations::new(problem)?;
         system.assemble(problem, &state, &linearise)?;
@@ -139,7 +139,7 @@ where
     }
 
     /// Performs one iteration and returns true if the state is the solution.
-    fn iterate(&mut self, iteration: usize) -> Result<bool, EstimationError> {
+    fn iterate(&mut self, iteration: usize) -> EstimationResult<bool> {
         let plain = self.system.global_step(self.problem, self.damping)?;
         let undamped = if self.damping > 0.0 { &self.system.global_step(self.problem, 0.0)? } else { &plain };
         let gain = undamped.dot(&self.system.right);
@@ -185,7 +185,7 @@ where
     }
 
     /// Chooses the next step; Gauss's step, `plain`, would lower the sum of squares by `gain`.
-    fn choose_step(&mut self, plain: DVector<f64>, gain: f64) -> Result<DVector<f64>, EstimationError> {
+    fn choose_step(&mut self, plain: DVector<f64>, gain: f64) -> EstimationResult<DVector<f64>> {
         self.groups_alone =
             !self.groups_alone && self.system.unsettled > (UNSETTLED_FRACTION * gain).max(self.converged);
         if self.groups_alone {
@@ -204,7 +204,7 @@ where
 
     /// Returns the corrected second derivatives if previous steps deviated from the normal matrix, which amplitudes of many
     /// groups cause.
-    fn corrected_hessian(&self) -> Result<Option<DMatrix<f64>>, EstimationError> {
+    fn corrected_hessian(&self) -> EstimationResult<Option<DMatrix<f64>>> {
         let Some(start) = self.secants.max_deviation_direction(&self.system.normal) else { return Ok(None) };
         hessian_correction::half_hessian(&self.system, self.problem, &self.state, start, &self.linearise).map(Some)
     }

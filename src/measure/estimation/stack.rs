@@ -3,7 +3,7 @@
 
 use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, DVector};
 
-use super::error::EstimationError;
+use super::error::EstimationResult;
 use super::linear::{Whitener, add_scaled, dot_product};
 use super::problem::{Block, Linearised};
 
@@ -93,7 +93,7 @@ impl BlockStack {
         linearised: &[Linearised],
         workspace: &mut Workspace,
         target: &mut ProductTarget,
-    ) -> Result<f64, EstimationError> {
+    ) -> EstimationResult<f64> {
         let width = self.width();
         let conditions: usize = linearised.iter().map(|l| l.misclosure.len()).sum();
         workspace.rows.clear();
@@ -146,7 +146,7 @@ impl BlockSystem {
         data: &Block,
         residuals: &DVector<f64>,
         lin: &Linearised,
-    ) -> Result<(), EstimationError> {
+    ) -> EstimationResult<()> {
         self.whitener.update(&lin.observations, &data.covariance)?;
         self.contradiction.clone_from(&lin.misclosure);
         let contradiction = self.contradiction.as_mut_slice();

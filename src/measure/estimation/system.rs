@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::error::EstimationError;
+use super::error::EstimationResult;
 use super::fit::{BlockFit, Fit, GroupFit};
 use super::linear::{add_scaled, dot_product, factor_in_place, factor_normal_matrix, invert_lower, singular_error};
 use super::prior::{add_prior, prior_weights};
@@ -52,9 +52,9 @@ pub(super) struct NormalEquations {
 
 impl NormalEquations {
     /// Allocates a problem's normal equations.
-    pub(super) fn new(problem: &Problem) -> Result<Self, EstimationError> {
+    pub(super) fn new(problem: &Problem) -> EstimationResult<Self> {
         let p = problem.start.len();
-        let group = |group: &Group| -> Result<GroupSystem, EstimationError> {
+        let group = |group: &Group| -> EstimationResult<GroupSystem> {
             let q = group.local.len();
             Ok(GroupSystem {
                 linearised: Vec::with_capacity(group.blocks.len()),
@@ -85,8 +85,8 @@ impl NormalEquations {
         &mut self,
         problem: &Problem,
         state: &EstimationState,
-        linearise: &impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
-    ) -> Result<(), EstimationError> {
+        linearise: &impl Fn(&GroupPoint, &mut Vec<Linearised>) -> EstimationResult<()>,
+    ) -> EstimationResult<()> {
         self.normal.as_mut_slice().fill(0.0);
         self.right.as_mut_slice().fill(0.0);
         self.workspace.clear_gathered();
@@ -116,8 +116,8 @@ impl NormalEquations {
         group: &Group,
         state: &EstimationState,
         index: usize,
-        linearise: &impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
-    ) -> Result<(), EstimationError> {
+        linearise: &impl Fn(&GroupPoint, &mut Vec<Linearised>) -> EstimationResult<()>,
+    ) -> EstimationResult<()> {
         let (part, local) = (&mut self.groups[index], &state.local[index]);
         let observed = &state.observed[index];
         let at = GroupPoint { group: index, global: &state.global, local, observed };
@@ -160,7 +160,7 @@ impl NormalEquations {
     }
 
     /// Returns the global step, damped after Levenberg and Marquardt.
-    pub(super) fn global_step(&self, problem: &Problem, damping: f64) -> Result<DVector<f64>, EstimationError> {
+    pub(super) fn global_step(&self, problem: &Problem, damping: f64) -> EstimationResult<DVector<f64>> {
         let mut normal = self.normal.clone();
         for i in 0..normal.nrows() {
             normal[(i, i)] *= 1.0 + damping;
@@ -180,11 +180,7 @@ impl NormalEquations {
     }
 
     /// Returns the undamped step for another right side.
-    pub(super) fn solve_right_side(
-        &self,
-        problem: &Problem,
-        right: &DVector<f64>,
-    ) -> Result<DVector<f64>, EstimationError> {
+    pub(super) fn solve_right_side(&self, problem: &Problem, right: &DVector<f64>) -> EstimationResult<DVector<f64>> {
         Ok(factor_normal_matrix(&self.normal, &problem.missing)?.solve(right))
     }
 
@@ -223,7 +219,7 @@ impl NormalEquations {
         state: EstimationState,
         iterations: usize,
         second: Option<DMatrix<f64>>,
-    ) -> Result<Fit, EstimationError> {
+    ) -> EstimationResult<Fit> {
         let inverse = factor_normal_matrix(&self.normal, &problem.missing)?.inverse();
         let (response, covariance, information) = match second {
             Some(second) => {
@@ -260,7 +256,7 @@ impl NormalEquations {
 
 impl GroupSystem {
     /// Factors the local parameters' normal matrix and eliminates them from the right side.
-    fn eliminate_local(&mut self, right: &mut DVector<f64>) -> Result<(), EstimationError> {
+    fn eliminate_local(&mut self, right: &mut DVector<f64>) -> EstimationResult<()> {
         if !factor_in_place(&mut self.factor) {
             return Err(singular_error("the local parameters of a group of observations"));
         }

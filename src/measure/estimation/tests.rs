@@ -23,7 +23,7 @@ fn line(points: &[(f64, f64)], sx: f64, sy: f64) -> Problem {
     }
 }
 
-fn line_block(p: &BlockPoint) -> Result<Linearised, EstimationError> {
+fn line_block(p: &BlockPoint) -> EstimationResult<Linearised> {
     let (m, b, x, y) = (p.global[0], p.global[1], p.observed[0], p.observed[1]);
     Ok(Linearised {
         misclosure: DVector::from_element(1, m * x + b - y),

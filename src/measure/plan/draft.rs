@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::prediction::SimulatedFlight;
 use super::{PlanOptions, fixed_targets, requirement};
-use crate::adjust::AdjustError;
+use crate::adjust::{AdjustError, AdjustResult};
 use crate::geometry::Lens;
 use crate::setup::{Setup, Shape, SurveyMarker, TorsionPair, WingSide};
 
@@ -58,7 +58,7 @@ pub fn best_layout(
     installation: &Setup,
     options: &PlanOptions,
     frames: usize,
-) -> Result<Setup, AdjustError> {
+) -> AdjustResult<Setup> {
     let mut best: Option<(f64, Setup)> = None;
     for crowding in SPACING_EXPONENTS {
         let setup = build_drafted_setup(draft, installation, options, crowding)?;
@@ -110,7 +110,7 @@ fn build_drafted_setup(
     installation: &Setup,
     options: &PlanOptions,
     crowding: f64,
-) -> Result<Setup, AdjustError> {
+) -> AdjustResult<Setup> {
     let mut setup = installation.clone();
     setup.markers = place_markers(draft, options.tip_deflection_m, crowding);
     let count = setup.markers.len();

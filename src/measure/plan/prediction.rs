@@ -9,7 +9,7 @@ use super::view::{bend_markers, camera_attitude};
 use super::{PlanOptions, SkinProfile, adjustment_options, fixed_targets, terms};
 use crate::adjust::flight_prior::FlightPrior;
 use crate::adjust::ground::GroundShape;
-use crate::adjust::{self, AdjustError, Mounting, Observation, Options, Solution};
+use crate::adjust::{self, AdjustError, AdjustResult, Mounting, Observation, Options, Solution};
 use crate::environment::apparent_point;
 use crate::ordering::sort_by_value;
 use crate::setup::{Orientation, Setup, SurveyMarker};
@@ -135,11 +135,7 @@ impl<'a> SimulatedFlight<'a> {
     ///
     /// # Errors
     /// Returns an error if the survey gives no wing.
-    pub fn new(
-        setup: &'a Setup,
-        orientation: Option<&Orientation>,
-        options: &'a PlanOptions,
-    ) -> Result<Self, AdjustError> {
+    pub fn new(setup: &'a Setup, orientation: Option<&Orientation>, options: &'a PlanOptions) -> AdjustResult<Self> {
         let shape = GroundShape::new(setup, &[])?;
         let ground: Vec<_> = shape.stations.iter().map(|s| s.surveyed_m).collect();
         let flight = bend_markers(setup, &shape, options.tip_deflection_m);
@@ -210,7 +206,7 @@ impl<'a> SimulatedFlight<'a> {
     ///
     /// # Errors
     /// Returns an error if the layout cannot be adjusted.
-    pub fn predict_layout(&self) -> Result<LayoutPrediction, AdjustError> {
+    pub fn predict_layout(&self) -> AdjustResult<LayoutPrediction> {
         let solution = self.adjust_frame(&self.observations)?;
         let mut changes: Vec<_> = self.observations.iter().map(|o| self.predict_without(o.marker)).collect();
         changes.extend(self.predict_with_additional());
@@ -246,7 +242,7 @@ impl<'a> SimulatedFlight<'a> {
     ///
     /// # Errors
     /// Returns an error if the layout cannot be adjusted.
-    pub fn predict_single_frame(&self) -> Result<LayoutPrecision, AdjustError> {
+    pub fn predict_single_frame(&self) -> AdjustResult<LayoutPrecision> {
         let precision = precision_from_solution(&self.adjust_frame(&self.observations)?, self.setup);
         precision.ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
     }
@@ -257,11 +253,7 @@ impl<'a> SimulatedFlight<'a> {
     ///
     /// # Errors
     /// Returns an error if the layout cannot be adjusted.
-    pub fn predict_flight(
-        &self,
-        frames: usize,
-        flight_prior: Option<&FlightPrior>,
-    ) -> Result<LayoutPrecision, AdjustError> {
+    pub fn predict_flight(&self, frames: usize, flight_prior: Option<&FlightPrior>) -> AdjustResult<LayoutPrecision> {
         let share = |k: usize| 1.0 - (1.0 - MIN_DEFLECTION_FRACTION) * k as f64 / (frames.max(2) - 1) as f64;
         let deflections = (0..frames.max(1)).map(|k| self.options.tip_deflection_m * share(k));
         let seen = deflections.map(|tip_deflection_m| {
@@ -269,7 +261,7 @@ impl<'a> SimulatedFlight<'a> {
             let frame = SimulatedFlight::new(self.setup, Some(&self.orientation), &options)?;
             Ok(frame.observations)
         });
-        let seen: Vec<Vec<Observation>> = seen.collect::<Result<_, AdjustError>>()?;
+        let seen: Vec<Vec<Observation>> = seen.collect::<AdjustResult<_>>()?;
         let mountings = Some(vec![Mounting::Numbered(0); seen.len()]);
         let flight_prior = flight_prior.map(|flight_prior| Arc::new(flight_prior.at_nominal()));
         let options = Options { mountings, flight_prior, ..adjustment_options(self.options) };
@@ -284,7 +276,7 @@ impl<'a> SimulatedFlight<'a> {
         first.ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
     }
 
-    fn adjust_frame(&self, observations: &[Observation]) -> Result<Solution, AdjustError> {
+    fn adjust_frame(&self, observations: &[Observation]) -> AdjustResult<Solution> {
         adjust::solve_spatial(self.setup, &self.orientation, observations, &adjustment_options(self.options))
     }
 

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::prediction::{LayoutPrecision, SimulatedFlight};
 use super::{PlanOptions, fixed_targets, terms};
-use crate::adjust::AdjustError;
+use crate::adjust::AdjustResult;
 use crate::adjust::flight_prior::FlightPrior;
 use crate::ordering::sort_by_value;
 use crate::setup::{Orientation, Setup, SurveyMarker, Width};
@@ -111,7 +111,7 @@ pub fn check_requirement(
     orientation: Option<&Orientation>,
     options: &PlanOptions,
     requirement: &Requirement,
-) -> Result<(RequirementResult, Setup, Orientation), AdjustError> {
+) -> AdjustResult<(RequirementResult, Setup, Orientation)> {
     let first = SimulatedFlight::new(setup, orientation, options)?;
     let obstacle = first.find_obstacle();
     let attitude = Orientation { ground: vec![], ..first.orientation };
@@ -150,7 +150,7 @@ pub fn predict_precision(
     options: &PlanOptions,
     frames: usize,
     flight_prior: Option<&FlightPrior>,
-) -> Result<LayoutPrecision, AdjustError> {
+) -> AdjustResult<LayoutPrecision> {
     let simulation = SimulatedFlight::new(setup, orientation, options)?;
     match (frames, flight_prior) {
         (..=1, None) => simulation.predict_single_frame(),
@@ -166,11 +166,11 @@ pub fn assumed_attitude(
     setup: &Setup,
     orientation: Option<&Orientation>,
     options: &PlanOptions,
-) -> Result<Orientation, AdjustError> {
+) -> AdjustResult<Orientation> {
     Ok(SimulatedFlight::new(setup, orientation, options)?.orientation)
 }
 
-fn predict_campaign_precision(campaign: &Campaign, options: &PlanOptions) -> Result<LayoutPrecision, AdjustError> {
+fn predict_campaign_precision(campaign: &Campaign, options: &PlanOptions) -> AdjustResult<LayoutPrecision> {
     predict_precision(&campaign.setup, Some(&campaign.orientation), options, campaign.frames, None)
 }
 

@@ -38,15 +38,8 @@ fn uncertain_terms() -> Vec<UncertainTerm> {
 }
 
 fn remove_temperature_uncertainty(setup: &mut Setup) {
-    let unchanged = Thermal {
-        expansion_per_k: 0.0,
-        expansion_sigma_per_k: None,
-        ground_temperature_c: 0.0,
-        flight_temperature_c: 0.0,
-        flight_temperature_sigma_k: None,
-    };
     let known = |t: Thermal| Thermal { expansion_sigma_per_k: None, flight_temperature_sigma_k: None, ..t };
-    setup.thermal = Some(setup.thermal.map_or(unchanged, known));
+    setup.thermal = Some(setup.thermal.map_or_else(Thermal::default, known));
 }
 
 fn remove_pane_uncertainty(setup: &mut Setup) {

@@ -304,10 +304,9 @@ fn setup_without_markers(
         uncertainty: SetupUncertainty::from_drawings(),
         thermal: Some(Thermal {
             expansion_per_k: 23.0e-6,
-            expansion_sigma_per_k: None,
             ground_temperature_c: 15.0,
             flight_temperature_c: -55.0,
-            flight_temperature_sigma_k: None,
+            ..Thermal::default()
         }),
         torsion: Vec::new(),
         markers: Vec::new(),

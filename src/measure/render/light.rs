@@ -69,7 +69,7 @@ struct Specular {
 }
 
 /// Illumination of one frame.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Default)]
 pub struct Illumination {
     exposure: f64,
     ambient: f64,
@@ -103,15 +103,11 @@ impl Illumination {
             exposure: random.uniform(0.80, 1.05),
             ambient: 0.45,
             sun: high.normalize(),
-            gradient_s: 0.0,
-            gradient_z: 0.0,
-            bands: None,
-            specular: None,
             haze_per_m: 0.0008,
             air_light: 0.5,
-            stray: 0.0,
             sky: random.uniform(0.40, 0.60),
             cloud_seed: random.bits(),
+            ..Self::default()
         };
         match light {
             Light::Plain => {}

@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::adjust::beam::curvature_basis;
 use crate::adjust::ground::GroundShape;
-use crate::adjust::{AdjustError, Estimate};
+use crate::adjust::{AdjustResult, Estimate};
 use crate::setup::{Orientation, Setup, StiffnessSection};
 
 /// A bending moment with its standard deviation and the contributions to it, N m.
@@ -82,7 +82,7 @@ impl BendingCurvature {
 ///
 /// # Errors
 /// Returns an error if the survey gives no wing.
-pub fn bending_length_m(setup: &Setup, orientation: &Orientation) -> Result<f64, AdjustError> {
+pub fn bending_length_m(setup: &Setup, orientation: &Orientation) -> AdjustResult<f64> {
     let shaping = orientation.shaping_markers(setup.markers.len());
     Ok(GroundShape::new(setup, &shaping)?.axis.length_m)
 }

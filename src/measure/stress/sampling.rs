@@ -13,7 +13,7 @@ const MIN_PRESENT: f64 = 0.9;
 const MIN_DETERMINED: f64 = 0.1;
 
 /// Rate and gaps of a history's frames.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct Sampling {
     /// Frames per second by the median interval; `None` with fewer than two frames.
     pub rate_hz: Option<f64>,
@@ -70,11 +70,7 @@ pub fn analyse_sampling(times_s: &[f64], bending_hz: f64) -> Sampling {
     let mut found = Sampling {
         rate_hz: median_s.map(f64::recip),
         needed_hz: SAMPLES_PER_PERIOD * bending_hz,
-        gaps: 0,
-        longest_gap_s: 0.0,
-        covered_s: 0.0,
-        uncovered_s: 0.0,
-        missed: 0.0,
+        ..Sampling::default()
     };
     let Some(median_s) = median_s else { return found };
     let half_turn = std::f64::consts::PI * bending_hz * median_s;

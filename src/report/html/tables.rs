@@ -8,7 +8,7 @@ use super::super::number::{self, NONE, count_text, format_fixed, format_general}
 use super::super::summary::SeriesSummary;
 use super::super::{ReportData, SeriesData, ShotData, protocol, summary, table};
 use crate::clock::Stamp;
-use crate::record::{GlobalTest, ImageRecord, Provenance, Quality, json_fields, json_text};
+use crate::record::{GlobalTest, ImageRecord, Provenance, Quality, json_fields, json_text, variant_name};
 
 /// Returns the section of the series means.
 pub fn series_section(summaries: &[SeriesSummary]) -> Markup {
@@ -103,7 +103,8 @@ fn exposure_section(data: &ReportData) -> Markup {
     let largest = |values: Vec<f64>| values.into_iter().fold(0.0, f64::max);
     let own_ms = 1e3 * largest(exposures.iter().map(|e| e.exposure_sigma_s).collect());
     let clock: Vec<f64> = exposures.iter().filter_map(|e| e.clock_sigma_s).collect();
-    let mut sources: Vec<String> = exposures.iter().map(|e| e.exposure_source.name().replace('_', " ")).collect();
+    let mut sources: Vec<String> =
+        exposures.iter().map(|e| variant_name(e.exposure_source).replace('_', " ")).collect();
     sources.sort_unstable();
     sources.dedup();
     html! {

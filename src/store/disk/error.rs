@@ -5,6 +5,9 @@ use std::path::{Path, PathBuf};
 
 use crate::installation::printable_path;
 
+/// Result of an operation on a store.
+pub type StoreResult<T> = Result<T, StoreError>;
+
 /// Error of a store operation; variants differ in the caller's reaction.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {

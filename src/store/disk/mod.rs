@@ -11,7 +11,7 @@ use std::path::Path;
 
 use serde::de::DeserializeOwned;
 
-pub use error::StoreError;
+pub use error::{StoreError, StoreResult};
 
 /// Entry of a directory.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -219,12 +219,12 @@ pub(crate) fn fill_random(bytes: &mut [u8]) -> io::Result<()> {
 /// Operations of [`Disk`] whose errors name the path. Operations that change names make them durable unless noted.
 impl dyn Disk + '_ {
     /// Reads a complete file.
-    pub(crate) fn load_file(&self, path: &Path) -> Result<Vec<u8>, StoreError> {
+    pub(crate) fn load_file(&self, path: &Path) -> StoreResult<Vec<u8>> {
         self.read(path).map_err(StoreError::io(path, "read"))
     }
 
     /// Reads a complete file; `None` if it does not exist.
-    pub(crate) fn load_if_exists(&self, path: &Path) -> Result<Option<Vec<u8>>, StoreError> {
+    pub(crate) fn load_if_exists(&self, path: &Path) -> StoreResult<Option<Vec<u8>>> {
         match self.read(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             read => read.map(Some).map_err(StoreError::io(path, "read")),
@@ -237,12 +237,12 @@ impl dyn Disk + '_ {
     }
 
     /// Lists a directory, sorted by name.
-    pub(crate) fn list_entries(&self, directory: &Path) -> Result<Vec<DirectoryEntry>, StoreError> {
+    pub(crate) fn list_entries(&self, directory: &Path) -> StoreResult<Vec<DirectoryEntry>> {
         self.list(directory).map_err(StoreError::io(directory, "list"))
     }
 
     /// Returns the length of a file, bytes; `None` if it does not exist, or is a link or directory.
-    pub(crate) fn file_length(&self, path: &Path) -> Result<Option<u64>, StoreError> {
+    pub(crate) fn file_length(&self, path: &Path) -> StoreResult<Option<u64>> {
         let entries = self.list_entries(path.parent().unwrap_or(Path::new(".")))?;
         let name = path.file_name().unwrap_or_default();
         let file = |e: &DirectoryEntry| e.name.as_str() == name && !e.is_dir && !e.is_link;
@@ -250,12 +250,12 @@ impl dyn Disk + '_ {
     }
 
     /// Writes a file from its beginning; its name may not be durable.
-    pub(crate) fn save_file(&self, path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
+    pub(crate) fn save_file(&self, path: &Path, bytes: &[u8]) -> StoreResult<()> {
         self.write(path, bytes).map_err(StoreError::io(path, "write"))
     }
 
     /// Replaces a small file atomically: after a crash it has either the old or the new content.
-    pub(crate) fn replace_file(&self, path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
+    pub(crate) fn replace_file(&self, path: &Path, bytes: &[u8]) -> StoreResult<()> {
         self.replace_file_io(path, bytes).map_err(StoreError::io(path, "write"))
     }
 
@@ -273,28 +273,28 @@ impl dyn Disk + '_ {
     /// Appends to a file of `length` bytes. If that fails, the file is truncated to `length`, as far as the disk permits:
     /// after a failed fsync the file shows bytes that are not on the medium and that no later fsync writes, so nothing may
     /// depend on them.
-    pub(crate) fn extend_file(&self, path: &Path, length: usize, bytes: &[u8]) -> Result<(), StoreError> {
+    pub(crate) fn extend_file(&self, path: &Path, length: usize, bytes: &[u8]) -> StoreResult<()> {
         let appended = self.append(path, bytes).inspect_err(|_| drop(self.truncate(path, length as u64)));
         appended.map_err(StoreError::io(path, "write"))
     }
 
     /// Creates one directory, whose parent exists; its name may not be durable.
-    pub(crate) fn make_dir(&self, path: &Path) -> Result<(), StoreError> {
+    pub(crate) fn make_dir(&self, path: &Path) -> StoreResult<()> {
         self.create_dir(path).map_err(StoreError::io(path, "create"))
     }
 
     /// Makes the names in a directory durable.
-    pub(crate) fn sync_directory(&self, directory: &Path) -> Result<(), StoreError> {
+    pub(crate) fn sync_directory(&self, directory: &Path) -> StoreResult<()> {
         self.sync_dir(directory).map_err(StoreError::io(directory, "sync"))
     }
 
     /// Removes a file; its name may reappear after a power cut.
-    pub(crate) fn remove(&self, path: &Path) -> Result<(), StoreError> {
+    pub(crate) fn remove(&self, path: &Path) -> StoreResult<()> {
         self.remove_file(path).map_err(StoreError::io(path, "remove"))
     }
 
     /// Removes a directory and its content; a link is removed, never followed.
-    pub(crate) fn remove_tree(&self, folder: &Path) -> Result<(), StoreError> {
+    pub(crate) fn remove_tree(&self, folder: &Path) -> StoreResult<()> {
         for entry in self.list_entries(folder)? {
             let path = folder.join(&entry.name);
             if entry.is_dir && !entry.is_link { self.remove_tree(&path)? } else { self.remove(&path)? }
@@ -304,7 +304,7 @@ impl dyn Disk + '_ {
     }
 
     /// Renames and makes both directories durable, the target first.
-    pub(crate) fn move_durably(&self, from: &Path, to: &Path) -> Result<(), StoreError> {
+    pub(crate) fn move_durably(&self, from: &Path, to: &Path) -> StoreResult<()> {
         self.rename(from, to).map_err(StoreError::io(to, "move to"))?;
         [to.parent(), from.parent()].into_iter().flatten().try_for_each(|directory| self.sync_directory(directory))
     }

@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use super::verify;
-use crate::store::disk::{Disk, StoreError};
+use crate::store::disk::{Disk, StoreError, StoreResult};
 use crate::store::format::manifest::PrunedFlight;
 use crate::store::format::{jsonl, layout, sha256_hex, sums};
 use crate::store::read::catalogue::{self, FlightRef};
@@ -28,7 +28,7 @@ pub enum CopyProof {
 }
 
 /// Verifies that every byte of a flight is in a copy, reading the copy back.
-pub fn verify_copy(disk: &dyn Disk, root: &Path, flight: &FlightRef, copy: &Path) -> Result<CopyProof, StoreError> {
+pub fn verify_copy(disk: &dyn Disk, root: &Path, flight: &FlightRef, copy: &Path) -> StoreResult<CopyProof> {
     let stays = |why: &str| Ok(CopyProof::Unverified(why.to_owned()));
     let Some(id) = catalogue::store_id(disk, root) else {
         return stays("the store has no chains and sums; run `wingd verify --upgrade` to add them");
@@ -67,7 +67,7 @@ fn is_same_path(one: &Path, other: &Path) -> bool {
     real(one) == real(other)
 }
 
-fn folder_size(disk: &dyn Disk, folder: &Path) -> Result<u64, StoreError> {
+fn folder_size(disk: &dyn Disk, folder: &Path) -> StoreResult<u64> {
     let mut bytes = 0;
     for entry in disk.list_entries(folder)? {
         let below = if entry.is_dir { folder_size(disk, &folder.join(&entry.name))? } else { 0 };
@@ -78,7 +78,7 @@ fn folder_size(disk: &dyn Disk, folder: &Path) -> Result<u64, StoreError> {
 
 impl Store {
     /// Deletes a flight if a copy has every byte; otherwise returns the reason for keeping it.
-    pub fn prune_flight(&self, flight: &FlightRef, copy: &Path) -> Result<CopyProof, StoreError> {
+    pub fn prune_flight(&self, flight: &FlightRef, copy: &Path) -> StoreResult<CopyProof> {
         let mut index = self.lock_index();
         let (disk, root) = (self.disk(), self.root());
         let proof = verify_copy(disk, root, flight, copy)?;
@@ -105,7 +105,7 @@ impl Store {
     }
 
     /// Removes the remains of an interrupted pruning.
-    pub fn remove_pruned(&self) -> Result<(), StoreError> {
+    pub fn remove_pruned(&self) -> StoreResult<()> {
         let (disk, root) = (self.disk(), self.root());
         let pruned = root.join(layout::PRUNED);
         if !disk.exists(&pruned) {

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::verify::{self, VerifyReport};
-use crate::store::disk::{Disk, Lock, StoreError};
+use crate::store::disk::{Disk, Lock, StoreError, StoreResult};
 use crate::store::format::manifest::Counter;
 use crate::store::format::{layout, sha256_hex};
 use crate::store::read::bundle::{BundleFile, FlightBundle};
@@ -105,7 +105,7 @@ pub struct Receiver<'a> {
 
 impl<'a> Receiver<'a> {
     /// Opens a directory that does not exist, is empty, a store, or an incomplete copy.
-    pub fn open(disk: &'a dyn Disk, root: &Path) -> Result<Self, StoreError> {
+    pub fn open(disk: &'a dyn Disk, root: &Path) -> StoreResult<Self> {
         let begun = disk.exists(&root.join(layout::FETCHING));
         if !begun && !disk.exists(&root.join(layout::STORE_FILE)) {
             opening::make_root(disk, root)?;
@@ -122,7 +122,7 @@ impl<'a> Receiver<'a> {
     }
 
     /// Refuses a flight of another store, and removes the files that an attempt at another one left below `fetching/`.
-    pub fn prepare_flight(&self, listing: &Listing) -> Result<(), StoreError> {
+    pub fn prepare_flight(&self, listing: &Listing) -> StoreResult<()> {
         let format_file = listing.items.iter().find(|item| item.name == layout::STORE_FILE);
         let other = |path: &Path| {
             self.disk.read(path).is_ok_and(|bytes| format_file.is_none_or(|file| sha256_hex(&bytes) != file.sha256))
@@ -173,7 +173,7 @@ impl<'a> Receiver<'a> {
     }
 
     /// Returns an error if files of this length do not fit on the disk.
-    pub fn require_space(&self, bytes: u64) -> Result<(), StoreError> {
+    pub fn require_space(&self, bytes: u64) -> StoreResult<()> {
         let free = self.disk.free_bytes(&self.root).map_err(StoreError::io(&self.root, "measure"))?;
         if bytes <= free {
             return Ok(());
@@ -183,7 +183,7 @@ impl<'a> Receiver<'a> {
     }
 
     /// Begins to receive a file.
-    pub fn begin_file<'r>(&'r self, item: &'r ListedFile) -> Result<ReceivedFile<'r>, StoreError> {
+    pub fn begin_file<'r>(&'r self, item: &'r ListedFile) -> StoreResult<ReceivedFile<'r>> {
         let path = self.staged_path(&item.name);
         self.make_parent_dirs_durably(&path)?;
         let part =
@@ -192,13 +192,13 @@ impl<'a> Receiver<'a> {
     }
 
     /// Stores the bytes of a file; returns an error if they do not match the listing.
-    pub fn accept_file(&self, item: &ListedFile, bytes: &[u8]) -> Result<(), StoreError> {
+    pub fn accept_file(&self, item: &ListedFile, bytes: &[u8]) -> StoreResult<()> {
         let mut file = self.begin_file(item)?;
         file.add(bytes)?;
         file.finish()
     }
 
-    fn make_parent_dirs_durably(&self, path: &Path) -> Result<(), StoreError> {
+    fn make_parent_dirs_durably(&self, path: &Path) -> StoreResult<()> {
         let Some(folder) = path.parent().filter(|folder| !self.disk.exists(folder)) else { return Ok(()) };
         self.make_parent_dirs_durably(folder)?;
         self.disk.make_dir(folder)?;
@@ -206,7 +206,7 @@ impl<'a> Receiver<'a> {
     }
 
     /// Moves a complete flight to its place.
-    pub fn commit_flight(&self, listing: &Listing) -> Result<(), StoreError> {
+    pub fn commit_flight(&self, listing: &Listing) -> StoreResult<()> {
         self.refuse_changed(listing)?;
         let format_file = self.root.join(layout::STORE_FILE);
         let staged_format_file = self.staged_path(layout::STORE_FILE);
@@ -229,7 +229,7 @@ impl<'a> Receiver<'a> {
     }
 
     /// Advances the counter past this flight and the flights that were already here.
-    fn advance_counter(&self, listing: &Listing) -> Result<(), StoreError> {
+    fn advance_counter(&self, listing: &Listing) -> StoreResult<()> {
         let here = self.disk.load_json::<Counter>(&self.root.join(layout::COUNTER_FILE));
         let mut counter = here.unwrap_or(Counter::FIRST);
         counter.advance_past(&listing.flight);
@@ -238,7 +238,7 @@ impl<'a> Receiver<'a> {
     }
 
     /// Refuses to overwrite results that were added here.
-    fn refuse_changed(&self, listing: &Listing) -> Result<(), StoreError> {
+    fn refuse_changed(&self, listing: &Listing) -> StoreResult<()> {
         let grows = |name: &str| [layout::RESULTS_FILE, layout::CHAIN_FILE].contains(&name);
         for item in listing.items.iter().filter(|item| item.name.rsplit('/').next().is_some_and(grows)) {
             let path = self.root.join(&item.name);
@@ -253,7 +253,7 @@ impl<'a> Receiver<'a> {
     }
 
     /// Verifies the complete directory and removes `fetching/`.
-    pub fn finish(self) -> Result<VerifyReport, StoreError> {
+    pub fn finish(self) -> StoreResult<VerifyReport> {
         if self.disk.exists(&self.root.join(layout::STORE_FILE)) {
             self.disk.remove_tree(&self.root.join(layout::FETCHING))?;
             self.disk.sync_directory(&self.root)?;
@@ -279,7 +279,7 @@ impl ReceivedFile<'_> {
     }
 
     /// Adds the next bytes.
-    pub fn add(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
+    pub fn add(&mut self, bytes: &[u8]) -> StoreResult<()> {
         let disk = self.receiver.disk;
         let written = if self.length == 0 { disk.write(&self.part, bytes) } else { disk.append(&self.part, bytes) };
         written.map_err(StoreError::io(&self.part, "write"))?;
@@ -289,7 +289,7 @@ impl ReceivedFile<'_> {
     }
 
     /// Gives the file its name; returns an error if the bytes do not match the listing.
-    pub fn finish(self) -> Result<(), StoreError> {
+    pub fn finish(self) -> StoreResult<()> {
         let Self { receiver, item, part, path, .. } = self;
         if self.length != item.length || hex::encode(self.hasher.finalize()) != item.sha256 {
             let problem = "was received with bytes that do not match its SHA-256".to_owned();

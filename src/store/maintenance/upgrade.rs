@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::verify;
 use crate::store::config::StoreConfig;
-use crate::store::disk::{Disk, StoreError};
+use crate::store::disk::{Disk, StoreError, StoreResult};
 use crate::store::format::append_file_kinds::APPEND_FILE_KINDS;
 use crate::store::format::chain::{self, AppendedResults, ChainEvent, ClosedFile};
 use crate::store::format::{layout, sha256_hex};
@@ -17,11 +17,7 @@ use crate::store::write::{evidence, installations, opening, results};
 
 /// Adds id, chains, sums and the installation of the results to a sound store. The format file is written last: after an
 /// interruption at any step the store still has the old format and can be upgraded again.
-pub fn upgrade_store(
-    disk: Arc<dyn Disk>,
-    root: &Path,
-    installation: Option<&[InstallationFile]>,
-) -> Result<(), StoreError> {
+pub fn upgrade_store(disk: Arc<dyn Disk>, root: &Path, installation: Option<&[InstallationFile]>) -> StoreResult<()> {
     // Opening takes the lock and recovers the remains of a crash.
     let (store, _) = Store::open(disk, StoreConfig::new(root))?;
     let at = store.store_root();
@@ -53,7 +49,7 @@ pub fn upgrade_store(
 }
 
 /// Refuses flights whose chain has more than an interrupted upgrade writes: it is evidence that a new one would destroy.
-fn refuse_foreign_chains(root: StoreRoot<'_>) -> Result<(), StoreError> {
+fn refuse_foreign_chains(root: StoreRoot<'_>) -> StoreResult<()> {
     for flight in catalogue::list_flights(root.disk, root.path)? {
         let (bytes, chain) = catalogue::read_chain(root.disk, &flight.folder)?;
         let Some(id) = chain.store_id() else { continue };
@@ -70,12 +66,7 @@ fn refuse_foreign_chains(root: StoreRoot<'_>) -> Result<(), StoreError> {
 }
 
 /// Builds the chain of the existing files.
-fn build_chain(
-    root: StoreRoot<'_>,
-    flight: &FlightRef,
-    id: &str,
-    installation: Option<&str>,
-) -> Result<Vec<u8>, StoreError> {
+fn build_chain(root: StoreRoot<'_>, flight: &FlightRef, id: &str, installation: Option<&str>) -> StoreResult<Vec<u8>> {
     let disk = root.disk;
     let digest = |path: &Path| disk.load_file(path).map(|bytes| (bytes.len() as u64, sha256_hex(&bytes)));
     let (_, sha256) = digest(&flight.folder.join(layout::FLIGHT_FILE))?;

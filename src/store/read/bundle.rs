@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use super::catalogue::{self, FlightRef, SeriesRef};
 use super::installations;
-use crate::store::disk::{Disk, StoreError};
+use crate::store::disk::{Disk, StoreError, StoreResult};
 use crate::store::format::append_file_kinds::APPEND_FILE_KINDS;
 use crate::store::format::manifest::Counter;
 use crate::store::format::{jsonl, layout, sha256_hex, sums};
@@ -47,7 +47,7 @@ pub struct FlightBundle {
 ///
 /// # Errors
 /// Returns an error if a file is missing, a link, or shorter than recorded.
-pub fn bundle_flight(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<FlightBundle, StoreError> {
+pub fn bundle_flight(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> StoreResult<FlightBundle> {
     let mut gather = BundleBuilder { disk, root, items: Vec::new(), counter: Counter::FIRST };
     gather.add_small_file(Path::new(layout::STORE_FILE))?;
     match catalogue::store_id(disk, root) {
@@ -73,7 +73,7 @@ struct BundleBuilder<'a> {
 
 impl BundleBuilder<'_> {
     /// Adds a flight as listed in its sums, which cover the chain up to `end`.
-    fn add_chained_flight(&mut self, flight: &FlightRef) -> Result<(), StoreError> {
+    fn add_chained_flight(&mut self, flight: &FlightRef) -> StoreResult<()> {
         let place = Path::new(layout::FLIGHTS).join(&flight.id);
         let sums_name = place.join(layout::SUMS_FILE);
         let sums_bytes = self.read_file(&sums_name)?;
@@ -100,7 +100,7 @@ impl BundleBuilder<'_> {
     }
 
     /// Adds a flight of format 1 as it is on disk; results without a torn tail.
-    fn add_unchained_flight(&mut self, flight: &FlightRef) -> Result<(), StoreError> {
+    fn add_unchained_flight(&mut self, flight: &FlightRef) -> StoreResult<()> {
         let place = Path::new(layout::FLIGHTS).join(&flight.id);
         self.add_small_file(&place.join(layout::FLIGHT_FILE))?;
         for kind in APPEND_FILE_KINDS {
@@ -120,7 +120,7 @@ impl BundleBuilder<'_> {
     }
 
     /// Adds manifest, frames, and the given length of the results of a series.
-    fn add_series(&mut self, flight: &FlightRef, id: &str, results: Option<(u64, String)>) -> Result<(), StoreError> {
+    fn add_series(&mut self, flight: &FlightRef, id: &str, results: Option<(u64, String)>) -> StoreResult<()> {
         self.counter.advance_past(id);
         let place = Path::new(layout::FLIGHTS).join(&flight.id).join(id);
         self.add_small_file(&place.join(layout::SERIES_FILE))?;
@@ -148,7 +148,7 @@ impl BundleBuilder<'_> {
     }
 
     /// Adds a closed file with the length in the chain.
-    fn add_closed_file(&mut self, name: &Path, length: u64, digest: &str) -> Result<(), StoreError> {
+    fn add_closed_file(&mut self, name: &Path, length: u64, digest: &str) -> StoreResult<()> {
         let path = self.root.join(name);
         if self.disk.file_length(&path)? != Some(length) {
             return Err(self.damaged_file_error(name, "is missing, is a link, or does not have the recorded length"));
@@ -157,7 +157,7 @@ impl BundleBuilder<'_> {
         Ok(())
     }
 
-    fn add_installation(&mut self, digest: &str) -> Result<(), StoreError> {
+    fn add_installation(&mut self, digest: &str) -> StoreResult<()> {
         if let Some((path, problem)) = installations::find_fault(self.disk, self.root, digest) {
             return Err(StoreError::Damaged { path, problem, remedy: BUNDLE_REMEDY });
         }
@@ -169,14 +169,14 @@ impl BundleBuilder<'_> {
     }
 
     /// Adds a small file, reading it immediately.
-    fn add_small_file(&mut self, name: &Path) -> Result<(), StoreError> {
+    fn add_small_file(&mut self, name: &Path) -> StoreResult<()> {
         let bytes = self.read_file(name)?;
         self.add_file_from_bytes(name, bytes);
         Ok(())
     }
 
     /// Reads a small file of the store that must exist and not be a link.
-    fn read_file(&self, name: &Path) -> Result<Vec<u8>, StoreError> {
+    fn read_file(&self, name: &Path) -> StoreResult<Vec<u8>> {
         let path = self.root.join(name);
         match self.disk.file_length(&path)? {
             Some(_) => self.disk.load_file(&path),

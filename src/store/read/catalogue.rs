@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::store::disk::{DirectoryEntry, Disk, StoreError};
+use crate::store::disk::{DirectoryEntry, Disk, StoreError, StoreResult};
 use crate::store::format::append_file_kinds::AppendFileKind;
 use crate::store::format::chain::Chain;
 use crate::store::format::manifest::{FlightManifest, ResultLine, SeriesManifest};
@@ -43,7 +43,7 @@ pub fn store_id(disk: &dyn Disk, root: &Path) -> Option<String> {
 }
 
 /// Checks that `root` is a store in a supported format.
-pub fn check_format(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
+pub fn check_format(disk: &dyn Disk, root: &Path) -> StoreResult<()> {
     let path = root.join(layout::STORE_FILE);
     if !disk.exists(&path) {
         let why = format!("it has no {}", layout::STORE_FILE);
@@ -63,25 +63,21 @@ pub fn check_format(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
 }
 
 /// Lists the flights of a store, in order.
-pub fn list_flights(disk: &dyn Disk, root: &Path) -> Result<Vec<FlightRef>, StoreError> {
+pub fn list_flights(disk: &dyn Disk, root: &Path) -> StoreResult<Vec<FlightRef>> {
     let folder = root.join(layout::FLIGHTS);
     let ids = numbered_names(disk, &folder, layout::flight_number, |entry| entry.is_dir)?;
     Ok(ids.into_iter().map(|id| FlightRef { folder: folder.join(&id), id }).collect())
 }
 
 /// Lists the finished series of a flight, in order.
-pub fn list_series(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<SeriesRef>, StoreError> {
+pub fn list_series(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<Vec<SeriesRef>> {
     let ids = numbered_names(disk, &flight.folder, layout::series_number, |entry| entry.is_dir)?;
     let series = |id: String| SeriesRef { flight: flight.id.clone(), folder: flight.folder.join(&id), id };
     Ok(ids.into_iter().map(series).collect())
 }
 
 /// Lists the closed files of a kind in a flight, in order.
-pub(crate) fn closed_files(
-    disk: &dyn Disk,
-    flight: &FlightRef,
-    kind: &AppendFileKind,
-) -> Result<Vec<String>, StoreError> {
+pub(crate) fn closed_files(disk: &dyn Disk, flight: &FlightRef, kind: &AppendFileKind) -> StoreResult<Vec<String>> {
     numbered_names(disk, &flight.folder, kind.closed_number, |entry| !entry.is_dir && !entry.is_link)
 }
 
@@ -111,7 +107,7 @@ fn numbered_names(
     folder: &Path,
     number: fn(&str) -> Option<u64>,
     is_member: fn(&DirectoryEntry) -> bool,
-) -> Result<Vec<String>, StoreError> {
+) -> StoreResult<Vec<String>> {
     let entries = disk.list_entries(folder)?.into_iter().filter(is_member);
     let mut found: Vec<_> = entries.filter_map(|e| Some((number(&e.name)?, e.name))).collect();
     found.sort();
@@ -119,14 +115,14 @@ fn numbered_names(
 }
 
 /// Reads a flight's chain: its bytes, empty if there is none, and the parsed chain.
-pub(crate) fn read_chain(disk: &dyn Disk, flight: &Path) -> Result<(Vec<u8>, Chain), StoreError> {
+pub(crate) fn read_chain(disk: &dyn Disk, flight: &Path) -> StoreResult<(Vec<u8>, Chain)> {
     let bytes = disk.load_if_exists(&flight.join(layout::CHAIN_FILE))?.unwrap_or_default();
     let chain = Chain::parse(&bytes);
     Ok((bytes, chain))
 }
 
 /// Reads the manifest of a flight, `flight.json`.
-pub fn read_flight_manifest(disk: &dyn Disk, flight: &FlightRef) -> Result<FlightManifest, StoreError> {
+pub fn read_flight_manifest(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<FlightManifest> {
     read_json(disk, &flight.folder.join(layout::FLIGHT_FILE))
 }
 
@@ -137,7 +133,7 @@ pub fn is_called(disk: &dyn Disk, flight: &FlightRef, name: &str) -> bool {
 }
 
 /// Reads the manifest of a series, `series.json`.
-pub fn read_series_manifest(disk: &dyn Disk, series: &SeriesRef) -> Result<SeriesManifest, StoreError> {
+pub fn read_series_manifest(disk: &dyn Disk, series: &SeriesRef) -> StoreResult<SeriesManifest> {
     read_json(disk, &series.folder.join(layout::SERIES_FILE))
 }
 
@@ -150,7 +146,7 @@ pub fn for_each_line(
     disk: &dyn Disk,
     path: &Path,
     mut give: impl FnMut(std::ops::Range<u64>, &[u8]),
-) -> Result<(), StoreError> {
+) -> StoreResult<()> {
     let (mut buffer, mut at) = (Vec::new(), 0);
     loop {
         let piece = match disk.read_range(path, at + buffer.len() as u64, PIECE_BYTES) {
@@ -172,12 +168,12 @@ pub fn for_each_line(
 }
 
 /// Reads the intact lines of a series' `results.jsonl`, in the order written; empty if there is none.
-pub fn read_results(disk: &dyn Disk, series: &SeriesRef) -> Result<Vec<ResultLine>, StoreError> {
+pub fn read_results(disk: &dyn Disk, series: &SeriesRef) -> StoreResult<Vec<ResultLine>> {
     let bytes = disk.load_if_exists(&series.folder.join(layout::RESULTS_FILE))?.unwrap_or_default();
     Ok(jsonl::parse_lines(&bytes).good.into_iter().map(|(_, line)| line).collect())
 }
 
-fn read_json<T: serde::de::DeserializeOwned>(disk: &dyn Disk, path: &Path) -> Result<T, StoreError> {
+fn read_json<T: serde::de::DeserializeOwned>(disk: &dyn Disk, path: &Path) -> StoreResult<T> {
     serde_json::from_slice(&disk.load_file(path)?).map_err(|error| StoreError::Damaged {
         path: path.to_owned(),
         problem: error.to_string(),

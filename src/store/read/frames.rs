@@ -3,7 +3,7 @@
 use super::catalogue::SeriesRef;
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
-use crate::store::disk::{Disk, StoreError};
+use crate::store::disk::{Disk, StoreError, StoreResult};
 use crate::store::format::manifest::{FrameEntry, SeriesManifest};
 use crate::store::format::{layout, sha256_hex};
 
@@ -33,7 +33,7 @@ pub fn series_frames(series: &SeriesRef, manifest: SeriesManifest) -> Vec<FrameR
 ///
 /// # Errors
 /// Returns an error if they do not have the digest in the manifest.
-pub fn read_frame(disk: &dyn Disk, frame: &FrameRef) -> Result<Vec<u8>, StoreError> {
+pub fn read_frame(disk: &dyn Disk, frame: &FrameRef) -> StoreResult<Vec<u8>> {
     let path = frame.series.folder.join(&frame.entry.file);
     let bytes = disk.load_file(&path)?;
     if sha256_hex(&bytes) == frame.entry.sha256 {

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value};
 
 use super::catalogue::{self, FlightRef};
-use crate::store::disk::{Disk, StoreError};
+use crate::store::disk::{Disk, StoreResult};
 use crate::store::format::chain::ChainEvent;
 use crate::store::format::{layout, sha256_hex, sums};
 
@@ -31,7 +31,7 @@ pub fn digest_from_provenance(provenance: &Map<String, Value>) -> Option<String>
 }
 
 /// Returns the digests of the installations in a flight's chain, the latest last; empty without evidence.
-pub fn flight_installations(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<String>, StoreError> {
+pub fn flight_installations(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<Vec<String>> {
     let (_, chain) = catalogue::read_chain(disk, &flight.folder)?;
     let installation = |(_, event)| match event {
         ChainEvent::Installation { sha256 } => Some(sha256),

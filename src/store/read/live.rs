@@ -4,12 +4,12 @@ use std::path::Path;
 
 use super::catalogue::{self, FlightRef};
 use crate::clock::Stamp;
-use crate::store::disk::{Disk, StoreError};
+use crate::store::disk::{Disk, StoreError, StoreResult};
 use crate::store::format::append_file_kinds::LIVE_RESULTS;
 use crate::store::format::columns::{LiveFile, LiveHead, LiveRow};
 
 /// Lists the closed files with live results of a flight, in order.
-pub fn closed_files(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<String>, StoreError> {
+pub fn closed_files(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<Vec<String>> {
     catalogue::closed_files(disk, flight, &LIVE_RESULTS)
 }
 
@@ -17,7 +17,7 @@ pub fn closed_files(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<String>, 
 pub type LiveRecording = Vec<(LiveHead, Vec<LiveRow>)>;
 
 /// Reads all live results of a flight, including the file being written; returns them with notes on unreadable data.
-pub fn read_live(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<(LiveRecording, Vec<String>), StoreError> {
+pub fn read_live(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> StoreResult<(LiveRecording, Vec<String>)> {
     let mut all = LiveRecording::new();
     let notes = for_each_live_file(disk, root, flight, |mut file| {
         let mut rows = Vec::new();

@@ -8,7 +8,7 @@ use std::path::Path;
 use serde_json::{Map, Value};
 
 use super::catalogue::{self, FlightRef, SeriesRef};
-use crate::store::disk::{Disk, StoreError};
+use crate::store::disk::{Disk, StoreResult};
 use crate::store::format::manifest::ResultLine;
 use crate::store::format::result_summary;
 use crate::store::format::{Inputs, layout};
@@ -88,7 +88,7 @@ impl ResultSets {
 }
 
 /// Groups the results of a flight into sets. Reads the beginning of every result.
-pub fn flight_result_sets(disk: &dyn Disk, flight: &FlightRef) -> Result<ResultSets, StoreError> {
+pub fn flight_result_sets(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<ResultSets> {
     let mut gather = ResultGrouper::default();
     for series in catalogue::list_series(disk, flight)? {
         gather.add_series(disk, &series, &[], |_| ())?;
@@ -124,7 +124,7 @@ impl ResultGrouper {
         series: &SeriesRef,
         fields: &[&str],
         mut make: impl FnMut(ResultHead) -> T,
-    ) -> Result<Vec<T>, StoreError> {
+    ) -> StoreResult<Vec<T>> {
         let (mut made, mut sets, mut frames) = (Vec::new(), Vec::new(), BTreeSet::new());
         catalogue::for_each_line(disk, &series.folder.join(layout::RESULTS_FILE), |place, line| {
             let Some(head) = result_summary::parse_summary(line, fields) else { return };
@@ -178,7 +178,7 @@ pub fn results_in_set<T>(
     series: &SeriesRef,
     set: Option<&ResultSet>,
     mut make: impl FnMut(ResultLine) -> Option<T>,
-) -> Result<Vec<T>, StoreError> {
+) -> StoreResult<Vec<T>> {
     let mut latest = BTreeMap::new();
     catalogue::for_each_line(disk, &series.folder.join(layout::RESULTS_FILE), |_, line| {
         let line = serde_json::from_slice::<ResultLine>(line).ok();

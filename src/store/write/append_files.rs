@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use super::segment::{self, AppendFile, AppendPiece, OpenSegment};
 use super::store::Store;
 use crate::clock::Stamp;
-use crate::store::disk::StoreError;
+use crate::store::disk::{StoreError, StoreResult};
 use crate::store::format::aircraft::{AircraftHead, AircraftLine};
 use crate::store::format::append_file_kinds::{AIRCRAFT_DATA, LIVE_RESULTS, MANUAL_MARKS};
 use crate::store::format::columns::{self, LiveRow, LiveTable};
@@ -18,18 +18,13 @@ use crate::store::format::manual_marks::{self, ManualMark};
 impl Store {
     /// Records lines durably with the newest flight; returns `false` if there is no flight yet. Refuses below the reserve,
     /// because frames and results have priority.
-    pub fn add_aircraft_lines(&self, source: &Value, lines: &[AircraftLine]) -> Result<bool, StoreError> {
+    pub fn add_aircraft_lines(&self, source: &Value, lines: &[AircraftLine]) -> StoreResult<bool> {
         let Some(flight) = self.current_flight() else { return Ok(false) };
         self.add_aircraft_lines_to(&flight, source, lines)
     }
 
     /// Records lines durably with a given flight.
-    pub fn add_aircraft_lines_to(
-        &self,
-        flight: &str,
-        source: &Value,
-        lines: &[AircraftLine],
-    ) -> Result<bool, StoreError> {
+    pub fn add_aircraft_lines_to(&self, flight: &str, source: &Value, lines: &[AircraftLine]) -> StoreResult<bool> {
         self.refuse_below_reserve()?;
         let path = self.root().join(AIRCRAFT_DATA.open_name);
         let piece = |bytes| AppendPiece { bytes, tag: [0; 32] };
@@ -42,7 +37,7 @@ impl Store {
     }
 
     /// Closes the open file with aircraft data, so that the flight's sums cover it.
-    pub fn close_aircraft_file(&self) -> Result<(), StoreError> {
+    pub fn close_aircraft_file(&self) -> StoreResult<()> {
         self.close_append_file(&self.aircraft)
     }
 
@@ -52,7 +47,7 @@ impl Store {
     /// # Errors
     /// Returns an error of [`std::io::ErrorKind::InvalidInput`] if the rows do not match the table. After any error none of
     /// the rows is recorded.
-    pub fn append_live_rows(&self, table: &LiveTable, rows: &[LiveRow], now: &Stamp) -> Result<(), StoreError> {
+    pub fn append_live_rows(&self, table: &LiveTable, rows: &[LiveRow], now: &Stamp) -> StoreResult<()> {
         if rows.is_empty() {
             return Ok(());
         }
@@ -77,7 +72,7 @@ impl Store {
 
     /// Records manual marks in frames of a flight durably, in addition to the frames and their detections, which stay
     /// unchanged.
-    pub fn add_marks(&self, flight: &str, marks: &[ManualMark]) -> Result<(), StoreError> {
+    pub fn add_marks(&self, flight: &str, marks: &[ManualMark]) -> StoreResult<()> {
         let path = self.root().join(MANUAL_MARKS.open_name);
         let piece = |bytes| AppendPiece { bytes, tag: [0; 32] };
         let head = manual_marks::ManualMarksHead { flight: flight.to_owned() };
@@ -88,12 +83,12 @@ impl Store {
     }
 
     /// Closes the open file with manual marks, so that the flight's sums cover it.
-    pub fn close_marks_file(&self) -> Result<(), StoreError> {
+    pub fn close_marks_file(&self) -> StoreResult<()> {
         self.close_append_file(&self.marks)
     }
 
     /// Closes the open file with live results, so that the flight's sums cover it.
-    pub fn close_live_file(&self) -> Result<(), StoreError> {
+    pub fn close_live_file(&self) -> StoreResult<()> {
         self.close_append_file(&self.live)
     }
 }
@@ -109,7 +104,7 @@ impl Store {
         descriptor: Vec<u8>,
         first: impl FnOnce() -> std::io::Result<AppendPiece>,
         piece: impl FnOnce([u8; 32]) -> std::io::Result<AppendPiece>,
-    ) -> Result<(), StoreError> {
+    ) -> StoreResult<()> {
         let path = self.root().join(file.kind.open_name);
         let mut open = file.open.lock().unwrap_or_else(PoisonError::into_inner);
         if open
@@ -143,7 +138,7 @@ impl Store {
         flight: &str,
         descriptor: Vec<u8>,
         first: impl FnOnce() -> std::io::Result<AppendPiece>,
-    ) -> Result<OpenSegment, StoreError> {
+    ) -> StoreResult<OpenSegment> {
         let (disk, path) = (self.disk(), self.root().join(file.kind.open_name));
         if disk.exists(&path) {
             self.close_segment(file, &mut None)?;
@@ -158,14 +153,14 @@ impl Store {
     }
 
     /// Closes the open file, or one left by a failure, so that the flight's sums cover it.
-    fn close_append_file(&self, file: &AppendFile) -> Result<(), StoreError> {
+    fn close_append_file(&self, file: &AppendFile) -> StoreResult<()> {
         let mut open = file.open.lock().unwrap_or_else(PoisonError::into_inner);
         let left = self.disk().exists(&self.root().join(file.kind.open_name));
         if open.is_some() || left { self.close_segment(file, &mut open) } else { Ok(()) }
     }
 
     /// Closes the open file; even after an error the next piece begins a new file.
-    fn close_segment(&self, file: &AppendFile, open: &mut Option<OpenSegment>) -> Result<(), StoreError> {
+    fn close_segment(&self, file: &AppendFile, open: &mut Option<OpenSegment>) -> StoreResult<()> {
         let segment = open.take();
         let mut index = self.lock_index();
         let flight = match segment {

@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use super::root::StoreRoot;
-use crate::store::disk::StoreError;
+use crate::store::disk::{StoreError, StoreResult};
 use crate::store::format::chain::{ChainEvent, ChainLine, ZERO_DIGEST, last_line, line_digest, trim_torn_tail};
 use crate::store::format::{jsonl, layout};
 use crate::store::read::catalogue;
 
 /// Appends a line durably; a torn last line is set aside first.
-pub(crate) fn append_event(root: StoreRoot<'_>, flight: &Path, event: ChainEvent) -> Result<(), StoreError> {
+pub(crate) fn append_event(root: StoreRoot<'_>, flight: &Path, event: ChainEvent) -> StoreResult<()> {
     append_event_with(root, flight, |_| event)
 }
 
@@ -18,7 +18,7 @@ pub(crate) fn append_event_with(
     root: StoreRoot<'_>,
     flight: &Path,
     event: impl FnOnce(&str) -> ChainEvent,
-) -> Result<(), StoreError> {
+) -> StoreResult<()> {
     let path = flight.join(layout::CHAIN_FILE);
     let there = root.disk.load_if_exists(&path)?;
     let bytes = there.as_deref().unwrap_or_default();
@@ -36,7 +36,7 @@ pub(crate) fn append_event_with(
 
 /// Ensures that the chain has an event, before its file is moved. A line left by a failed or interrupted call is written
 /// again: after a failed fsync a file may show bytes that are not on the disk.
-pub(crate) fn ensure_event(root: StoreRoot<'_>, flight: &Path, event: ChainEvent) -> Result<(), StoreError> {
+pub(crate) fn ensure_event(root: StoreRoot<'_>, flight: &Path, event: ChainEvent) -> StoreResult<()> {
     let (bytes, chain) = catalogue::read_chain(root.disk, flight)?;
     if chain.events.iter().any(|(_, known)| *known == event) {
         return root.disk.replace_file(&flight.join(layout::CHAIN_FILE), &bytes);

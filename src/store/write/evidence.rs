@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use crate::store::disk::{Disk, StoreError};
+use crate::store::disk::{Disk, StoreError, StoreResult};
 use crate::store::format::sums::{self, FileDigests};
 use crate::store::format::{layout, sha256_hex};
 use crate::store::read::catalogue::{self, SeriesRef};
 
 /// Updates a flight's sums to its chain. Sums and chain that contradict each other stay unchanged: that is evidence, and
 /// `verify` reports it.
-pub(crate) fn update_sums(disk: &dyn Disk, flight: &Path) -> Result<(), StoreError> {
+pub(crate) fn update_sums(disk: &dyn Disk, flight: &Path) -> StoreResult<()> {
     let path = flight.join(layout::SUMS_FILE);
     let (bytes, chain) = catalogue::read_chain(disk, flight)?;
     let whole = bytes.get(..chain.good_length).unwrap_or_default();

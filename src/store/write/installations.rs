@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 
 use super::root::StoreRoot;
-use crate::store::disk::StoreError;
+use crate::store::disk::{StoreError, StoreResult};
 use crate::store::format::{layout, sha256_hex, sums};
 use crate::store::read::installations::{InstallationFile, installation_folder};
 
 /// Stores an installation durably, unless it exists already, and returns its digest.
-pub(crate) fn keep_installation(root: StoreRoot<'_>, files: &[InstallationFile]) -> Result<String, StoreError> {
+pub(crate) fn keep_installation(root: StoreRoot<'_>, files: &[InstallationFile]) -> StoreResult<String> {
     let digests: BTreeMap<_, _> = files.iter().map(|(name, bytes)| (name.clone(), sha256_hex(bytes))).collect();
     let text = sums::format_sums(&digests);
     let digest = sha256_hex(text.as_bytes());

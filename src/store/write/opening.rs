@@ -7,14 +7,14 @@ use super::recover::Recovery;
 use super::root::StoreRoot;
 use crate::clock::Stamp;
 use crate::store::disk::owner::{Owner, service_owner};
-use crate::store::disk::{Disk, Lock, StoreError, fill_random};
+use crate::store::disk::{Disk, Lock, StoreError, StoreResult, fill_random};
 use crate::store::format::manifest::Counter;
 use crate::store::format::{jsonl, layout};
 use crate::store::read::catalogue::{self, FlightRef};
 use crate::store::read::live;
 
 /// Creates a store; its format file is written last, so that a crash leaves a directory that counts as empty.
-pub(super) fn create_store(root: StoreRoot<'_>) -> Result<(), StoreError> {
+pub(super) fn create_store(root: StoreRoot<'_>) -> StoreResult<()> {
     make_root(root.disk, root.path)?;
     refuse_foreign(root.disk, root.path)?;
     root.ensure_folders()?;
@@ -25,7 +25,7 @@ pub(super) fn create_store(root: StoreRoot<'_>) -> Result<(), StoreError> {
 /// Rebuilds a damaged or missing format file from the flights' chains, which hold the store's id; without flights the store
 /// gets a new id. Returns a remark if it did. A store whose flights have no chains, or those of several stores, is left as
 /// it is.
-pub(super) fn rebuild_format_file(root: StoreRoot<'_>) -> Result<Option<String>, StoreError> {
+pub(super) fn rebuild_format_file(root: StoreRoot<'_>) -> StoreResult<Option<String>> {
     let path = root.join(layout::STORE_FILE);
     let damaged = match catalogue::check_format(root.disk, root.path) {
         Err(StoreError::Damaged { .. }) => true,
@@ -51,20 +51,20 @@ pub(super) fn rebuild_format_file(root: StoreRoot<'_>) -> Result<Option<String>,
 }
 
 /// Takes the lock, which is released when the returned guard is dropped.
-pub(crate) fn lock_store(root: StoreRoot<'_>) -> Result<Lock, StoreError> {
+pub(crate) fn lock_store(root: StoreRoot<'_>) -> StoreResult<Lock> {
     let path = root.join(layout::LOCK_FILE);
     let lock = root.disk.lock(&path).map_err(StoreError::io(&path, "lock"))?;
     lock.ok_or(StoreError::Locked { path })
 }
 
 /// Writes the format file, `store.toml`, and an empty `pending.json`.
-pub(crate) fn write_format_file(root: StoreRoot<'_>, id: &str) -> Result<(), StoreError> {
+pub(crate) fn write_format_file(root: StoreRoot<'_>, id: &str) -> StoreResult<()> {
     root.disk.save_file(&root.join(layout::PENDING_FILE), b"")?;
     root.disk.replace_file(&root.join(layout::STORE_FILE), format_file_text(id).as_bytes())
 }
 
 /// Returns a random id for a store: 128 bits, hex.
-pub(crate) fn random_id() -> Result<String, StoreError> {
+pub(crate) fn random_id() -> StoreResult<String> {
     let mut bytes = [0; 16];
     let path = Path::new("/dev/urandom");
     fill_random(&mut bytes).map_err(StoreError::io(path, "read"))?;
@@ -117,7 +117,7 @@ fn write_refusal(path: &Path, owner: Option<Owner>) -> Option<String> {
 
 /// Creates the root directory. The parent is synced even if the directory exists: an earlier start may have failed before
 /// that.
-pub(crate) fn make_root(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
+pub(crate) fn make_root(disk: &dyn Disk, root: &Path) -> StoreResult<()> {
     let parent = root.parent().filter(|parent| !parent.as_os_str().is_empty());
     let place = parent.unwrap_or(Path::new("."));
     if disk.exists(root) {
@@ -133,7 +133,7 @@ pub(crate) fn make_root(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> 
 }
 
 /// Refuses a directory without format file that has anything other than the remains of an interrupted creation.
-pub(crate) fn refuse_foreign(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
+pub(crate) fn refuse_foreign(disk: &dyn Disk, root: &Path) -> StoreResult<()> {
     for entry in disk.list_entries(root)? {
         let name = entry.name.trim_end_matches(layout::PART_ENDING);
         let ours = [layout::INCOMING, layout::FLIGHTS, layout::PARTIAL, layout::COUNTER_FILE];
@@ -150,13 +150,13 @@ pub(crate) fn refuse_foreign(disk: &dyn Disk, root: &Path) -> Result<(), StoreEr
 }
 
 /// Writes the next ids.
-pub(crate) fn save_counter(root: StoreRoot<'_>, counter: &Counter) -> Result<(), StoreError> {
+pub(crate) fn save_counter(root: StoreRoot<'_>, counter: &Counter) -> StoreResult<()> {
     let path = root.join(layout::COUNTER_FILE);
     root.disk.replace_file(&path, &jsonl::encode_line(counter).map_err(StoreError::io(&path, "write"))?)
 }
 
 /// Reads the counter and the newest flight. Ids on disk take precedence over a counter that was lost or set back.
-pub(super) fn scan_store(root: StoreRoot<'_>, recovery: &mut Recovery) -> Result<StoreIndex, StoreError> {
+pub(super) fn scan_store(root: StoreRoot<'_>, recovery: &mut Recovery) -> StoreResult<StoreIndex> {
     let disk = root.disk;
     let (mut on_disk, mut newest, mut last) = (Counter::FIRST, None, None);
     for flight in catalogue::list_flights(disk, root.path)? {

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::root::StoreRoot;
 use super::series::ActiveSeries;
 use super::{results, series};
-use crate::store::disk::{DirectoryEntry, Disk, StoreError};
+use crate::store::disk::{DirectoryEntry, Disk, StoreError, StoreResult};
 use crate::store::format::chain::{self, ChainEvent};
 use crate::store::format::manifest::{FlightManifest, JournalLine, SeriesManifest, Shot, ShotFailure};
 use crate::store::format::{jsonl, layout, sha256_hex, sums};
@@ -25,7 +25,7 @@ pub struct Recovery {
 /// Empties `incoming/`, except for series that this process is recording. It may be interrupted at any step and called
 /// again. Entries that cannot be recovered now (for example, because the disk is full) stay, get a remark, and do not block
 /// new series.
-pub(super) fn recover_incoming(root: StoreRoot<'_>, under_way: &ActiveSeries) -> Result<Recovery, StoreError> {
+pub(super) fn recover_incoming(root: StoreRoot<'_>, under_way: &ActiveSeries) -> StoreResult<Recovery> {
     let mut recovering = RecoveryRun { root, found: Recovery::default() };
     // Flights come first ("f" < "s"): a series needs its flight's folder.
     let entries = root.disk.list_entries(&root.join(layout::INCOMING))?;
@@ -47,7 +47,7 @@ struct RecoveryRun<'a> {
 }
 
 impl RecoveryRun<'_> {
-    fn recover_incoming_entry(&mut self, entry: &DirectoryEntry) -> Result<(), StoreError> {
+    fn recover_incoming_entry(&mut self, entry: &DirectoryEntry) -> StoreResult<()> {
         let (root, folder) = (self.root, layout::incoming_folder(self.root.path, &entry.name));
         if entry.is_dir && layout::series_number(&entry.name).is_some() {
             self.recover_series(&folder, &entry.name)
@@ -59,7 +59,7 @@ impl RecoveryRun<'_> {
         }
     }
 
-    fn recover_series(&mut self, folder: &Path, id: &str) -> Result<(), StoreError> {
+    fn recover_series(&mut self, folder: &Path, id: &str) -> StoreResult<()> {
         let manifest = match closed_manifest(self.root.disk, folder, id) {
             Some(manifest) => manifest,
             None => {
@@ -79,7 +79,7 @@ impl RecoveryRun<'_> {
     }
 
     /// Rebuilds a manifest from the journal; `None` if not even its head was written.
-    fn rebuild_manifest(&mut self, folder: &Path, id: &str) -> Result<Option<SeriesManifest>, StoreError> {
+    fn rebuild_manifest(&mut self, folder: &Path, id: &str) -> StoreResult<Option<SeriesManifest>> {
         let bytes = self.root.disk.load_if_exists(&folder.join(layout::JOURNAL_FILE))?.unwrap_or_default();
         let lines = jsonl::parse_lines::<JournalLine>(&bytes);
         let Some(mut manifest) = manifest_from_journal(id, &lines.good) else { return Ok(None) };
@@ -102,7 +102,7 @@ impl RecoveryRun<'_> {
     }
 
     /// Keeps a shot's frame if its bytes have the digest in the journal.
-    fn recover_shot(&mut self, folder: &Path, id: &str, mut shot: Shot) -> Result<Shot, StoreError> {
+    fn recover_shot(&mut self, folder: &Path, id: &str, mut shot: Shot) -> StoreResult<Shot> {
         let Some(entry) = &shot.frame else { return Ok(shot) };
         let disk = self.root.disk;
         let path = folder.join(&entry.file);
@@ -136,7 +136,7 @@ impl RecoveryRun<'_> {
     }
 
     /// Moves everything that the manifest does not name out of the folder.
-    fn quarantine_unnamed(&mut self, folder: &Path, manifest: &SeriesManifest) -> Result<(), StoreError> {
+    fn quarantine_unnamed(&mut self, folder: &Path, manifest: &SeriesManifest) -> StoreResult<()> {
         let named = |name: &str| {
             let mut frames = manifest.frames();
             [layout::SERIES_FILE, layout::JOURNAL_FILE].contains(&name) || frames.any(|frame| frame.file == name)
@@ -151,7 +151,7 @@ impl RecoveryRun<'_> {
     }
 
     /// Moves a file or folder to `partial/` under an unused name.
-    fn quarantine(&mut self, from: &Path, name: &str) -> Result<(), StoreError> {
+    fn quarantine(&mut self, from: &Path, name: &str) -> StoreResult<()> {
         let partial = self.root.join(layout::PARTIAL);
         let mut free = name.to_owned();
         let mut copy = 2;
@@ -187,7 +187,7 @@ fn manifest_from_journal(id: &str, lines: &[(usize, JournalLine)]) -> Option<Ser
 }
 
 /// Creates a flight again if its folder was moved away manually.
-fn ensure_flight(root: StoreRoot<'_>, manifest: &SeriesManifest) -> Result<(), StoreError> {
+fn ensure_flight(root: StoreRoot<'_>, manifest: &SeriesManifest) -> StoreResult<()> {
     let started = manifest.started.clone().or_else(|| manifest.shots.first().map(|shot| shot.stamp.clone()));
     match started {
         Some(started) if !root.disk.exists(&root.flight_folder(&manifest.flight)) => {
@@ -200,7 +200,7 @@ fn ensure_flight(root: StoreRoot<'_>, manifest: &SeriesManifest) -> Result<(), S
 }
 
 /// Creates a complete flight folder in `incoming/` and moves it to its place.
-pub(super) fn make_flight(root: StoreRoot<'_>, manifest: &FlightManifest) -> Result<(), StoreError> {
+pub(super) fn make_flight(root: StoreRoot<'_>, manifest: &FlightManifest) -> StoreResult<()> {
     let made = layout::incoming_folder(root.path, &manifest.flight);
     if !root.disk.exists(&made) {
         root.disk.make_dir(&made)?;
@@ -222,7 +222,7 @@ fn begin_evidence(
     store: String,
     flight: &str,
     sha256_of_flight: String,
-) -> Result<(), StoreError> {
+) -> StoreResult<()> {
     let first = ChainEvent::Flight { store, flight: flight.to_owned(), sha256: sha256_of_flight.clone() };
     let path = made.join(layout::CHAIN_FILE);
     let line = chain::encode_chain([first]).map_err(StoreError::io(&path, "write"))?;

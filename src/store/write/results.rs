@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::chain;
 use super::root::StoreRoot;
-use crate::store::disk::{Disk, StoreError};
+use crate::store::disk::{Disk, StoreError, StoreResult};
 use crate::store::format::chain::{AppendedResults, ChainEvent, last_results_entry};
 use crate::store::format::manifest::ResultLine;
 use crate::store::format::{jsonl, layout, sha256_hex};
@@ -20,7 +20,7 @@ pub(crate) struct ResultKey {
 }
 
 /// Reads the keys of a series' results; empty if there are none.
-pub(super) fn result_keys(disk: &dyn Disk, series: &Path) -> Result<Vec<ResultKey>, StoreError> {
+pub(super) fn result_keys(disk: &dyn Disk, series: &Path) -> StoreResult<Vec<ResultKey>> {
     let bytes = disk.load_if_exists(&series.join(layout::RESULTS_FILE))?.unwrap_or_default();
     Ok(jsonl::parse_lines(&bytes).good.into_iter().map(|(_, key)| key).collect())
 }
@@ -40,7 +40,7 @@ pub(crate) fn read_pending(disk: &dyn Disk, root: &Path) -> Option<PendingResult
 
 /// Completes a result after a crash before its line in the chain: a complete result gets the line, an incomplete one is set
 /// aside. This must precede the next announcement, otherwise nothing would account for the bytes.
-pub(super) fn settle_pending(root: StoreRoot<'_>) -> Result<(), StoreError> {
+pub(super) fn settle_pending(root: StoreRoot<'_>) -> StoreResult<()> {
     let Some(PendingResult { flight, results }) = read_pending(root.disk, root.path) else { return Ok(()) };
     if layout::flight_number(&flight).and(layout::series_number(&results.series)).is_none() {
         return Ok(());
@@ -62,7 +62,7 @@ pub(super) fn settle_pending(root: StoreRoot<'_>) -> Result<(), StoreError> {
 
 /// Appends a result durably; returns `false` if it exists already. A torn last line is set aside, the next state is
 /// announced in `pending.json`, then the line goes to the results and its digest to the chain.
-pub(super) fn append_result(root: StoreRoot<'_>, place: &SeriesRef, line: &ResultLine) -> Result<bool, StoreError> {
+pub(super) fn append_result(root: StoreRoot<'_>, place: &SeriesRef, line: &ResultLine) -> StoreResult<bool> {
     let chained = root.has_evidence();
     let path = place.folder.join(layout::RESULTS_FILE);
     if chained {
@@ -89,7 +89,7 @@ pub(super) fn append_result(root: StoreRoot<'_>, place: &SeriesRef, line: &Resul
 }
 
 /// Announces the next state of the results in `pending.json`.
-fn write_pending(root: StoreRoot<'_>, place: &SeriesRef, whole: &[u8]) -> Result<PendingResult, StoreError> {
+fn write_pending(root: StoreRoot<'_>, place: &SeriesRef, whole: &[u8]) -> StoreResult<PendingResult> {
     let (bytes, sha256) = (whole.len() as u64, sha256_hex(whole));
     let pending = PendingResult {
         flight: place.flight.clone(),
@@ -102,7 +102,7 @@ fn write_pending(root: StoreRoot<'_>, place: &SeriesRef, whole: &[u8]) -> Result
 }
 
 /// Moves a torn tail of a series' results to `partial/` and truncates the results to complete lines.
-pub(crate) fn repair_results(root: StoreRoot<'_>, series: &Path) -> Result<(), StoreError> {
+pub(crate) fn repair_results(root: StoreRoot<'_>, series: &Path) -> StoreResult<()> {
     let path = series.join(layout::RESULTS_FILE);
     let bytes = root.disk.load_file(&path)?;
     let good = jsonl::parse_lines::<ResultKey>(&bytes).good_length;

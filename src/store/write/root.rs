@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::store::disk::{Disk, StoreError};
+use crate::store::disk::{Disk, StoreResult};
 use crate::store::format::layout;
 use crate::store::read::catalogue;
 
@@ -30,7 +30,7 @@ impl StoreRoot<'_> {
     }
 
     /// Creates a folder if it does not exist. The root is synced in any case: an earlier call may have failed before that.
-    pub fn ensure_dir(&self, name: &str) -> Result<(), StoreError> {
+    pub fn ensure_dir(&self, name: &str) -> StoreResult<()> {
         let path = self.join(name);
         if !self.disk.exists(&path) {
             self.disk.make_dir(&path)?;
@@ -39,19 +39,19 @@ impl StoreRoot<'_> {
     }
 
     /// Creates the folders that every store has.
-    pub fn ensure_folders(&self) -> Result<(), StoreError> {
+    pub fn ensure_folders(&self) -> StoreResult<()> {
         [layout::INCOMING, layout::FLIGHTS, layout::PARTIAL].iter().try_for_each(|name| self.ensure_dir(name))
     }
 
     /// Stores incomplete bytes under `partial/`, replacing an older copy of the same name.
-    pub fn set_aside(&self, name: &str, bytes: &[u8]) -> Result<(), StoreError> {
+    pub fn set_aside(&self, name: &str, bytes: &[u8]) -> StoreResult<()> {
         let partial = self.join(layout::PARTIAL);
         self.disk.save_file(&partial.join(name), bytes)?;
         self.disk.sync_directory(&partial)
     }
 
     /// Stores the bytes after the `good` ones under `partial/`; returns whether there were any.
-    pub fn set_tail_aside(&self, name: &str, bytes: &[u8], good: usize) -> Result<bool, StoreError> {
+    pub fn set_tail_aside(&self, name: &str, bytes: &[u8], good: usize) -> StoreResult<bool> {
         let tail = bytes.get(good..).unwrap_or_default();
         if !tail.is_empty() {
             self.set_aside(name, tail)?;

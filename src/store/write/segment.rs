@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 use super::chain;
 use super::recover::Recovery;
 use super::root::StoreRoot;
-use crate::store::disk::StoreError;
+use crate::store::disk::StoreResult;
 use crate::store::format::append_file_kinds::AppendFileKind;
 use crate::store::format::chain::ClosedFile;
 use crate::store::format::{layout, sha256_hex};
@@ -69,7 +69,7 @@ pub(super) fn settle_append_files(root: StoreRoot<'_>, kinds: &[&AppendFileKind]
 
 /// Closes a file in the root that may be incomplete. Sets it aside and returns `None` if nothing in it is intact or its
 /// flight is gone.
-pub(super) fn close_leftover(root: StoreRoot<'_>, kind: &AppendFileKind) -> Result<Option<String>, StoreError> {
+pub(super) fn close_leftover(root: StoreRoot<'_>, kind: &AppendFileKind) -> StoreResult<Option<String>> {
     let path = root.join(kind.open_name);
     let bytes = root.disk.load_file(&path)?;
     let whole = (kind.intact_prefix)(&bytes).filter(|(_, flight)| layout::flight_number(flight).is_some());
@@ -95,7 +95,7 @@ pub(super) fn commit_segment(
     flight: &str,
     bytes: u64,
     sha256: String,
-) -> Result<(), StoreError> {
+) -> StoreResult<()> {
     let flight = FlightRef { id: flight.to_owned(), folder: root.flight_folder(flight) };
     let files = catalogue::closed_files(root.disk, &flight, kind)?;
     let last = files.last().and_then(|name| (kind.closed_number)(name)).unwrap_or(0);

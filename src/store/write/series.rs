@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 use super::chain;
 use super::root::StoreRoot;
 use crate::clock::Stamp;
-use crate::store::disk::{Disk, StoreError};
+use crate::store::disk::{Disk, StoreError, StoreResult};
 use crate::store::format::chain::ChainEvent;
 use crate::store::format::manifest::{FrameEntry, JournalHead, JournalLine, SeriesManifest, SeriesState, Shot};
 use crate::store::format::{jsonl, layout, sha256_hex};
@@ -60,7 +60,7 @@ pub struct OpenSeries {
 
 impl OpenSeries {
     /// Creates the folder and the head of the journal, both durable.
-    pub(crate) fn begin(disk: Arc<dyn Disk>, root: &Path, id: Arc<str>, head: JournalHead) -> Result<Self, StoreError> {
+    pub(crate) fn begin(disk: Arc<dyn Disk>, root: &Path, id: Arc<str>, head: JournalHead) -> StoreResult<Self> {
         let folder = layout::incoming_folder(root, &id);
         let incoming = root.join(layout::INCOMING);
         disk.make_dir(&folder)?;
@@ -94,7 +94,7 @@ impl OpenSeries {
     }
 
     /// Records the camera's description durably; only the first one is kept.
-    pub fn note_camera(&mut self, camera: Map<String, Value>) -> Result<(), StoreError> {
+    pub fn note_camera(&mut self, camera: Map<String, Value>) -> StoreResult<()> {
         if !self.manifest.camera.is_empty() || camera.is_empty() {
             return Ok(());
         }
@@ -104,7 +104,7 @@ impl OpenSeries {
     }
 
     /// Records a note for a person durably, such as the reason for the series.
-    pub fn add_remark(&mut self, remark: &str) -> Result<(), StoreError> {
+    pub fn add_remark(&mut self, remark: &str) -> StoreResult<()> {
         self.append_journal(&JournalLine::Remark(remark.to_owned()))?;
         self.manifest.remarks.push(remark.to_owned());
         Ok(())
@@ -112,7 +112,7 @@ impl OpenSeries {
 
     /// Stores a shot, with its frame if there is one. When this returns, the frame is durable: its line in the journal
     /// (with the digest that identifies a complete file), its bytes, its name.
-    pub fn add_shot(&mut self, mut shot: Shot, frame: Option<NewFrame<'_>>) -> Result<&Shot, StoreError> {
+    pub fn add_shot(&mut self, mut shot: Shot, frame: Option<NewFrame<'_>>) -> StoreResult<&Shot> {
         if let Some(frame) = &frame {
             shot.frame = Some(FrameEntry {
                 file: layout::frame_name(shot.shot, frame.extension),
@@ -132,14 +132,14 @@ impl OpenSeries {
     }
 
     /// Stores the bytes of a bad frame under `partial/`; returns the name there.
-    pub fn set_aside(&self, shot: u32, attempt: usize, bytes: &[u8]) -> Result<String, StoreError> {
+    pub fn set_aside(&self, shot: u32, attempt: usize, bytes: &[u8]) -> StoreResult<String> {
         let name = format!("{}-{shot:04}-{attempt}.bad", self.id);
         self.store_root().set_aside(&name, bytes)?;
         Ok(name)
     }
 
     /// Writes the manifest and moves the folder to its flight by one rename.
-    pub(crate) fn close(self, state: SeriesState, ended: &Stamp, remarks: Vec<String>) -> Result<(), StoreError> {
+    pub(crate) fn close(self, state: SeriesState, ended: &Stamp, remarks: Vec<String>) -> StoreResult<()> {
         let root = StoreRoot { disk: self.disk.as_ref(), path: &self.root };
         let mut manifest = self.manifest;
         if manifest.cause.is_concurrent() && manifest.planned_shots == 0 && state == SeriesState::Complete {
@@ -155,13 +155,13 @@ impl OpenSeries {
         StoreRoot { disk: self.disk.as_ref(), path: &self.root }
     }
 
-    fn append_journal(&self, line: &JournalLine) -> Result<(), StoreError> {
+    fn append_journal(&self, line: &JournalLine) -> StoreResult<()> {
         let path = self.folder.join(layout::JOURNAL_FILE);
         let bytes = jsonl::encode_line(line).map_err(StoreError::io(&path, "write"))?;
         self.disk.append(&path, &bytes).map_err(StoreError::io(&path, "write"))
     }
 
-    fn write_frame(&self, name: &str, bytes: &[u8]) -> Result<(), StoreError> {
+    fn write_frame(&self, name: &str, bytes: &[u8]) -> StoreResult<()> {
         let path = self.folder.join(name);
         let part = self.folder.join(format!("{name}{}", layout::PART_ENDING));
         self.disk.save_file(&part, bytes)?;
@@ -171,14 +171,14 @@ impl OpenSeries {
 }
 
 /// Writes `series.json` atomically; from then on it is authoritative, and no longer the journal.
-pub(super) fn write_manifest(disk: &dyn Disk, folder: &Path, manifest: &SeriesManifest) -> Result<(), StoreError> {
+pub(super) fn write_manifest(disk: &dyn Disk, folder: &Path, manifest: &SeriesManifest) -> StoreResult<()> {
     let path = folder.join(layout::SERIES_FILE);
     let text = serde_json::to_vec_pretty(manifest).map_err(|e| StoreError::io(&path, "write")(e.into()))?;
     disk.replace_file(&path, &text)
 }
 
 /// Adds the series to its flight's chain, removes the journal and moves the folder to its flight, durably.
-pub(super) fn commit_series(root: StoreRoot<'_>, folder: &Path, manifest: &SeriesManifest) -> Result<(), StoreError> {
+pub(super) fn commit_series(root: StoreRoot<'_>, folder: &Path, manifest: &SeriesManifest) -> StoreResult<()> {
     let series = manifest.series.clone();
     if root.has_evidence() {
         let sha256 = sha256_hex(&root.disk.load_file(&folder.join(layout::SERIES_FILE))?);

@@ -13,7 +13,7 @@ use ed25519_dalek::{Signature, Signer as _, SigningKey, VerifyingKey};
 use super::chain;
 use super::root::StoreRoot;
 use crate::store::disk::owner::inherit_owner;
-use crate::store::disk::{StoreError, fill_random};
+use crate::store::disk::{StoreError, StoreResult, fill_random};
 use crate::store::format::chain::{Chain, ChainEvent, ChainLine};
 use crate::store::format::{jsonl, layout};
 
@@ -34,7 +34,7 @@ pub struct Signer {
 impl Signer {
     /// Reads the private key (PEM, PKCS #8). If the file does not exist, generates a key readable by this user only, and
     /// writes the public key next to it.
-    pub fn load_or_create(path: &Path) -> Result<Self, StoreError> {
+    pub fn load_or_create(path: &Path) -> StoreResult<Self> {
         let text = match fs::read_to_string(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => create_signing_key(path)?,
             read => read.map_err(StoreError::io(path, "read"))?,
@@ -59,7 +59,7 @@ impl Signer {
 
     /// Signs the lines of a chain since the last signature. A broken chain, or one that does not continue the signed one,
     /// is not signed: that is evidence.
-    pub(crate) fn sign_chain(&self, root: StoreRoot<'_>, flight: &Path) -> Result<(), StoreError> {
+    pub(crate) fn sign_chain(&self, root: StoreRoot<'_>, flight: &Path) -> StoreResult<()> {
         let path = flight.join(layout::CHAIN_FILE);
         let bytes = root.disk.load_if_exists(&path)?.unwrap_or_default();
         if bytes.is_empty() {
@@ -102,7 +102,7 @@ fn append_extension(path: &Path, ending: &str) -> PathBuf {
     name.into()
 }
 
-fn create_signing_key(path: &Path) -> Result<String, StoreError> {
+fn create_signing_key(path: &Path) -> StoreResult<String> {
     let mut seed = [0; 32];
     fill_random(&mut seed).map_err(StoreError::io(Path::new("/dev/urandom"), "read"))?;
     let text = SigningKey::from_bytes(&seed).to_pkcs8_pem(LineEnding::LF);
@@ -130,7 +130,7 @@ pub struct PublicKey(VerifyingKey);
 
 impl PublicKey {
     /// Reads a public key as [`Signer::load_or_create`] writes it (PEM).
-    pub fn read(path: &Path) -> Result<Self, StoreError> {
+    pub fn read(path: &Path) -> StoreResult<Self> {
         let text = fs::read_to_string(path).map_err(StoreError::io(path, "read"))?;
         VerifyingKey::from_public_key_pem(&text).map(Self).map_err(|_| StoreError::Damaged {
             path: path.to_owned(),

@@ -5,7 +5,7 @@ use serde_json::Value;
 use super::index::StoreIndex;
 use super::store::Store;
 use super::{chain, results};
-use crate::store::disk::StoreError;
+use crate::store::disk::{StoreError, StoreResult};
 use crate::store::format::chain::ChainEvent;
 use crate::store::format::manifest::{FrameEntry, ResultLine, SeriesManifest, SolvingAttempt};
 use crate::store::format::{Inputs, jsonl, layout, sha256_hex};
@@ -17,7 +17,7 @@ impl Store {
     /// Returns the frames to solve of one series, newest series first: in the newest flight those without a result for
     /// these inputs, in older flights those without any result, because the camera may have been remounted since. Empty if
     /// nothing is left to solve.
-    pub fn unsolved_frames(&self, inputs: &Inputs) -> Result<Vec<FrameRef>, StoreError> {
+    pub fn unsolved_frames(&self, inputs: &Inputs) -> StoreResult<Vec<FrameRef>> {
         let newest = self.current_flight();
         for flight in catalogue::list_flights(self.disk(), self.root())?.iter().rev() {
             let any_result_will_do = Some(&flight.id) != newest.as_ref();
@@ -37,7 +37,7 @@ impl Store {
     }
 
     /// Returns the frames of a flight without a result for these inputs, in order.
-    pub fn unsolved_in_flight(&self, flight: &FlightRef, inputs: &Inputs) -> Result<Vec<FrameRef>, StoreError> {
+    pub fn unsolved_in_flight(&self, flight: &FlightRef, inputs: &Inputs) -> StoreResult<Vec<FrameRef>> {
         let series = catalogue::list_series(self.disk(), flight)?;
         let unsolved = |series: &SeriesRef| self.unsolved_in_series(series, inputs, false);
         Ok(series.iter().map(unsolved).collect::<Result<Vec<_>, _>>()?.concat())
@@ -49,7 +49,7 @@ impl Store {
         series: &SeriesRef,
         inputs: &Inputs,
         any_result_will_do: bool,
-    ) -> Result<Vec<FrameRef>, StoreError> {
+    ) -> StoreResult<Vec<FrameRef>> {
         let manifest = catalogue::read_series_manifest(self.disk(), series)?;
         let keys = results::result_keys(self.disk(), &series.folder)?;
         let solved = |frame: &FrameEntry| {
@@ -65,13 +65,13 @@ impl Store {
     ///
     /// # Errors
     /// Returns an error if they do not have the digest in the manifest.
-    pub fn read_frame(&self, frame: &FrameRef) -> Result<Vec<u8>, StoreError> {
+    pub fn read_frame(&self, frame: &FrameRef) -> StoreResult<Vec<u8>> {
         read_frame(self.disk(), frame)
     }
 
     /// Records that a frame is about to be solved; returns the number of consecutive attempts, including this one. More
     /// than one means that the program ended while solving the frame.
-    pub fn begin_solving(&self, frame: &FrameRef, inputs: &Inputs) -> Result<u32, StoreError> {
+    pub fn begin_solving(&self, frame: &FrameRef, inputs: &Inputs) -> StoreResult<u32> {
         let path = self.root().join(layout::SOLVING_FILE);
         let key = inputs.key(&frame.entry.sha256);
         let last = self.disk().load_json::<SolvingAttempt>(&path);
@@ -83,7 +83,7 @@ impl Store {
     }
 
     /// Withdraws an attempt: the frame was abandoned regularly and is solved another time.
-    pub fn cancel_solving(&self) -> Result<(), StoreError> {
+    pub fn cancel_solving(&self) -> StoreResult<()> {
         self.disk().save_file(&self.root().join(layout::SOLVING_FILE), b"")
     }
 
@@ -95,7 +95,7 @@ impl Store {
     }
 
     /// Writes a result durably, once; returns `false` if the frame has one for these inputs already.
-    pub fn add_result(&self, frame: &FrameRef, inputs: &Inputs, record: Value) -> Result<bool, StoreError> {
+    pub fn add_result(&self, frame: &FrameRef, inputs: &Inputs, record: Value) -> StoreResult<bool> {
         let mut index = self.lock_index();
         self.chain_installation(&mut index, &frame.series, inputs)?;
         index.unsealed.insert(frame.series.flight.clone());
@@ -110,12 +110,7 @@ impl Store {
     }
 
     /// Adds a stored installation to the flight's chain, once, before the first result that was computed from it.
-    fn chain_installation(
-        &self,
-        index: &mut StoreIndex,
-        series: &SeriesRef,
-        inputs: &Inputs,
-    ) -> Result<(), StoreError> {
+    fn chain_installation(&self, index: &mut StoreIndex, series: &SeriesRef, inputs: &Inputs) -> StoreResult<()> {
         let Some(digest) = installations::digest_from_provenance(&inputs.provenance) else { return Ok(()) };
         let key = (series.flight.clone(), digest.clone());
         let is_stored = || self.disk().exists(&installations::installation_folder(self.root(), &digest));

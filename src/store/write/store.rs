@@ -12,7 +12,7 @@ use super::series::{ActiveSeries, OpenSeries};
 use super::{evidence, flight, installations, opening, signing};
 use crate::clock::Stamp;
 use crate::store::config::StoreConfig;
-use crate::store::disk::{Disk, Lock, StoreError};
+use crate::store::disk::{Disk, Lock, StoreError, StoreResult};
 use crate::store::format::append_file_kinds::{AIRCRAFT_DATA, APPEND_FILE_KINDS, LIVE_RESULTS, MANUAL_MARKS};
 use crate::store::format::manifest::{
     FlightManifest, JournalHead, RefusedSeries, SeriesCause, SeriesManifest, SeriesState,
@@ -45,7 +45,7 @@ pub struct Store {
 
 impl Store {
     /// Opens a store, creating it if the directory is empty or does not exist, and recovers the remains of a crash.
-    pub fn open(disk: Arc<dyn Disk>, config: StoreConfig) -> Result<(Self, Recovery), StoreError> {
+    pub fn open(disk: Arc<dyn Disk>, config: StoreConfig) -> StoreResult<(Self, Recovery)> {
         let path = config.path.clone();
         let root = StoreRoot { disk: disk.as_ref(), path: &path };
         let rebuilt = opening::rebuild_format_file(root)?;
@@ -95,7 +95,7 @@ impl Store {
     ///
     /// # Errors
     /// Returns an error if the key cannot be used; recording continues without signatures, and it is tried again.
-    pub fn signer(&self) -> Result<Option<&signing::Signer>, StoreError> {
+    pub fn signer(&self) -> StoreResult<Option<&signing::Signer>> {
         match (&self.config.signing_key, self.signer.get()) {
             (Some(path), None) => {
                 let loaded = signing::Signer::load_or_create(path)?;
@@ -116,7 +116,7 @@ impl Store {
     }
 
     /// Returns the free space, MB.
-    pub fn free_mb(&self) -> Result<u64, StoreError> {
+    pub fn free_mb(&self) -> StoreResult<u64> {
         let free = self.disk.free_bytes(&self.root).map_err(StoreError::io(&self.root, "measure"))?;
         Ok(free / 1_000_000)
     }
@@ -166,26 +166,16 @@ impl Store {
 
     /// Begins a series, after recovering an abandoned one. Several series may be open at a time: each has its own folder
     /// and does not depend on the others. A refusal is recorded.
-    pub fn begin_series(&self, plan: SeriesPlan, now: &Stamp) -> Result<(OpenSeries, Recovery), StoreError> {
+    pub fn begin_series(&self, plan: SeriesPlan, now: &Stamp) -> StoreResult<(OpenSeries, Recovery)> {
         self.open_series(None, plan, now)
     }
 
     /// Begins a series in a given flight, regardless of the pause: for images taken without a recorder.
-    pub fn begin_series_in(
-        &self,
-        flight: &str,
-        plan: SeriesPlan,
-        now: &Stamp,
-    ) -> Result<(OpenSeries, Recovery), StoreError> {
+    pub fn begin_series_in(&self, flight: &str, plan: SeriesPlan, now: &Stamp) -> StoreResult<(OpenSeries, Recovery)> {
         self.open_series(Some(flight), plan, now)
     }
 
-    fn open_series(
-        &self,
-        flight: Option<&str>,
-        plan: SeriesPlan,
-        now: &Stamp,
-    ) -> Result<(OpenSeries, Recovery), StoreError> {
+    fn open_series(&self, flight: Option<&str>, plan: SeriesPlan, now: &Stamp) -> StoreResult<(OpenSeries, Recovery)> {
         let mut index = self.lock_index();
         let mut recovery = recover::recover_incoming(self.store_root(), &self.under_way)?;
         // What remains in incoming/ is reported once, not with each series.
@@ -212,7 +202,7 @@ impl Store {
         state: SeriesState,
         now: &Stamp,
         remarks: Vec<String>,
-    ) -> Result<(), StoreError> {
+    ) -> StoreResult<()> {
         let mut index = self.lock_index();
         index.note_moment(now);
         index.unsealed.insert(series.flight().to_owned());
@@ -234,7 +224,7 @@ impl Store {
     }
 
     /// Signs the chain, if there is a key, and updates the sums to it.
-    fn seal_flight(&self, flight: &Path) -> Result<(), StoreError> {
+    fn seal_flight(&self, flight: &Path) -> StoreResult<()> {
         let signer = self.signer().ok().flatten();
         let signed = signer.map_or(Ok(()), |signer| signer.sign_chain(self.store_root(), flight));
         signed.and(evidence::update_sums(self.disk(), flight))
@@ -242,7 +232,7 @@ impl Store {
 
     /// Stores an installation by its digest, so that its results can be computed again. Does nothing in a store without
     /// evidence.
-    pub fn keep_installation(&self, files: &[InstallationFile]) -> Result<(), StoreError> {
+    pub fn keep_installation(&self, files: &[InstallationFile]) -> StoreResult<()> {
         let _one_writer = self.lock_index();
         if self.store_root().has_evidence() {
             installations::keep_installation(self.store_root(), files).map(drop)
@@ -252,7 +242,7 @@ impl Store {
     }
 
     /// Returns the flight to which current data belong.
-    pub(crate) fn flight_for_recording(&self, now: &Stamp) -> Result<String, StoreError> {
+    pub(crate) fn flight_for_recording(&self, now: &Stamp) -> StoreResult<String> {
         let mut index = self.lock_index();
         let flight = self.current_or_new_flight(&mut index, now)?;
         index.note_moment(now);
@@ -260,7 +250,7 @@ impl Store {
     }
 
     /// Returns an error if the free space is below the reserve. For data with lower priority than frames and their results.
-    pub(crate) fn refuse_below_reserve(&self) -> Result<(), StoreError> {
+    pub(crate) fn refuse_below_reserve(&self) -> StoreResult<()> {
         let (free_mb, reserve_mb) = (self.free_mb()?, self.config.reserve_mb);
         let path = self.root.clone();
         if free_mb < reserve_mb { Err(StoreError::BelowReserve { path, free_mb, reserve_mb }) } else { Ok(()) }
@@ -280,7 +270,7 @@ impl Store {
         let _ = written.and_then(|()| self.disk.sync_dir(&self.root));
     }
 
-    fn current_or_new_flight(&self, index: &mut StoreIndex, now: &Stamp) -> Result<String, StoreError> {
+    fn current_or_new_flight(&self, index: &mut StoreIndex, now: &Stamp) -> StoreResult<String> {
         let by_command = index.new_flight_requested.then(|| "by command".to_owned());
         let rule = (self.config.new_flight_after, self.config.new_flight_at_boot);
         let because = by_command
@@ -304,11 +294,11 @@ impl Store {
     }
 
     /// Begins a flight for data recorded elsewhere, with the user's name for it if there is one.
-    pub fn begin_flight(&self, now: &Stamp, because: String, name: Option<String>) -> Result<String, StoreError> {
+    pub fn begin_flight(&self, now: &Stamp, because: String, name: Option<String>) -> StoreResult<String> {
         self.make_flight(&mut self.lock_index(), now, (because, name))
     }
 
-    fn new_flight(&self, index: &mut StoreIndex, now: &Stamp, because: String) -> Result<String, StoreError> {
+    fn new_flight(&self, index: &mut StoreIndex, now: &Stamp, because: String) -> StoreResult<String> {
         self.make_flight(index, now, (because, None))
     }
 
@@ -317,7 +307,7 @@ impl Store {
         index: &mut StoreIndex,
         now: &Stamp,
         (because, name): (String, Option<String>),
-    ) -> Result<String, StoreError> {
+    ) -> StoreResult<String> {
         let flight = layout::flight_id(index.counter.next_flight);
         index.counter.advance_past(&flight);
         opening::save_counter(self.store_root(), &index.counter)?;

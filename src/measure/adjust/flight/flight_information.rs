@@ -6,7 +6,7 @@ use super::flight_problem::FlightProblem;
 use super::joint::JointSolution;
 use super::solving::SolvedFlight;
 use crate::adjust::flight_prior::{FlightContribution, InvariantParameter, ReducedNormals};
-use crate::adjust::{AdjustError, Estimate, GlobalTest, Observation, Options};
+use crate::adjust::{AdjustError, AdjustResult, Estimate, GlobalTest, Observation, Options};
 use crate::estimation::quality::global_test;
 use crate::estimation::{Block, BlockFit, Fit, Group, GroupFit, Prior};
 use crate::setup::{Orientation, Setup};
@@ -23,7 +23,7 @@ pub fn learn_from_flight(
     orientation: &Orientation,
     frames: &[Vec<Observation>],
     options: &Options,
-) -> Result<FlightContribution, AdjustError> {
+) -> AdjustResult<FlightContribution> {
     let scene = crate::adjust::scene::WingScene::new(setup, orientation)?;
     let input = crate::adjust::input::AdjustmentInput { setup, orientation, scene: &scene, options };
     let JointSolution { solved, .. } = JointSolution::new(input, frames)?;

@@ -16,7 +16,7 @@ use crate::adjust::marker_state::DimensionDerivatives;
 use crate::adjust::scene::WingScene;
 use crate::adjust::term::{ColumnAllocator, ParameterScope, PlacedTerm};
 use crate::adjust::terms::{self, SharedTerms};
-use crate::estimation::{EstimationError, Fit, GroupPoint, Linearised, Problem, SolveOptions, solve_groups};
+use crate::estimation::{EstimationResult, Fit, GroupPoint, Linearised, Problem, SolveOptions, solve_groups};
 use crate::setup::Thermal;
 use crate::widths::{Unknown, Width};
 
@@ -251,12 +251,7 @@ impl FlightProblem {
         BlockMembers { members: &self.members, ground: &self.ground_members }
     }
 
-    fn linearise(
-        &self,
-        scene: &WingScene,
-        at: &GroupPoint,
-        blocks: &mut Vec<Linearised>,
-    ) -> Result<(), EstimationError> {
+    fn linearise(&self, scene: &WingScene, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> EstimationResult<()> {
         let (layout, members) = match (self.layouts.get(at.group), &self.ground) {
             (Some(layout), _) => (layout, &self.members[at.group]),
             (None, Some(layout)) => return layout.linearise(scene, &self.ground_members, at, blocks),
@@ -275,7 +270,7 @@ impl FlightProblem {
     ///
     /// # Errors
     /// Returns an error if the conditions cannot be evaluated or the normal equations are singular.
-    pub fn solve(&self, scene: &WingScene, solve_options: &SolveOptions) -> Result<Fit, EstimationError> {
+    pub fn solve(&self, scene: &WingScene, solve_options: &SolveOptions) -> EstimationResult<Fit> {
         solve_groups(&self.problem, solve_options, |at, blocks| self.linearise(scene, at, blocks))
     }
 }

@@ -11,7 +11,7 @@ use crate::adjust::input::{AdjustmentInput, FrameObservations, count_wing_marker
 use crate::adjust::layout::{BlockMember, ParameterLayout};
 use crate::adjust::prior_scales::PriorScales;
 use crate::adjust::snooping::ResidualSum;
-use crate::adjust::{AdjustError, Observation};
+use crate::adjust::{AdjustError, AdjustResult, Observation};
 use crate::estimation::{Fit, Group};
 
 /// Minimum number of wing markers in one frame.
@@ -45,7 +45,7 @@ impl<'a> Flight<'a> {
         input: AdjustmentInput<'a>,
         observations: &'a [Vec<Observation>],
         hyperparameters: FlightHyperparameters<'a>,
-    ) -> Result<Self, AdjustError> {
+    ) -> AdjustResult<Self> {
         let setup = input.setup;
         let frames = observations.iter().map(|o| order_by_marker(setup, o)).collect::<Result<Vec<_>, _>>()?;
         for frame in &frames {

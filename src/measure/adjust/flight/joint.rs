@@ -7,7 +7,7 @@ use super::mountings::FrameMountings;
 use super::solving::SolvedFlight;
 use super::usage::RemovedObservation;
 use crate::adjust::input::AdjustmentInput;
-use crate::adjust::{AdjustError, Observation, Solution};
+use crate::adjust::{AdjustResult, Observation, Solution};
 
 /// Number of rounds in which departure and drift settle after the mountings are determined.
 const DEPARTURE_ROUNDS: usize = 3;
@@ -26,7 +26,7 @@ impl<'a> JointSolution<'a> {
     ///
     /// # Errors
     /// Returns an error if the flight has no solution.
-    pub fn new(input: AdjustmentInput<'a>, frames: &'a [Vec<Observation>]) -> Result<Self, AdjustError> {
+    pub fn new(input: AdjustmentInput<'a>, frames: &'a [Vec<Observation>]) -> AdjustResult<Self> {
         let mountings = FrameMountings::undetermined(input.options.mountings.as_deref());
         let mut flight = Flight::new(input, frames, FlightHyperparameters::initial(&input, frames.len(), mountings))?;
         let (solved, mut removed) = flight.remove_or_explain_outliers()?;
@@ -43,7 +43,7 @@ impl<'a> JointSolution<'a> {
     ///
     /// # Errors
     /// Returns an error if the frame has no solution.
-    pub fn for_single_frame(mut flight: Flight<'a>) -> Result<Self, AdjustError> {
+    pub fn for_single_frame(mut flight: Flight<'a>) -> AdjustResult<Self> {
         let (solved, mut removed) = flight.remove_or_explain_outliers()?;
         let rough = flight.readmit_observations(solved, &mut removed)?;
         let solved = flight.solve_converged(&rough.fit)?;

@@ -26,7 +26,7 @@ use super::mountings::FrameMountings;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::scene::WingScene;
 use crate::adjust::shapes::bounded_amplitude;
-use crate::adjust::{AdjustError, Observation, Options, Solution};
+use crate::adjust::{AdjustResult, Observation, Options, Solution};
 use crate::setup::{Orientation, Setup};
 
 /// Minimum time between frames, s; process noise must not be 0.
@@ -53,7 +53,7 @@ impl LiveAdjustment {
     ///
     /// # Errors
     /// Returns an error if the installation cannot be prepared.
-    pub fn new(setup: Setup, orientation: Orientation, options: Options) -> Result<Self, AdjustError> {
+    pub fn new(setup: Setup, orientation: Orientation, options: Options) -> AdjustResult<Self> {
         let scene = WingScene::new(&setup, &orientation)?;
         let first = options.mountings.as_ref().map(|list| list.iter().take(1).copied().collect());
         let options = Options { mountings: first, variance_components: false, ..options };
@@ -70,7 +70,7 @@ impl LiveAdjustment {
     ///
     /// # Errors
     /// Returns an error if the frame cannot be adjusted.
-    pub fn adjust_frame(&mut self, observations: &[Observation], elapsed_s: f64) -> Result<Solution, AdjustError> {
+    pub fn adjust_frame(&mut self, observations: &[Observation], elapsed_s: f64) -> AdjustResult<Solution> {
         let frames = [observations.to_vec()];
         let (state, solution) = match &self.state {
             None => {
@@ -94,7 +94,7 @@ impl LiveAdjustment {
         &'a self,
         frames: &'a [Vec<Observation>],
         after: Option<&LiveState>,
-    ) -> Result<Flight<'a>, AdjustError> {
+    ) -> AdjustResult<Flight<'a>> {
         let Self { setup, orientation, scene, options, .. } = self;
         let input = AdjustmentInput { setup, orientation, scene, options };
         let mountings = FrameMountings::for_single_frame(options.mountings.as_deref());
@@ -112,7 +112,7 @@ impl LiveAdjustment {
         state: &LiveState,
         frames: &[Vec<Observation>],
         elapsed_s: f64,
-    ) -> Result<(LiveState, Solution), AdjustError> {
+    ) -> AdjustResult<(LiveState, Solution)> {
         let flight = self.single_frame_flight(frames, Some(state))?;
         let elapsed_s = state.rejected_s + elapsed_s;
         let step = state.step(&flight, elapsed_s);

@@ -3,7 +3,7 @@
 use super::frames::{Flight, MIN_MARKERS};
 use super::solving::SolvedFlight;
 use super::usage::RemovedObservation;
-use crate::adjust::AdjustError;
+use crate::adjust::AdjustResult;
 use crate::adjust::layout::BlockMember;
 use crate::adjust::snooping::{MAX_FIXED_TARGET_SCALE, ResidualSum, SuspectTarget};
 use crate::ordering::sort_by_value;
@@ -20,7 +20,7 @@ impl Flight<'_> {
     ///
     /// # Errors
     /// Returns an error if the flight has no solution.
-    pub fn remove_or_explain_outliers(&mut self) -> Result<(SolvedFlight, Vec<RemovedObservation>), AdjustError> {
+    pub fn remove_or_explain_outliers(&mut self) -> AdjustResult<(SolvedFlight, Vec<RemovedObservation>)> {
         let all = self.clone();
         let found = self.remove_outliers()?;
         if self.tested_sum.is_none() {
@@ -46,7 +46,7 @@ impl Flight<'_> {
     ///
     /// # Errors
     /// Returns an error if the flight has no solution.
-    pub fn remove_outliers(&mut self) -> Result<(SolvedFlight, Vec<RemovedObservation>), AdjustError> {
+    pub fn remove_outliers(&mut self) -> AdjustResult<(SolvedFlight, Vec<RemovedObservation>)> {
         let mut solved = self.solve_rough(None)?;
         while self.prior_scales.fixed_targets < MAX_FIXED_TARGET_SCALE && self.fixed_targets_conflict(&solved) {
             self.prior_scales.fixed_targets *= 2.0;
@@ -74,10 +74,7 @@ impl Flight<'_> {
     }
 
     /// Removes at most one observation per frame and round; returns the removed observations.
-    fn run_data_snooping(
-        &mut self,
-        mut last: SolvedFlight,
-    ) -> Result<(SolvedFlight, Vec<RemovedObservation>), AdjustError> {
+    fn run_data_snooping(&mut self, mut last: SolvedFlight) -> AdjustResult<(SolvedFlight, Vec<RemovedObservation>)> {
         let mut removed: Vec<RemovedObservation> = vec![];
         let mut with_all = ResidualSum::from_fit(&last.fit);
         for _ in 0..SNOOPING_ROUNDS {
@@ -117,7 +114,7 @@ impl Flight<'_> {
         &mut self,
         mut last: SolvedFlight,
         removed: &mut Vec<RemovedObservation>,
-    ) -> Result<SolvedFlight, AdjustError> {
+    ) -> AdjustResult<SolvedFlight> {
         let ground = self.frames.len();
         let mut queue: Vec<_> = removed.iter().filter(|r| r.suspect.target != SuspectTarget::Flight).copied().collect();
         sort_by_value(&mut queue, |one| one.suspect.w.abs());

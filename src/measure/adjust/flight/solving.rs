@@ -2,7 +2,7 @@
 
 use super::flight_problem::FlightProblem;
 use super::frames::Flight;
-use crate::adjust::AdjustError;
+use crate::adjust::AdjustResult;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::snooping::{ResidualSum, SolvedGroup};
 use crate::estimation::{Fit, SolveOptions};
@@ -29,7 +29,7 @@ impl Flight<'_> {
     ///
     /// # Errors
     /// Returns an error if the flight has no solution.
-    pub fn solve_rough(&mut self, from: Option<&Fit>) -> Result<SolvedFlight, AdjustError> {
+    pub fn solve_rough(&mut self, from: Option<&Fit>) -> AdjustResult<SolvedFlight> {
         let solved = self.solve_with_options(&SolveOptions { rough: true, residuals: from })?;
         for (frame, layout) in solved.flight_problem.layouts.iter().enumerate() {
             self.hyperparameters.update_from_frame(frame, layout, &solved.fit);
@@ -41,11 +41,11 @@ impl Flight<'_> {
     ///
     /// # Errors
     /// Returns an error if the flight has no solution.
-    pub fn solve_converged(&self, rough: &Fit) -> Result<SolvedFlight, AdjustError> {
+    pub fn solve_converged(&self, rough: &Fit) -> AdjustResult<SolvedFlight> {
         self.solve_with_options(&SolveOptions { rough: false, residuals: Some(rough) })
     }
 
-    fn solve_with_options(&self, solve_options: &SolveOptions) -> Result<SolvedFlight, AdjustError> {
+    fn solve_with_options(&self, solve_options: &SolveOptions) -> AdjustResult<SolvedFlight> {
         let flight_problem = FlightProblem::new(self, solve_options.residuals);
         let fit = flight_problem.solve(self.input.scene, solve_options)?;
         Ok(SolvedFlight { flight_problem, fit, tested_sum: self.tested_sum })

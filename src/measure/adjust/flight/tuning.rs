@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use super::frames::Flight;
 use super::hyperparameters::frame_rotation_column;
 use super::solving::SolvedFlight;
-use crate::adjust::AdjustError;
+use crate::adjust::AdjustResult;
 use crate::adjust::terms::{mount_drift_rad, mount_repeatability_rad};
 use crate::estimation::Gradient;
 use crate::estimation::quality::chi_square_limit;
@@ -101,7 +101,7 @@ impl Flight<'_> {
     ///
     /// # Errors
     /// Returns an error if the flight has no solution.
-    pub fn tune_variances(&mut self, mut last: SolvedFlight, rounds: usize) -> Result<SolvedFlight, AdjustError> {
+    pub fn tune_variances(&mut self, mut last: SolvedFlight, rounds: usize) -> AdjustResult<SolvedFlight> {
         for round in 1..=rounds {
             let (mut omega, mut redundancy) = (0.0, 0.0);
             let evidence = |frame: usize| last.departure_evidence(frame, [last.departure_covariance(frame)]);

@@ -6,7 +6,7 @@ use super::{BlockMember, GroundPositions, ParameterLayout};
 use crate::adjust::scene::{BentWing, PosedCamera, WingScene, marker_displacement};
 use crate::adjust::term::{ParameterScope, ParameterTerm};
 use crate::adjust::values::UnknownValues;
-use crate::estimation::{EstimationError, GroupPoint, Linearised};
+use crate::estimation::{EstimationError, EstimationResult, GroupPoint, Linearised};
 
 /// Wing and cameras, evaluated at a point of the iteration.
 struct EvaluatedFrame<'a> {
@@ -30,7 +30,7 @@ impl ParameterLayout {
         members: &[BlockMember],
         at: &GroupPoint,
         blocks: &mut Vec<Linearised>,
-    ) -> Result<(), EstimationError> {
+    ) -> EstimationResult<()> {
         let values = self.values(at.global, at.local);
         let frame = EvaluatedFrame {
             bent: scene.bend_frame(&values),
@@ -118,7 +118,7 @@ impl ConditionRows<'_> {
         ground_m: &Vector3<f64>,
         moved_m: &Vector3<f64>,
         EvaluatedFrame { scene, values, bent, in_flight, on_ground }: &EvaluatedFrame,
-    ) -> Result<(), EstimationError> {
+    ) -> EstimationResult<()> {
         if let Some(first) = member.flight {
             let state = scene.marker_in_flight(member.marker, bent, moved_m, values);
             let at_row_m = state.carried.position_m + marker_displacement(&values.moved_at_row_m, member.marker);

@@ -16,7 +16,7 @@ impl FrameOutcome<'_> {
 
     pub(super) fn apply_global_test(mut self) -> Self {
         let ResidualSum { omega, redundancy } = self.tested_sum;
-        let options = self.input.options;
+        let options = self.solved.input.options;
         self.global_test = quality::global_test(omega, redundancy, options.global_alpha);
         self.posterior = quality::is_posterior(options.sigma, self.global_test);
         self.scale = self.variance_factor().filter(|_| self.posterior).map_or(1.0, f64::sqrt);

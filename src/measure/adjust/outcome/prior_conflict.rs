@@ -1,6 +1,6 @@
 //! Comparison of the prior from earlier flights with the frames to which it is applied.
 
-use crate::adjust::{AdjustError, GlobalTest, Options, Solution};
+use crate::adjust::{AdjustResult, GlobalTest, Options, Solution};
 
 /// First remark of a result that does not use the prior because it conflicts.
 const CONFLICT_REMARK: &str = "flight_prior.json is inconsistent with these images and was not used: check whether a marker, \
@@ -10,9 +10,9 @@ const CONFLICT_REMARK: &str = "flight_prior.json is inconsistent with these imag
 /// returns the one without it, with a remark.
 pub fn with_prior_if_consistent<T>(
     options: &Options,
-    solve: impl Fn(&Options) -> Result<T, AdjustError>,
+    solve: impl Fn(&Options) -> AdjustResult<T>,
     solutions: impl Fn(&mut T) -> &mut [Solution],
-) -> Result<T, AdjustError> {
+) -> AdjustResult<T> {
     let mut with = solve(options);
     let is_rejected = |solved: &mut T| solutions(solved).iter().any(|s| s.global_test == Some(GlobalTest::Rejected));
     if options.flight_prior.is_none() || with.as_mut().is_ok_and(|with| !is_rejected(with)) {

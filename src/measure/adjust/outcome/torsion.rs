@@ -15,14 +15,14 @@ impl FrameOutcome<'_> {
             angle_rad: self.torsion_angle(pair),
             twist_rad: self.section_twist(pair),
         };
-        self.input.setup.torsion.iter().map(one).collect()
+        self.solved.input.setup.torsion.iter().map(one).collect()
     }
 
     /// Torsion angle from the deflections of the two markers (paper, section 4.3).
     fn torsion_angle(&self, pair: &TorsionPair) -> Option<Estimate> {
         let pair_markers = [pair.leading, pair.trailing];
         pair_markers.iter().try_for_each(|&marker| self.block_with_image(marker).map(drop))?;
-        let markers = &self.input.setup.markers;
+        let markers = &self.solved.input.setup.markers;
         let baseline = markers[pair.leading].position_m - markers[pair.trailing].position_m;
         let base = baseline.xy().norm();
         let mut gradient = self.empty_gradient(1, &pair_markers);
@@ -40,9 +40,9 @@ impl FrameOutcome<'_> {
 
     /// Twist of the section midway between the two stations.
     fn section_twist(&self, pair: &TorsionPair) -> Option<Estimate> {
-        let station = |m: usize| self.input.scene.ground.stations.get(m).map(|s| s.arc_m);
+        let station = |m: usize| self.solved.input.scene.ground.stations.get(m).map(|s| s.arc_m);
         let arc = 0.5 * (station(pair.leading)? + station(pair.trailing)?);
-        let grid = BeamGrid::new(&self.input.scene.ground, &[arc]);
+        let grid = BeamGrid::new(&self.solved.input.scene.ground, &[arc]);
         let section = grid.bend(&self.values.bending()).pop()?;
         let mut gradient = self.empty_gradient(1, &[]);
         for (placed, k) in self.layout.unknowns() {

@@ -4,7 +4,7 @@ use nalgebra::{DVector, Matrix3x2, Rotation3, Vector2, Vector3};
 
 use super::arc_length;
 use crate::environment::Plate;
-use crate::estimation::{EstimationError, GroupPoint, Linearised};
+use crate::estimation::{EstimationError, EstimationResult, GroupPoint, Linearised};
 use crate::geometry::WingFrame;
 use crate::setup::{Orientation, Setup};
 
@@ -65,7 +65,7 @@ impl<'a> ProfileGeometry<'a> {
     ///
     /// # Errors
     /// Returns an error if the pixel has no ray or the ray does not point outboard.
-    pub fn plane_ray(&self, pixel: &Vector2<f64>) -> Result<PlaneRay, EstimationError> {
+    pub fn plane_ray(&self, pixel: &Vector2<f64>) -> EstimationResult<PlaneRay> {
         let (ray, jacobian) =
             self.setup.lens.ray_with_jacobian(pixel).map_err(|e| EstimationError::Input(e.to_string()))?;
         let (from_m, ray) = self.pane.map_or((Vector3::zeros(), ray), |pane| pane.outside_ray(&ray));
@@ -88,7 +88,7 @@ impl<'a> ProfileGeometry<'a> {
     ///
     /// # Errors
     /// Returns an error if a pixel has no valid ray.
-    pub fn linearise(&self, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> Result<(), EstimationError> {
+    pub fn linearise(&self, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> EstimationResult<()> {
         if blocks.is_empty() {
             let empty = Linearised::empty(2, vec![0], 1, PER_MARKER);
             blocks.extend(at.observed.iter().map(|_| empty.clone()));
@@ -99,13 +99,7 @@ impl<'a> ProfileGeometry<'a> {
 
     /// Linearises one marker: `0 = l(x'; a) - l` and `0 = y + a x'^2 - y'`, with `x' = f_x + d r_x - root offset` and `y' =
     /// f_y + d r_y`, where f is the point of the ray at the window.
-    fn linearise_marker(
-        &self,
-        a: f64,
-        d: f64,
-        seen: &DVector<f64>,
-        out: &mut Linearised,
-    ) -> Result<(), EstimationError> {
+    fn linearise_marker(&self, a: f64, d: f64, seen: &DVector<f64>, out: &mut Linearised) -> EstimationResult<()> {
         let ray = self.plane_ray(&Vector2::new(seen[PIXEL], seen[PIXEL + 1]))?;
         let x = ray.from_m.x + d * ray.direction.x - self.setup.root_offset_m;
         let arc = arc_length(x, a);

@@ -15,7 +15,7 @@ use crate::adjust::scene::WingScene;
 use crate::adjust::term::ColumnAllocator;
 use crate::adjust::terms;
 use crate::estimation::{
-    Block, EstimationError, Fit, Group, GroupPoint, Linearised, Problem, SolveOptions, solve_groups,
+    Block, EstimationResult, Fit, Group, GroupPoint, Linearised, Problem, SolveOptions, solve_groups,
 };
 use crate::setup::Thermal;
 
@@ -69,12 +69,12 @@ impl<'a> FrameProblem<'a> {
     }
 
     /// Linearises all blocks of the frame at a point.
-    pub fn linearise(&self, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> Result<(), EstimationError> {
+    pub fn linearise(&self, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> EstimationResult<()> {
         self.layout.linearise(self.scene, &self.members, at, blocks)
     }
 
     /// Solves the frame's problem.
-    pub fn solve(&self, solve_options: &SolveOptions) -> Result<Fit, EstimationError> {
+    pub fn solve(&self, solve_options: &SolveOptions) -> EstimationResult<Fit> {
         solve_groups(&self.problem, solve_options, |at, blocks| self.linearise(at, blocks))
     }
 }

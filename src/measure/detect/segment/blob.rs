@@ -13,7 +13,7 @@ use crate::ordering::sort_by_value;
 use crate::raster::Raster;
 
 /// Connected set of full-resolution pixels that are darker than a level halfway to the background.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Default)]
 pub struct Blob {
     /// Bounding box, px, inclusive: x0, y0, x1, y1.
     pub bounds: [usize; 4],
@@ -261,14 +261,7 @@ impl RegionWindow {
 
 impl Blob {
     fn new(image: &Raster, set: &[Run]) -> Self {
-        let mut blob = Self {
-            bounds: [0; 4],
-            area: 0.0,
-            centroid: Vector2::zeros(),
-            covariance: Matrix2::zeros(),
-            at_edge: false,
-            runs: set.iter().map(|r| [r.y, r.from, r.to]).collect(),
-        };
+        let mut blob = Self { runs: set.iter().map(|r| [r.y, r.from, r.to]).collect(), ..Self::default() };
         blob.measure();
         let b = blob.bounds;
         blob.at_edge = b[0] == 0 || b[1] == 0 || b[2] + 1 >= image.width() || b[3] + 1 >= image.height();

@@ -1,5 +1,5 @@
 use super::*;
-use crate::estimation::{EstimationError, GroupPoint, Linearised, SolveOptions, solve_groups};
+use crate::estimation::{EstimationResult, GroupPoint, Linearised, SolveOptions, solve_groups};
 
 /// Creates a problem of three global parameters, a local one per group, and two observations per block, the second from a
 /// survey.
@@ -25,7 +25,7 @@ fn problem() -> Problem {
     }
 }
 
-fn linearise(at: &GroupPoint, blocks: &mut Vec<Linearised>) -> Result<(), EstimationError> {
+fn linearise(at: &GroupPoint, blocks: &mut Vec<Linearised>) -> EstimationResult<()> {
     blocks.clear();
     for (k, observed) in at.observed.iter().enumerate() {
         let (g, t) = (at.group as f64, k as f64);

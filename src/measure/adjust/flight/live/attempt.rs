@@ -9,7 +9,7 @@ use crate::adjust::flight::solving::SolvedFlight;
 use crate::adjust::flight::usage::RemovedObservation;
 use crate::adjust::layout::ParameterLayout;
 use crate::adjust::snooping::{SnoopingModel, SnoopingResult, SolvedGroup, Suspect, snoop_one_by_one};
-use crate::adjust::{AdjustError, GlobalTest};
+use crate::adjust::{AdjustResult, GlobalTest};
 use crate::estimation::quality::{self, chi_square_limit};
 use crate::estimation::{InformationPrior, Problem, SolveOptions};
 
@@ -51,7 +51,7 @@ impl FrameAttempt {
         local: &DVector<f64>,
         flight: &Flight,
         known: &InformationPrior,
-    ) -> Result<Self, AdjustError> {
+    ) -> AdjustResult<Self> {
         let mut flight = flight.clone();
         let everywhere: Vec<_> = model.wrong.iter().map(|s| RemovedObservation { group: 0, suspect: *s }).collect();
         flight.usage.reset_except(&everywhere);
@@ -92,7 +92,7 @@ struct FrameHypothesis<'s, 'a> {
 
 impl FrameHypothesis<'_, '_> {
     /// Solves the frame under this hypothesis, from the start values or from an earlier solution.
-    fn solve_with(&self, before: Option<&SolvedFlight>, rough: bool) -> Result<SolvedFlight, AdjustError> {
+    fn solve_with(&self, before: Option<&SolvedFlight>, rough: bool) -> AdjustResult<SolvedFlight> {
         let Self { model, layout, flight, known, .. } = self;
         let (mut group, members) = flight.frame_group(0, layout, None);
         group.local.copy_from(before.map_or(self.local, |b| &b.fit.groups[0].local));
@@ -135,7 +135,7 @@ impl SnoopingModel for FrameHypothesis<'_, '_> {
         last.flight_problem.members[0].len() > MIN_MARKERS + 1
     }
 
-    fn solve_from(&self, before: Option<&SolvedFlight>) -> Result<SolvedFlight, AdjustError> {
+    fn solve_from(&self, before: Option<&SolvedFlight>) -> AdjustResult<SolvedFlight> {
         self.solve_with(before, true)
     }
 }

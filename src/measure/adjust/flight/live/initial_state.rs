@@ -13,7 +13,7 @@ use crate::adjust::input::AdjustmentInput;
 use crate::adjust::outcome::with_prior_if_consistent;
 use crate::adjust::shapes::TYPICAL_CURVATURE_PER_M;
 use crate::adjust::snooping::SuspectTarget;
-use crate::adjust::{AdjustError, GlobalTest, Options, Solution};
+use crate::adjust::{AdjustResult, GlobalTest, Options, Solution};
 use crate::estimation::AttributedInformation;
 
 /// State after one frame, with the frame's result.
@@ -30,14 +30,14 @@ pub struct InitialState {
 ///
 /// # Errors
 /// Returns an error if the frame has no solution.
-pub fn start_state(flight: &Flight) -> Result<InitialState, AdjustError> {
+pub fn start_state(flight: &Flight) -> AdjustResult<InitialState> {
     let begin = |options: &Options| {
         initial_state_from_flight(Flight { input: AdjustmentInput { options, ..flight.input }, ..flight.clone() })
     };
     with_prior_if_consistent(flight.input.options, begin, |initial| std::slice::from_mut(&mut initial.solution))
 }
 
-fn initial_state_from_flight(flight: Flight) -> Result<InitialState, AdjustError> {
+fn initial_state_from_flight(flight: Flight) -> AdjustResult<InitialState> {
     let joint = JointSolution::for_single_frame(flight)?;
     let solution = joint.first_solution(true);
     let JointSolution { solved, removed, .. } = joint;

@@ -3,18 +3,14 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::adjust::AdjustError;
+use crate::adjust::{AdjustError, AdjustResult};
 use crate::estimation::InformationPrior;
 
 /// Adds process noise with this covariance to some unknowns (Woodbury's identity).
 ///
 /// # Errors
 /// Returns an error if a matrix is not positive definite.
-pub fn add_process_noise(
-    known: &mut InformationPrior,
-    columns: &[usize],
-    noise: DMatrix<f64>,
-) -> Result<(), AdjustError> {
+pub fn add_process_noise(known: &mut InformationPrior, columns: &[usize], noise: DMatrix<f64>) -> AdjustResult<()> {
     let coupling = known.information.select_columns(columns);
     let inner = invert_matrix(noise)? + coupling.select_rows(columns);
     known.information -= &coupling * invert_matrix(inner)? * coupling.transpose();
@@ -25,7 +21,7 @@ pub fn add_process_noise(
 ///
 /// # Errors
 /// Returns an error if the information matrix is not positive definite.
-pub fn apply_forgetting(known: &mut InformationPrior, base: &InformationPrior, share: f64) -> Result<(), AdjustError> {
+pub fn apply_forgetting(known: &mut InformationPrior, base: &InformationPrior, share: f64) -> AdjustResult<()> {
     let beyond = &known.information - &base.information;
     let fixed = &base.information * &base.mean;
     let right = &fixed + (&known.information * &known.mean - &fixed) * share;
@@ -44,7 +40,7 @@ pub fn reset_parameters(
     first: usize,
     mean: &DVector<f64>,
     covariance: DMatrix<f64>,
-) -> Result<(), AdjustError> {
+) -> AdjustResult<()> {
     let count = mean.len();
     let coupling = known.information.columns(first, count).into_owned();
     known.information -= &coupling * invert_matrix(coupling.rows(first, count).into_owned())? * coupling.transpose();
@@ -55,7 +51,7 @@ pub fn reset_parameters(
     Ok(())
 }
 
-fn invert_matrix(matrix: DMatrix<f64>) -> Result<DMatrix<f64>, AdjustError> {
+fn invert_matrix(matrix: DMatrix<f64>) -> AdjustResult<DMatrix<f64>> {
     matrix.cholesky().map(|c| c.inverse()).ok_or_else(singular_state_error)
 }
 

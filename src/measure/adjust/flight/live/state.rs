@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 use super::attempt::{DISTURBANCE_ALPHA, FrameAttempt, LiveModel};
 use super::departure::ShapeDeparture;
 use super::process_model::{add_process_noise, apply_forgetting, reset_parameters};
-use crate::adjust::AdjustError;
+use crate::adjust::AdjustResult;
 use crate::adjust::flight::frames::Flight;
 use crate::adjust::shapes::burning_covariance;
 use crate::adjust::terms::mounting_rotation_prior;
@@ -71,7 +71,7 @@ impl LiveState {
     ///
     /// # Errors
     /// Returns an error if the frame has no solution under either hypothesis.
-    pub fn step(&self, flight: &Flight, elapsed_s: f64) -> Result<LiveStep, AdjustError> {
+    pub fn step(&self, flight: &Flight, elapsed_s: f64) -> AdjustResult<LiveStep> {
         let mut base = self.base.clone();
         let predicted = self.predict_prior(flight, &mut base, elapsed_s)?;
         let carried = self.attempt_frame(flight, &predicted);
@@ -94,7 +94,7 @@ impl LiveState {
     }
 
     /// Prepares the adjustment of the next frame with the prior `known`, from this state's parameters.
-    fn attempt_frame(&self, flight: &Flight, known: &InformationPrior) -> Result<FrameAttempt, AdjustError> {
+    fn attempt_frame(&self, flight: &Flight, known: &InformationPrior) -> AdjustResult<FrameAttempt> {
         FrameAttempt::new(&self.model, &self.local, flight, known)
     }
 
@@ -109,7 +109,7 @@ impl LiveState {
     ///
     /// # Errors
     /// Returns an error if the information matrix is not positive definite.
-    pub fn updated(&self, step: &LiveStep, flight: &Flight, elapsed_s: f64) -> Result<Self, AdjustError> {
+    pub fn updated(&self, step: &LiveStep, flight: &Flight, elapsed_s: f64) -> AdjustResult<Self> {
         let LiveStep { attempt, mount_disturbed, base } = step;
         let fit = &attempt.solved.fit;
         let frames = if *mount_disturbed { 1 } else { self.frames + 1 };
@@ -141,7 +141,7 @@ impl LiveState {
         flight: &Flight,
         base: &mut InformationPrior,
         elapsed_s: f64,
-    ) -> Result<InformationPrior, AdjustError> {
+    ) -> AdjustResult<InformationPrior> {
         let terms = self.model.layout.curvature_terms;
         let n = terms.saturating_sub(1);
         let drift = flight.hyperparameters.drift_covariance(&flight.input.scene.camera_from_wing);
@@ -158,14 +158,14 @@ impl LiveState {
     }
 
     /// Solves the frame with a new mounting.
-    fn try_new_mounting(&self, flight: &Flight, predicted: &InformationPrior) -> Result<FrameAttempt, AdjustError> {
+    fn try_new_mounting(&self, flight: &Flight, predicted: &InformationPrior) -> AdjustResult<FrameAttempt> {
         let mut known = predicted.clone();
         self.reset_mounting(flight, &mut known)?;
         self.attempt_frame(flight, &known)
     }
 
     /// Resets rotation and shift of the mounting to the mount's repeatability.
-    fn reset_mounting(&self, flight: &Flight, known: &mut InformationPrior) -> Result<(), AdjustError> {
+    fn reset_mounting(&self, flight: &Flight, known: &mut InformationPrior) -> AdjustResult<()> {
         let own = self.model.layout.mounting;
         let rotation = mounting_rotation_prior(&flight.input);
         let shift = flight.input.setup.uncertainty[Width::MountShift];
