@@ -85,8 +85,18 @@ fn check_sign(reader: &mut Reader, file: &Path, setup: &Setup) {
     if 2 * behind > markers {
         let [dx, dy] = [setup.span_direction.x, setup.span_direction.y];
         let problem = format!("is [{dx}, {dy}], but {behind} of {markers} markers are in the opposite direction");
+        let along = [setup.span_direction.x, setup.span_direction.y];
+        let ahead_if_flipped = |axis: usize| {
+            let flipped = |p: &Vector3<f64>| {
+                let off = p.map_with_location(|row, _, v| if row == axis { -v } else { v }) - setup.projection_centre_m;
+                off.x * along[0] + off.y * along[1]
+            };
+            2 * setup.markers.iter().filter(|m| !m.fixed && flipped(&m.position_m) > 0.0).count() > markers
+        };
+        let axis = (0..2).find(|axis| ahead_if_flipped(*axis));
+        let sign = axis.map_or(String::new(), |axis| format!(" or the sign of {} in the survey", ["x_m", "y_m"][axis]));
         let remedy = format!(
-            "it must point from the camera to the tip: try [{}, {}], or check camera.projection_centre_m",
+            "it must point from the camera to the tip: try [{}, {}], or check camera.projection_centre_m{sign}",
             -dx, -dy
         );
         reader.fault(file, "wing.span_direction", problem, remedy);

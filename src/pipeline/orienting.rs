@@ -142,8 +142,8 @@ fn find_contradictions(setup: &Setup, fit: &OrientationFit, frames: &mut [Ground
         return Err(IdentifyError::Marks(text));
     }
     for (frame, marker, off_px) in found {
-        let cause = cause.as_ref().map_or("mark it again, or check its name", String::as_str);
-        let reason = format!("its manual mark is {off_px:.0} px from the expected position: {cause}");
+        let unknown = || format!("its manual mark is {off_px:.0} px from the expected position: mark it again");
+        let reason = cause.clone().unwrap_or_else(unknown);
         frames[frame].contradictions.push((marker, reason));
     }
     Ok(())

@@ -43,6 +43,41 @@ fn bend_survey(sound: &Setup, wrong: &mut Setup, size: f64) {
     }
 }
 
+/// Scales all lengths of a survey.
+fn scale_lengths(wrong: &mut Setup, factor: f64) {
+    wrong.markers.iter_mut().for_each(|m| m.position_m *= factor);
+    wrong.projection_centre_m *= factor;
+}
+
+/// Makes a gross error of axes, units or marks, and returns the causes that name it.
+fn with_gross_error(wrong: &mut Setup, kind: usize, random: &mut StdRng) -> Vec<Cause> {
+    match KINDS[kind] {
+        "mirrored axes" => {
+            let axis = random.random_range(0..3);
+            wrong.markers.iter_mut().for_each(|m| m.position_m[axis] *= -1.0);
+            wrong.projection_centre_m[axis] *= -1.0;
+            vec![Cause::Mirrored]
+        }
+        "units" if random.random() => {
+            scale_lengths(wrong, 1.0 / 0.3048);
+            vec![Cause::SurveyScale]
+        }
+        "units" => {
+            wrong.markers.iter_mut().for_each(|m| m.diameter_m /= 0.0254);
+            vec![Cause::SurveyScale]
+        }
+        "axes" => {
+            let (a, b, order) = [(0, 1, 2), (1, 2, 1), (0, 2, 5)][random.random_range(0..3usize)];
+            for marker in &mut wrong.markers {
+                let p = &mut marker.position_m;
+                (p[a], p[b]) = (p[b], p[a]);
+            }
+            vec![Cause::Axes(8 * order)]
+        }
+        _ => (0..9).map(Cause::MarkAxes).collect(),
+    }
+}
+
 /// A setup with an error of `size` of the kind's unit, and the causes that name it; of a marker only if it is visible.
 fn with_error(sound: &Setup, visible: &[usize], kind: usize, size: f64, random: &mut StdRng) -> (Setup, Vec<Cause>) {
     let mut wrong = sound.clone();
@@ -50,10 +85,6 @@ fn with_error(sound: &Setup, visible: &[usize], kind: usize, size: f64, random: 
         let of: Vec<usize> =
             visible.iter().copied().filter(|k| shape.is_none_or(|s| sound.markers[*k].shape == s)).collect();
         of[random.random_range(0..of.len())]
-    };
-    let scale_lengths = |wrong: &mut Setup, factor: f64| {
-        wrong.markers.iter_mut().for_each(|m| m.position_m *= factor);
-        wrong.projection_centre_m *= factor;
     };
     let causes = match KINDS[kind] {
         "scale of image" => {
@@ -89,30 +120,7 @@ fn with_error(sound: &Setup, visible: &[usize], kind: usize, size: f64, random: 
             wrong.markers[b].position_m = place;
             vec![Cause::Exchange(a, b), Cause::Exchange(b, a)]
         }
-        "mirrored axes" => {
-            let axis = random.random_range(0..3);
-            wrong.markers.iter_mut().for_each(|m| m.position_m[axis] *= -1.0);
-            wrong.projection_centre_m[axis] *= -1.0;
-            vec![Cause::Mirrored]
-        }
-        "units" if random.random() => {
-            scale_lengths(&mut wrong, 1.0 / 0.3048);
-            vec![Cause::SurveyScale]
-        }
-        "units" => {
-            wrong.markers.iter_mut().for_each(|m| m.diameter_m /= 0.0254);
-            vec![Cause::SurveyScale]
-        }
-        "axes" => {
-            let (a, b) = [(0, 1), (1, 2), (0, 2)][random.random_range(0..3usize)];
-            for marker in &mut wrong.markers {
-                let p = &mut marker.position_m;
-                (p[a], p[b]) = (p[b], p[a]);
-            }
-            // Every permutation that restores the relative places explains the images.
-            (1..48).map(Cause::Axes).collect()
-        }
-        _ => (0..9).map(Cause::MarkAxes).collect(),
+        _ => with_gross_error(&mut wrong, kind, random),
     };
     (wrong, causes)
 }

@@ -56,7 +56,7 @@ fn with_lens(text: &str, factor: f64) -> String {
 /// A file, its change, and words of the cause.
 type Case = (&'static str, fn(&str) -> String, &'static [&'static str]);
 
-const CASES: [Case; 8] = [
+const CASES: [Case; 9] = [
     (CAMERA, |t| with_lens(t, 1.02), &["the focal length is off by -", "camera.toml (fx, fy)"]),
     (CAMERA, |t| with_lens(t, 0.8), &["focal length", "camera.toml (fx, fy)"]),
     (
@@ -69,7 +69,8 @@ const CASES: [Case; 8] = [
         |t| t.replace(CENTRE, "[35.1985, 18.7004, 4.4395]"),
         &["camera.projection_centre_m", "off by -0.0", "in z"],
     ),
-    (SURVEY, |t| with_places(t, |_, [x, y, z]| [x, -y, z]), &["mirror image"]),
+    (SURVEY, |t| with_places(t, |_, [x, y, z]| [x, -y, z]), &["the sign of y_m in the survey"]),
+    (SURVEY, |t| with_places(t, |_, [x, y, z]| [-x, y, z]), &["mirror image"]),
     (SURVEY, |t| with_places(t, |_, p| p.map(|v| v / 0.3048)), &["feet"]),
     (SURVEY, |t| with_places(t, |_, [x, y, z]| [x, z, y]), &["z_m", "y_m seems to be the height"]),
     (SURVEY, |t| t.replace("0.32,", "12.6,").replace("0.36,", "14.17,"), &["inches"]),
@@ -144,7 +145,7 @@ fn manual_marks_that_disagree_are_named() {
         outcome(&["orient", "--installation", path(&folder), "--observations", file.to_str().unwrap(), &ground])
     };
     let (status, printed) = orient(marks(|id, [u, v]| (id == "M13").then_some([u + 30.0, v])));
-    assert!(status == Some(0) && printed.contains("not used: M13: its manual mark is 30 px"), "{printed}");
+    assert!(status == Some(0) && printed.contains("not used: M13: the manual mark of M13 is off by 3"), "{printed}");
     let places = marks(|_, p| Some(p));
     let exchanged = places.replace("M13,", "X,").replace("M14,", "M13,").replace("X,", "M14,");
     let (status, printed) = orient(exchanged);

@@ -301,12 +301,15 @@ impl WingView<'_> {
             return None;
         }
         let wide = Setup { mount_repeatability_px: WINDOW_PX / 3.0, ..self.setup.clone() };
+        let half_turned = turn_detections(&Subject::new(self.setup, vec![]), detections, Some(Cause::UpsideDown));
         let steps = [0.0, -STEP_PX, STEP_PX].map(|px| px / self.setup.lens.focal_px());
         let turns = steps.iter().flat_map(|u| steps.iter().map(move |v| (Cause::Turn, vec![-v, *u, 0.0])));
         let scales = SCALES.iter().map(|s| (Cause::ImageScale, vec![*s]));
-        let images = [(Cause::UpsideDown, vec![]), (Cause::Mirrored, vec![])];
-        let mut starts = turns.chain(images).chain(scales);
-        starts.find_map(|(cause, values)| {
+        let images = [Cause::UpsideDown, Cause::Mirrored].map(|cause| (cause, vec![]));
+        let starts = turns.chain(images).chain(scales).map(|start| (start, detections));
+        // Mirrored up to down is mirrored left to right and upside down.
+        let mut starts = starts.chain([((Cause::Mirrored, vec![]), half_turned.as_slice())]);
+        starts.find_map(|((cause, values), detections)| {
             let setup = if cause == Cause::Turn { &wide } else { self.setup };
             let right = cause.apply(&Subject::new(setup, vec![]), &values);
             let seen = turn_detections(&right, detections, Some(cause));
