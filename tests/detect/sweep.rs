@@ -51,7 +51,7 @@ impl Marker {
 }
 
 /// Fractions of white and black of every pixel, from samples of the sharp marker, blurred by a
-/// separable Gaussian.
+/// separable Gaussian. The kernel of a pass contains the mean over the samples of a pixel.
 fn coverage(marker: &Marker, crossing: Vector2<f64>, outline: Vector2<f64>) -> [Vec<f64>; 2] {
     let n = SIZE * FINE;
     let place = |k: usize| (k as f64 + 0.5) / FINE as f64 - 0.5;
@@ -59,32 +59,28 @@ fn coverage(marker: &Marker, crossing: Vector2<f64>, outline: Vector2<f64>) -> [
     let fine: [Vec<f64>; 2] = sharp.map(|[white, black]| (white, black)).unzip().into();
     let reach = (4.5 * marker.blur * FINE as f64).ceil() as isize;
     let sigma = marker.blur * FINE as f64;
-    let kernel: Vec<f64> = (-reach..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();
-    let total: f64 = kernel.iter().sum();
-    let pass = |from: &[f64], step: usize, length: usize| -> Vec<f64> {
-        (0..from.len())
-            .map(|i| {
-                let k = (i / step) % length;
-                let low = reach.min(k as isize);
-                let high = reach.min((length - 1 - k) as isize);
-                // Slices next to each other: indexing each would take most of the time.
-                let weights = &kernel[(reach - low) as usize..=(reach + high) as usize];
-                let values = from[i - low as usize * step..].iter().step_by(step);
-                weights.iter().zip(values).map(|(weight, value)| weight * value).sum::<f64>() / total
-            })
-            .collect()
-    };
-    fine.map(|fine| {
-        if marker.edges.is_none() && fine.iter().all(|v| *v == 0.0) {
-            return vec![0.0; SIZE * SIZE];
+    let gauss = |k: isize| if k.abs() > reach { 0.0 } else { (-0.5 * (k as f64 / sigma).powi(2)).exp() };
+    let total: f64 = (-reach..=reach).map(gauss).sum();
+    let samples = FINE as isize;
+    let kernel: Vec<f64> = (-reach..reach + samples)
+        .map(|k| (0..samples).map(|i| gauss(k - i)).sum::<f64>() / (total * FINE as f64))
+        .collect();
+    // Blurs the rows and returns the transposed image.
+    let pass = |from: &[f64]| -> Vec<f64> {
+        let rows = from.len() / n;
+        let mut to = vec![0.0; rows * SIZE];
+        for (y, row) in from.chunks_exact(n).enumerate().filter(|(_, row)| row.iter().any(|v| *v != 0.0)) {
+            for x in 0..SIZE {
+                let begin = (x * FINE) as isize - reach;
+                let (low, high) = (begin.max(0), (begin + kernel.len() as isize).min(n as isize));
+                let weights = &kernel[(low - begin) as usize..(high - begin) as usize];
+                let values = &row[low as usize..high as usize];
+                to[x * rows + y] = weights.iter().zip(values).map(|(weight, value)| weight * value).sum();
+            }
         }
-        let blurred = pass(&pass(&fine, 1, n), n, n);
-        let mean = |x: usize, y: usize| {
-            let block = (0..FINE).flat_map(|j| (0..FINE).map(move |i| (y * FINE + j) * n + x * FINE + i));
-            block.map(|k| blurred[k]).sum::<f64>() / (FINE * FINE) as f64
-        };
-        (0..SIZE * SIZE).map(|i| mean(i % SIZE, i / SIZE)).collect()
-    })
+        to
+    };
+    fine.map(|fine| pass(&pass(&fine)))
 }
 
 fn grey(marker: &Marker, shares: &[Vec<f64>; 2]) -> Vec<f64> {
