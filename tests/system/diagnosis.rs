@@ -70,7 +70,7 @@ const CASES: [Case; 9] = [
         &["camera.projection_centre_m", "off by -0.0", "in z"],
     ),
     (SURVEY, |t| with_places(t, |_, [x, y, z]| [x, -y, z]), &["the sign of y_m in the survey"]),
-    (SURVEY, |t| with_places(t, |_, [x, y, z]| [-x, y, z]), &["mirror image"]),
+    (SURVEY, |t| with_places(t, |_, [x, y, z]| [-x, y, z]), &["the sign of x_m in the survey"]),
     (SURVEY, |t| with_places(t, |_, p| p.map(|v| v / 0.3048)), &["feet"]),
     (SURVEY, |t| with_places(t, |_, [x, y, z]| [x, z, y]), &["z_m", "y_m seems to be the height"]),
     (SURVEY, |t| t.replace("0.32,", "12.6,").replace("0.36,", "14.17,"), &["inches"]),
