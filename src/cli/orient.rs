@@ -44,7 +44,7 @@ pub(super) fn run(args: &OrientArgs) -> Result<Completion, Failure> {
     let installation = load_without_orientation(&resolve_installation(args.installation.as_deref())?)?;
     let mut frames = read_frames(&args.images, args.observations.as_deref(), args.jobs, &installation)?;
     let setup = &installation.setup;
-    let fit = orienting::orient_frames(setup, &mut frames)
+    let mut fit = orienting::orient_frames(setup, &mut frames)
         .map_err(|e| Failure::Failed(format!("no orientation: {}", failure_text(setup, &frames, &e))))?;
     let detected = orienting::detected_markers(&frames);
     let mut refusal = fit.refusal(setup);
@@ -55,6 +55,7 @@ pub(super) fn run(args: &OrientArgs) -> Result<Completion, Failure> {
     let is_bent = found.as_ref().map_or(fit.is_bent(), |found| found.is_bent_on_ground(setup));
     // The diagnosis allows for the calibration's covariance and the stated bend.
     let fits = found.as_ref().is_some_and(|found| found.global_test == Some(GlobalTest::Passed));
+    let wrong = found.as_ref().and_then(|found| found.wrong_marker());
     let cause = found.and_then(|found| found.text()).filter(|_| !is_bent);
     refusal = refusal.filter(|_| !is_bent && !fits).map(|refusal| {
         let why = cause.as_deref().unwrap_or("no single cause explains it; check survey, lens and frame");
@@ -70,6 +71,7 @@ pub(super) fn run(args: &OrientArgs) -> Result<Completion, Failure> {
     let accepted = refusal.as_ref().and(args.accept.as_deref());
     let written = installation::write_orientation(&installation, &fit, &images, accepted);
     written.map_err(|error| Failure::from_write_error(&file, &error, CHECK_WRITE_ACCESS))?;
+    let cause = cause.filter(|cause| !wrong.is_some_and(|marker| fit.explain_unused(marker, cause)));
     let remarks = orientation_remarks(&fit, refusal, cause);
     print_line(&if args.json {
         fit_json(&installation, &fit, &remarks)

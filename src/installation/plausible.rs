@@ -5,6 +5,7 @@ use std::path::Path;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::{Fault, INSTALLATION_FILE, Reader};
+use crate::measure::identify::UNITS;
 use crate::measure::setup::{Setup, WingSide};
 
 /// Largest length of a wing, m: the largest wingspan of an aircraft that has flown is 117 m.
@@ -47,8 +48,18 @@ fn check_units(reader: &mut Reader, file: &Path, survey: &Path, setup: &Setup) {
     }
     let nearest_m = points().map(|p| (p - setup.projection_centre_m).norm()).fold(f64::INFINITY, f64::min);
     if nearest_m > MAX_WING_LENGTH_M {
-        let problem = format!("is {nearest_m:.0} m from the nearest marker");
-        let remedy = "give it in metres, in the survey's frame";
+        let apart_m = |survey: f64, centre: f64| {
+            points().map(|p| (p * survey - setup.projection_centre_m * centre).norm()).fold(f64::INFINITY, f64::min)
+        };
+        let of_unit = |(name, m): &(&'static str, f64)| [(*name, "the survey", *m, 1.0), (*name, "it", 1.0, *m)];
+        let nearest = UNITS.iter().flat_map(of_unit).min_by(|a, b| apart_m(a.2, a.3).total_cmp(&apart_m(b.2, b.3)));
+        let (problem, remedy) = (
+            format!("is {nearest_m:.0} m from the nearest marker"),
+            nearest.map_or(String::new(), |(name, which, survey, centre)| {
+                let apart_m = apart_m(survey, centre);
+                format!("give both in metres, in one frame (with {which} in {name} they would be {apart_m:.0} m apart)")
+            }),
+        );
         reader.fault(file, "camera.projection_centre_m", problem, remedy);
     }
 }

@@ -84,7 +84,7 @@ impl Suspect {
         let (w, size) = (self.w.abs(), self.size.abs());
         match (self.target, self.has_ground_image) {
             (SuspectTarget::Flight, true) => format!(
-                "marker {id} was removed: its image is about {size:.1} px from the position that the other markers predict (w = {w:.1}, limit {limit:.1})"
+                "marker {id} was removed: its image is about {size:.1} px from the position that the other markers predict (w = {w:.1}, limit {limit:.1}); check the image, and its survey if other frames remove it too"
             ),
             (SuspectTarget::Flight, false) => format!(
                 "marker {id} was removed: its image or its surveyed position is wrong by about {size:.1} px in the image (w = {w:.1}, limit {limit:.1}); check both"

@@ -40,7 +40,7 @@ use super::estimation::quality::{GlobalTest, critical_w, global_test};
 use super::observation::{Estimate, Observation};
 use super::setup::{Orientation, Setup};
 
-pub use diagnose::{Cause, Diagnosis, Explanation, diagnose_ground, diagnose_ground_fit, diagnose_observations};
+pub use diagnose::{Cause, Diagnosis, Explanation, UNITS, diagnose_ground, diagnose_ground_fit, diagnose_observations};
 pub use ground::estimate_orientation;
 pub use locate::MIN_SEPARATION_PX;
 pub use scene::WingView;
@@ -176,6 +176,14 @@ impl OrientationFit {
         is_rejected.then(|| {
             format!("the variance factor is {:.1} with a redundancy of {}", self.variance_factor, self.redundancy)
         })
+    }
+
+    /// Replaces the reason why a marker was not used; returns false if it was used.
+    pub fn explain_unused(&mut self, marker: usize, reason: &str) -> bool {
+        let mut missing: Vec<&mut (usize, String)> =
+            self.identities.iter_mut().flat_map(|i| &mut i.missing).filter(|(other, _)| *other == marker).collect();
+        missing.iter_mut().for_each(|one| one.1 = reason.to_owned());
+        !missing.is_empty() && self.residuals.iter().all(|(_, other, _)| *other != marker)
     }
 
     /// Returns the mean observations of the identified markers, weighted over the ground frames.

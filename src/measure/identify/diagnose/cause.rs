@@ -341,7 +341,7 @@ pub(super) fn span_m(setup: &Setup) -> f64 {
 }
 
 /// Units of length that are confused with metres, in metres.
-pub(super) const UNITS: [(&str, f64); 4] =
+pub const UNITS: [(&str, f64); 4] =
     [("feet", 0.3048), ("inches", 0.0254), ("centimetres", 0.01), ("millimetres", 1e-3)];
 
 /// Returns the remedy for a scale that is the logarithm of metres per unit, or of its inverse.

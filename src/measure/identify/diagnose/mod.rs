@@ -24,7 +24,7 @@ use crate::observation::{Estimate, Observation};
 use crate::ordering::sort_by_value;
 use crate::setup::{Orientation, Setup, Shape};
 
-pub use cause::Cause;
+pub use cause::{Cause, UNITS};
 use evidence::{CauseFit, Evidence};
 pub use search::{diagnose_ground, diagnose_ground_fit};
 use subject::{NamedImage, Subject};
@@ -86,6 +86,14 @@ impl Diagnosis {
     pub fn is_bent_on_ground(&self, setup: &Setup) -> bool {
         let best = self.causes().first().filter(|best| best.cause == Cause::Bend);
         best.and_then(|best| best.size.first()).is_some_and(|tip| !cause::is_bent(tip.value, setup))
+    }
+
+    /// Returns the marker whose survey or manual mark is the only cause.
+    pub fn wrong_marker(&self) -> Option<usize> {
+        match self.causes() {
+            [Explanation { cause: Cause::Point(marker, _) | Cause::Mark(marker), .. }] => Some(*marker),
+            _ => None,
+        }
     }
 
     /// Describes the causes in one sentence; `None` without one.
