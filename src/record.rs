@@ -23,12 +23,14 @@ pub use provenance::{Parameters, Provenance, Timing};
 pub use quality::{CadFit, Correlation, Panes, Quality};
 pub use reason::Reason;
 
-/// Status of an image: solved or failed.
+/// Status of an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RecordStatus {
-    /// The image is solved: all numbers are present.
+    /// The image is solved, and the result may be used: all numbers are present.
     Ok,
+    /// The image is adjusted, but the result is rejected and implausible and may not be used: `reason` says why.
+    Doubtful,
     /// The image is not solved: `reason` says what to do.
     #[default]
     Failed,
@@ -79,9 +81,9 @@ pub fn variant_name(value: impl Serialize) -> String {
 pub struct ImageRecord {
     /// File name of the frame.
     pub image: String,
-    /// Status: solved or failed.
+    /// Status: solved, doubtful or failed.
     pub status: RecordStatus,
-    /// Sentence that says what to do; only with `failed`.
+    /// Sentence that says what to do; not with `ok`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
     /// Deflection model that was used; `None` for a frame that was never solved, written as an empty string.
@@ -132,7 +134,7 @@ impl ImageRecord {
         Self { image: image.into(), reason: Some(reason.into()), ..Self::default() }
     }
 
-    /// Returns whether the image is solved.
+    /// Returns whether the image is solved and the result may be used.
     pub fn is_solved(&self) -> bool {
         self.status == RecordStatus::Ok
     }

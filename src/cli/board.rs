@@ -3,8 +3,8 @@
 #[cfg(feature = "gphoto")]
 use super::camera_child;
 use super::{
-    Completion, Failure, camera_test, check, copy, detect, init, mount_check, orient, prune, run, serve, solve, status,
-    verify,
+    Completion, Failure, camera_test, check, copy, detect, diagnose, init, mount_check, orient, prune, run, serve,
+    solve, status, verify,
 };
 use crate::report::ReportBuilder;
 
@@ -28,6 +28,8 @@ commands! {
     Detect(detect::DetectArgs) => detect::run,
     /// Estimate the camera's attitude from ground frames
     Orient(orient::OrientArgs) => orient::run,
+    /// Find the error that explains images which do not fit
+    Diagnose(diagnose::DiagnoseArgs) => diagnose::run,
     /// Estimate bending, torsion and positions for each image
     Solve(solve::SolveArgs) => solve::run [reports],
     /// Verify every checksum and every invariant of a store

@@ -98,7 +98,7 @@ fn orient_camera(directory: &Path, ground: &Path) -> TaskResult<()> {
     let fit = fit.map_err(|e| Failure::from_path_error(ground, e))?;
     let [frame] = frames;
     let images = [(frame.processed.image, frame.processed.digest)];
-    installation::write_orientation(&installation, &fit, &images).map_err(|e| Failure::from_path_error(ground, e))
+    installation::write_orientation(&installation, &fit, &images, None).map_err(|e| Failure::from_path_error(ground, e))
 }
 
 /// Runs the daemon until the end of its timetable. An interrupted demo is resumed.

@@ -6,7 +6,18 @@ use clap::Command;
 const COMMAND_GROUPS: [(&str, &[&str]); 5] = [
     (
         "Prepare an aircraft",
-        &["init", "plan", "calibrate", "convert", "orient", "mount-check", "check", "camera-test", "time-check"],
+        &[
+            "init",
+            "plan",
+            "calibrate",
+            "convert",
+            "orient",
+            "diagnose",
+            "mount-check",
+            "check",
+            "camera-test",
+            "time-check",
+        ],
     ),
     ("Record in flight", &["run", "status", "trigger"]),
     (
@@ -50,6 +61,7 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
     ("calibrate", &["wingd calibrate --board board.toml --output camera.toml --report calibration.html board/*.jpg"]),
     ("convert", &["wingd convert installation/camera.toml wing.cameramodel"]),
     ("orient", &["wingd orient --installation installation frames/ground.jpg"]),
+    ("diagnose", &["wingd diagnose --installation installation frames/ground.jpg"]),
     ("mount-check", &["wingd mount-check --installation installation frames/ground.jpg frames/ground.jpg"]),
     ("check", &["wingd check --config wingd.toml", "wingd check --installation installation"]),
     ("camera-test", &["wingd camera-test --config wingd.toml --shots 2 --output look"]),

@@ -78,6 +78,8 @@ pub(super) fn run(args: &LearnArgs) -> TaskResult<Completion> {
     }
     let last = candidates.last().and_then(|candidate| candidate.contribution.as_ref());
     let known = last.map_or(vec![], learning::estimated_differences);
+    let contradictions = last.map_or(vec![], learning::list_contradictions);
+    print_notes(contradictions.iter().map(|text| format!("warning: {text}")));
     let output = if args.json { outcome_json } else { outcome_text };
     print_line(&output(&file, &outcomes, count, &known))?;
     Ok(Completion::from_success(outcomes.iter().all(|outcome| outcome.status != "refused")))

@@ -55,6 +55,7 @@ mod demo;
 #[cfg(feature = "desk")]
 mod desk;
 mod detect;
+mod diagnose;
 #[cfg(feature = "desk")]
 mod export;
 #[cfg(feature = "desk")]

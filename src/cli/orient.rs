@@ -1,6 +1,6 @@
 //! `wingd orient` estimates the camera's attitude from ground frames and writes orientation.toml.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 
@@ -9,6 +9,7 @@ use super::{Completion, Failure, batch, print_line, print_notes};
 use crate::desk::CHECK_WRITE_ACCESS;
 use crate::desk::manual_points::ManualPoints;
 use crate::installation::{self, Installation};
+use crate::measure::estimation::GlobalTest;
 use crate::measure::identify::{self, IdentifyError, OrientationFit};
 use crate::measure::setup::Setup;
 use crate::pipeline::orienting::{self, GroundFrame};
@@ -28,6 +29,9 @@ pub struct OrientArgs {
     /// image); they replace the detections of these markers
     #[arg(long, value_name = "FILE.csv")]
     observations: Option<PathBuf>,
+    /// Write an orientation that its test refuses, marked with this reason
+    #[arg(long, value_name = "REASON")]
+    accept: Option<String>,
     /// Print the fit as one JSON object
     #[arg(long)]
     json: bool,
@@ -38,7 +42,53 @@ pub struct OrientArgs {
 
 pub(super) fn run(args: &OrientArgs) -> Result<Completion, Failure> {
     let installation = load_without_orientation(&resolve_installation(args.installation.as_deref())?)?;
-    let files = batch::expand_folders(&args.images)?;
+    let mut frames = read_frames(&args.images, args.observations.as_deref(), args.jobs, &installation)?;
+    let setup = &installation.setup;
+    let mut fit = orienting::orient_frames(setup, &mut frames)
+        .map_err(|e| Failure::Failed(format!("no orientation: {}", failure_text(setup, &frames, &e))))?;
+    let detected = orienting::detected_markers(&frames);
+    let mut refusal = fit.refusal(setup);
+    let found = match refusal {
+        Some(_) => identify::diagnose_ground(setup, &detected),
+        None => identify::diagnose_ground_fit(setup, &detected, &fit),
+    };
+    let is_bent = found.as_ref().map_or(fit.is_bent(), |found| found.is_bent_on_ground(setup));
+    // The diagnosis allows for the calibration's covariance and the stated bend.
+    let fits = found.as_ref().is_some_and(|found| found.global_test == Some(GlobalTest::Passed));
+    let wrong = found.as_ref().and_then(|found| found.wrong_marker());
+    let cause = found.and_then(|found| found.text()).filter(|_| !is_bent);
+    refusal = refusal.filter(|_| !is_bent && !fits).map(|refusal| {
+        let why = cause.as_deref().unwrap_or("no single cause explains it; check survey, lens and frame");
+        format!("{refusal}: {why}")
+    });
+    let refusal = axes_refusal(setup, &fit).or(refusal);
+    if let (Some(refusal), None) = (&refusal, &args.accept) {
+        return Err(Failure::Failed(format!("no orientation: {refusal}; --accept \"REASON\" writes it nevertheless")));
+    }
+    let images: Vec<(String, String)> =
+        frames.iter().map(|f| (f.processed.image.clone(), f.processed.digest.clone())).collect();
+    let file = installation.directory.join(installation::ORIENTATION_FILE);
+    let accepted = refusal.as_ref().and(args.accept.as_deref());
+    let written = installation::write_orientation(&installation, &fit, &images, accepted);
+    written.map_err(|error| Failure::from_write_error(&file, &error, CHECK_WRITE_ACCESS))?;
+    let cause = cause.filter(|cause| !wrong.is_some_and(|marker| fit.explain_unused(marker, cause)));
+    let remarks = orientation_remarks(&fit, refusal, cause);
+    print_line(&if args.json {
+        fit_json(&installation, &fit, &remarks)
+    } else {
+        fit_text(&installation, &fit, &remarks)
+    })?;
+    Ok(Completion::All)
+}
+
+/// Detects the markers of ground frames and adds manual marks.
+pub(super) fn read_frames(
+    images: &[PathBuf],
+    observations: Option<&Path>,
+    jobs: usize,
+    installation: &Installation,
+) -> Result<Vec<GroundFrame>, Failure> {
+    let files = batch::expand_folders(images)?;
     let mut frames = Vec::with_capacity(files.len());
     let mut reasons: Vec<String> = vec![];
     let process = |name: &str, bytes: Result<&[u8], Reason>| {
@@ -46,7 +96,7 @@ pub(super) fn run(args: &OrientArgs) -> Result<Completion, Failure> {
             .and_then(|b| orienting::process_ground_frame(name, b, &installation.setup))
             .map_err(|why| format!("{name}: {why}"))
     };
-    batch::for_each_image(&files, args.jobs, "detecting", process, |ground| {
+    batch::for_each_image(&files, jobs, "detecting", process, |ground| {
         match ground {
             Ok(frame) => frames.push(frame),
             Err(reason) => reasons.push(reason),
@@ -56,46 +106,53 @@ pub(super) fn run(args: &OrientArgs) -> Result<Completion, Failure> {
     if !reasons.is_empty() {
         return Err(Failure::Failed(reasons.join("\nwingd: ")));
     }
-    let setup = &installation.setup;
-    let names: Vec<String> = frames.iter().map(|f| f.processed.image.clone()).collect();
-    if let Some(file) = &args.observations {
-        let manual = ManualPoints::read(file, &files, setup)?;
+    if let Some(file) = observations {
+        let manual = ManualPoints::read(file, &files, &installation.setup)?;
         print_notes(&manual.note);
-        frames
-            .iter_mut()
-            .zip(&names)
-            .for_each(|(frame, name)| frame.set_manual_observations(manual.for_image(name).cloned().collect()));
+        for frame in &mut frames {
+            let of_frame = manual.for_image(&frame.processed.image).cloned().collect();
+            frame.set_manual_observations(of_frame);
+        }
     }
-    let fit = orienting::orient_frames(setup, &mut frames)
-        .map_err(|e| Failure::Failed(format!("no orientation: {}", failure_text(setup, &frames, &e, &names))))?;
-    let images: Vec<(String, String)> =
-        frames.iter().map(|f| (f.processed.image.clone(), f.processed.digest.clone())).collect();
-    let file = installation.directory.join(installation::ORIENTATION_FILE);
-    let written = installation::write_orientation(&installation, &fit, &images);
-    written.map_err(|error| Failure::from_write_error(&file, &error, CHECK_WRITE_ACCESS))?;
-    print_line(&if args.json { fit_json(&installation, &fit) } else { fit_text(&installation, &fit) })?;
-    Ok(Completion::All)
+    Ok(frames)
 }
 
 /// Describes a failure with the frame concerned, and its cause if it can be diagnosed.
-fn failure_text(setup: &Setup, frames: &[GroundFrame], error: &IdentifyError, names: &[String]) -> String {
-    let name = |frame: usize| names.get(frame).map_or("a frame", String::as_str);
+fn failure_text(setup: &Setup, frames: &[GroundFrame], error: &IdentifyError) -> String {
+    let name = |frame: usize| frames.get(frame).map_or("a frame", |f| f.processed.image.as_str());
     match error {
         IdentifyError::Misfit(misfit) => format!("{}: {misfit}", name(misfit.frame)),
-        IdentifyError::TooFew { .. } => error.to_string(),
-        _ => identify::diagnose_ground_frames(setup, &orienting::detected_markers(frames))
-            .map_or_else(|| error.to_string(), |(frame, cause)| format!("{}: {cause}", name(frame))),
+        IdentifyError::TooFew { .. } | IdentifyError::Marks(_) => error.to_string(),
+        _ => {
+            let found = identify::diagnose_ground(setup, &orienting::detected_markers(frames));
+            let text = found.and_then(|found| found.text()).unwrap_or_else(|| error.to_string());
+            let names: Vec<&str> = frames.iter().map(|frame| frame.processed.image.as_str()).collect();
+            format!("{}: {text}", names.join(", "))
+        }
     }
 }
 
-/// Returns remarks on an image taken upside down and on a wing bent since the survey.
-fn orientation_remarks(fit: &OrientationFit) -> Vec<String> {
+/// Returns why a camera upside down below the wing is refused.
+fn axes_refusal(setup: &Setup, fit: &OrientationFit) -> Option<String> {
+    (is_upside_down(fit) && setup.is_lens_below_wing()).then(|| {
+        "the camera is upside down and below the wing: z of survey.csv and camera.projection_centre_m points down (body \
+         axes; give y and z the opposite sign), or the image of a high wing was rotated by 180 degrees"
+            .into()
+    })
+}
+
+fn is_upside_down(fit: &OrientationFit) -> bool {
     // Image axis v points down.
-    let up = fit.orientation.camera_from_survey * Vector3::z();
-    let on_its_head = up.y > UPSIDE_DOWN_COSINE;
+    (fit.orientation.camera_from_survey * Vector3::z()).y > UPSIDE_DOWN_COSINE
+}
+
+/// Returns remarks on an accepted refusal, an image taken upside down, and the diagnosis or a bend since the survey.
+fn orientation_remarks(fit: &OrientationFit, refusal: Option<String>, cause: Option<String>) -> Vec<String> {
     let turned = "the image is upside down; unless the camera was, rotate the images back: camera.toml is valid only for images as \
                 the camera took them";
-    on_its_head.then(|| turned.to_owned()).into_iter().chain(bend_remark(fit)).collect()
+    let accepted = refusal.map(|refusal| format!("accepted although {refusal}"));
+    let found = if accepted.is_some() { None } else { cause.or_else(|| bend_remark(fit)) };
+    accepted.into_iter().chain(is_upside_down(fit).then(|| turned.to_owned())).chain(found).collect()
 }
 
 /// Remark on bending between survey and ground frame, if significant.
@@ -130,7 +187,7 @@ fn rotation_sigmas_mrad(fit: &OrientationFit) -> Option<[f64; 3]> {
     fit.orientation.covariance_rad2.map(|c| [0, 1, 2].map(|k| 1e3 * c[(k, k)].max(0.0).sqrt()))
 }
 
-fn fit_json(installation: &Installation, fit: &OrientationFit) -> String {
+fn fit_json(installation: &Installation, fit: &OrientationFit, remarks: &[String]) -> String {
     let m = fit.orientation.camera_from_survey.matrix();
     let rows: Vec<Vec<f64>> = m.row_iter().map(|r| r.iter().copied().collect()).collect();
     let (rms_px, markers) = residual_rms(fit);
@@ -148,7 +205,7 @@ fn fit_json(installation: &Installation, fit: &OrientationFit) -> String {
             "sigma_height_m": bend.sigma,
             "significant": fit.is_bent(),
         })),
-        "remarks": orientation_remarks(fit),
+        "remarks": remarks,
         "unused": unused_markers(installation, fit).into_iter().map(|(id, reason)| {
             serde_json::json!({ "id": id, "reason": reason })
         }).collect::<Vec<_>>(),
@@ -156,7 +213,7 @@ fn fit_json(installation: &Installation, fit: &OrientationFit) -> String {
     .to_string()
 }
 
-fn fit_text(installation: &Installation, fit: &OrientationFit) -> String {
+fn fit_text(installation: &Installation, fit: &OrientationFit, remarks: &[String]) -> String {
     let (rms_px, markers) = residual_rms(fit);
     let file = installation.directory.join(installation::ORIENTATION_FILE);
     let sigma = rotation_sigmas_mrad(fit).map_or(String::new(), |s| {
@@ -167,7 +224,7 @@ fn fit_text(installation: &Installation, fit: &OrientationFit) -> String {
         let verdict = if fit.is_bent() { "significant" } else { "not significant" };
         format!("\nbending since the survey, at the tip: {mm} ± {sigma} mm, {verdict}")
     });
-    let remarks: String = orientation_remarks(fit).iter().map(|remark| format!("\n{remark}")).collect();
+    let remarks: String = remarks.iter().map(|remark| format!("\n{remark}")).collect();
     let not_used: String =
         unused_markers(installation, fit).iter().map(|(id, reason)| format!("\nnot used: {id}: {reason}")).collect();
     format!(

@@ -2,7 +2,7 @@
 
 use crate::installation::{FLIGHT_PRIOR_FILE, Installation, PriorFlight, StoredFlightPrior};
 use crate::measure::adjust::Estimate;
-use crate::measure::adjust::flight_prior::{FlightContribution, InvariantParameter};
+use crate::measure::adjust::flight_prior::FlightContribution;
 use crate::measure::widths::Unknown;
 use crate::pipeline::{self, ProcessedFrame, SolveJob};
 use crate::record::Reason;
@@ -112,13 +112,39 @@ const REPORTED_PARAMETERS: [(&str, f64, Unknown, usize); 8] = [
     ("projection_centre_z_m", 1.0, Unknown::ProjectionCentre, 2),
 ];
 
-/// Returns the estimated minus the specified value of the reported parameters.
-pub fn estimated_differences(contribution: &FlightContribution) -> Vec<NamedEstimate> {
-    let all = || contribution.normals.unknowns.iter().zip(&contribution.posterior);
+/// Returns the estimated minus the specified value of the reported parameters, and the prior standard deviation.
+fn reported_parameters(contribution: &FlightContribution) -> Vec<(&'static str, Estimate, f64)> {
+    let FlightContribution { normals, posterior, .. } = contribution;
     let of = |(name, factor, unknown, index): (&'static str, f64, Unknown, usize)| {
-        let is = |(l, _): &(&InvariantParameter, &Estimate)| l.unknown == unknown && l.index == index;
-        let (_, found) = all().find(is)?;
-        Some((name, Estimate { value: factor * found.value, sigma: found.sigma.map(|s| factor * s) }))
+        let k = normals.unknowns.iter().position(|l| l.unknown == unknown && l.index == index)?;
+        let (found, prior) = (posterior.get(k)?, normals.sigmas.get(k)?);
+        let value = Estimate { value: factor * found.value, sigma: found.sigma.map(|s| factor * s) };
+        Some((name, value, factor * prior))
     };
     REPORTED_PARAMETERS.into_iter().filter_map(of).collect()
+}
+
+/// Returns the estimated minus the specified value of the reported parameters.
+pub fn estimated_differences(contribution: &FlightContribution) -> Vec<NamedEstimate> {
+    reported_parameters(contribution).into_iter().map(|(name, found, _)| (name, found)).collect()
+}
+
+/// Number of standard deviations beyond which an estimate contradicts the installation.
+const CONTRADICTION_SIGMAS: f64 = 3.0;
+
+/// Describes the parameters of the installation that the flights contradict.
+pub fn list_contradictions(contribution: &FlightContribution) -> Vec<String> {
+    let text = |(name, found, prior): (&'static str, Estimate, f64)| {
+        // The difference of estimate and prior has the difference of their variances.
+        let sigma = (prior * prior - found.sigma?.powi(2)).max(0.0).sqrt();
+        let w = found.value.abs() / sigma;
+        (w > CONTRADICTION_SIGMAS && w.is_finite()).then(|| {
+            format!(
+                "{name}: the flights contradict the installation by {:.4} ({w:.1} standard deviations); check this value, or \
+                 increase its standard deviation in installation.toml",
+                found.value
+            )
+        })
+    };
+    reported_parameters(contribution).into_iter().filter_map(text).collect()
 }

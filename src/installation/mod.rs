@@ -95,6 +95,8 @@ pub struct Installation {
     pub flight_prior: Option<StoredFlightPrior>,
     /// Reason for accepting a refused calibration of the camera (`wingd calibrate --accept`).
     pub accepted: Option<String>,
+    /// Reason for accepting an orientation that its test refuses (`wingd orient --accept`).
+    pub accepted_orientation: Option<String>,
 }
 
 /// Main file, which names the others.
@@ -145,7 +147,6 @@ fn read_installation(directory: &Path, with_orientation: bool) -> Result<Install
     } else {
         None
     };
-    let (orientation, not_on_ground) = orientation.unzip();
     let flight_prior = match &parts {
         Some(parts) if orientation.is_some() && reader.faults.is_empty() => {
             flight_prior::read_flight_prior(&mut reader, &parts.setup, &parts.sources)
@@ -157,8 +158,9 @@ fn read_installation(directory: &Path, with_orientation: bool) -> Result<Install
         Some(parts) if reader.faults.is_empty() => Ok(Installation {
             directory: directory.into(),
             setup: parts.setup,
-            orientation,
-            unused_on_ground: not_on_ground.unwrap_or_default(),
+            unused_on_ground: orientation.as_ref().map_or(vec![], |o| o.unused.clone()),
+            accepted_orientation: orientation.as_ref().and_then(|o| o.accepted.clone()),
+            orientation: orientation.map(|o| o.orientation),
             cad,
             optics: parts.optics,
             structure: parts.structure,

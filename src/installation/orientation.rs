@@ -17,6 +17,8 @@ use crate::measure::setup::{Orientation, SurveyMarker};
 struct OrientationTable {
     camera_from_survey: [[f64; 3]; 3],
     covariance_rad2: Option<[[f64; 3]; 3]>,
+    /// Reason for accepting an orientation that its test refuses.
+    accepted: Option<String>,
     #[serde(default)]
     ground: Vec<GroundEntry>,
     /// Markers that were not used, with the reason.
@@ -44,11 +46,17 @@ struct GroundEntry {
 /// Largest deviation of the rows from orthonormality that rounding in a text file explains.
 const ORTHONORMAL_TOLERANCE: f64 = 1e-6;
 
-/// Reads the orientation, and the markers that its ground frames did not use, with the reason.
-pub(super) fn read_orientation(
-    reader: &mut Reader,
-    markers: &[SurveyMarker],
-) -> Option<(Orientation, Vec<(usize, String)>)> {
+/// Contents of `orientation.toml`.
+pub(super) struct StoredOrientation {
+    pub orientation: Orientation,
+    /// Markers that the ground frames did not use, with the reason.
+    pub unused: Vec<(usize, String)>,
+    /// Reason for accepting an orientation that its test refuses.
+    pub accepted: Option<String>,
+}
+
+/// Reads the orientation.
+pub(super) fn read_orientation(reader: &mut Reader, markers: &[SurveyMarker]) -> Option<StoredOrientation> {
     if !reader.directory.join(ORIENTATION_FILE).exists() {
         return None;
     }
@@ -74,7 +82,8 @@ pub(super) fn read_orientation(
     let camera_from_survey = Rotation3::from_matrix_unchecked(rotation);
     let index = |u: UnusedMarker| Some((markers.iter().position(|m| m.id == u.id)?, u.reason));
     let unused = table.unused.into_iter().filter_map(index).collect();
-    Some((Orientation { camera_from_survey, covariance_rad2, ground }, unused))
+    let orientation = Orientation { camera_from_survey, covariance_rad2, ground };
+    Some(StoredOrientation { orientation, unused, accepted: table.accepted })
 }
 
 /// Checks that camera and survey are those that the attitude was computed with.
@@ -127,6 +136,7 @@ pub fn write_orientation(
     installation: &Installation,
     fit: &OrientationFit,
     images: &[(String, String)],
+    accepted: Option<&str>,
 ) -> std::io::Result<()> {
     let m = fit.orientation.camera_from_survey.matrix();
     let mut text = String::from("# Attitude of the camera on the ground, written by `wingd orient`.\n");
@@ -137,6 +147,9 @@ pub fn write_orientation(
         let _ = writeln!(text, "sigma_mrad = [{}]\ncovariance_rad2 = {}", sigma.join(", "), format_rows(c));
     }
     let _ = writeln!(text, "variance_factor = {:?}\nredundancy = {}", fit.variance_factor, fit.redundancy);
+    if let Some(reason) = accepted {
+        let _ = writeln!(text, "accepted = {}", toml::Value::from(reason));
+    }
     text.push_str("\n# SHA-256 of the files it was computed with: another camera or survey needs another orientation\n[made_with]\n");
     for (name, digest) in installation.digests.iter().filter(|(name, _)| installation.sources.contains(name)) {
         let _ = writeln!(text, "{} = \"{digest}\"", toml::Value::from(name.as_str()));

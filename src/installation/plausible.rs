@@ -2,9 +2,10 @@
 
 use std::path::Path;
 
-use nalgebra::{Matrix2, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-use super::{INSTALLATION_FILE, Reader};
+use super::{Fault, INSTALLATION_FILE, Reader};
+use crate::measure::identify::UNITS;
 use crate::measure::setup::{Setup, WingSide};
 
 /// Largest length of a wing, m: the largest wingspan of an aircraft that has flown is 117 m.
@@ -21,6 +22,9 @@ pub(super) fn check_plausibility(reader: &mut Reader, setup: &Setup, survey: &st
     let survey = reader.directory.join(survey);
     let before = reader.faults.len();
     check_units(reader, &file, &survey, setup);
+    if reader.faults.len() == before {
+        check_vertical(reader, &survey, setup);
+    }
     if reader.faults.len() == before {
         check_sign(reader, &file, setup);
     }
@@ -44,9 +48,44 @@ fn check_units(reader: &mut Reader, file: &Path, survey: &Path, setup: &Setup) {
     }
     let nearest_m = points().map(|p| (p - setup.projection_centre_m).norm()).fold(f64::INFINITY, f64::min);
     if nearest_m > MAX_WING_LENGTH_M {
-        let problem = format!("is {nearest_m:.0} m from the nearest marker");
-        let remedy = "give it in metres, in the survey's frame";
+        let apart_m = |survey: f64, centre: f64| {
+            points().map(|p| (p * survey - setup.projection_centre_m * centre).norm()).fold(f64::INFINITY, f64::min)
+        };
+        let of_unit = |(name, m): &(&'static str, f64)| [(*name, "the survey", *m, 1.0), (*name, "it", 1.0, *m)];
+        let nearest = UNITS.iter().flat_map(of_unit).min_by(|a, b| apart_m(a.2, a.3).total_cmp(&apart_m(b.2, b.3)));
+        let (problem, remedy) = (
+            format!("is {nearest_m:.0} m from the nearest marker"),
+            nearest.map_or(String::new(), |(name, which, survey, centre)| {
+                let apart_m = apart_m(survey, centre);
+                format!("give both in metres, in one frame (with {which} in {name} they would be {apart_m:.0} m apart)")
+            }),
+        );
         reader.fault(file, "camera.projection_centre_m", problem, remedy);
+    }
+}
+
+/// Largest angle between the vertical and the normal of the plane through the markers, degrees: dihedral, incidence and the
+/// slope of a jacked aircraft are together smaller.
+const MAX_TILT_DEG: f64 = 40.0;
+/// Largest ratio of the markers' smallest extent to the next at which they define a plane.
+const MAX_FLATNESS: f64 = 0.5;
+
+/// Checks that the markers are in a plane that is nearly horizontal.
+fn check_vertical(reader: &mut Reader, survey: &Path, setup: &Setup) {
+    let wing = || setup.markers.iter().filter(|m| !m.fixed).map(|m| m.position_m);
+    let mean = wing().sum::<Vector3<f64>>() / wing().count().max(1) as f64;
+    let moments: Matrix3<f64> = wing().map(|p| (p - mean) * (p - mean).transpose()).sum();
+    let axes = moments.symmetric_eigen();
+    let smallest = axes.eigenvalues.imin();
+    let middle = 3 - smallest - axes.eigenvalues.imax();
+    let normal = axes.eigenvectors.column(smallest);
+    let flatness = (axes.eigenvalues[smallest].max(0.0) / axes.eigenvalues[middle]).sqrt();
+    let tilt_deg = normal.z.abs().min(1.0).acos().to_degrees();
+    if wing().count() > 3 && flatness < MAX_FLATNESS && tilt_deg > MAX_TILT_DEG {
+        let up = ["x_m", "y_m", "z_m"][normal.iamax()];
+        let problem =
+            format!("the markers' plane is {tilt_deg:.0} degrees off the horizontal: {up} seems to be the height");
+        reader.fault(survey, "column z_m", problem, "give z upwards, here and in camera.projection_centre_m");
     }
 }
 
@@ -57,8 +96,18 @@ fn check_sign(reader: &mut Reader, file: &Path, setup: &Setup) {
     if 2 * behind > markers {
         let [dx, dy] = [setup.span_direction.x, setup.span_direction.y];
         let problem = format!("is [{dx}, {dy}], but {behind} of {markers} markers are in the opposite direction");
+        let along = [setup.span_direction.x, setup.span_direction.y];
+        let ahead_if_flipped = |axis: usize| {
+            let flipped = |p: &Vector3<f64>| {
+                let off = p.map_with_location(|row, _, v| if row == axis { -v } else { v }) - setup.projection_centre_m;
+                off.x * along[0] + off.y * along[1]
+            };
+            2 * setup.markers.iter().filter(|m| !m.fixed && flipped(&m.position_m) > 0.0).count() > markers
+        };
+        let axis = (0..2).find(|axis| ahead_if_flipped(*axis));
+        let sign = axis.map_or(String::new(), |axis| format!(" or the sign of {} in the survey", ["x_m", "y_m"][axis]));
         let remedy = format!(
-            "it must point from the camera to the tip: try [{}, {}], or check camera.projection_centre_m",
+            "it must point from the camera to the tip: try [{}, {}], or check camera.projection_centre_m{sign}",
             -dx, -dy
         );
         reader.fault(file, "wing.span_direction", problem, remedy);
@@ -67,31 +116,62 @@ fn check_sign(reader: &mut Reader, file: &Path, setup: &Setup) {
 
 /// Checks that the span runs along the markers if they form a line.
 fn check_skew(reader: &mut Reader, file: &Path, setup: &Setup) {
-    let Some(line) = line_of_markers(setup) else { return };
-    let span = setup.span_direction.normalize();
-    let skew_deg = span.dot(&line).abs().min(1.0).acos().to_degrees();
-    if skew_deg > MAX_SKEW_DEG {
-        let outboard = line * span.dot(&line).signum();
-        let [dx, dy] = [setup.span_direction.x, setup.span_direction.y];
-        let problem = format!("is [{dx}, {dy}], {skew_deg:.0} degrees off the line of the markers");
-        let remedy = format!(
-            "give the direction from the root to the tip, about [{:.3}, {:.3}], or check the survey's x and y",
-            outboard.x, outboard.y
-        );
-        reader.fault(file, "wing.span_direction", problem, remedy);
+    if let Some(skew) = SpanSkew::of_setup(setup).filter(|skew| skew.angle_deg > MAX_SKEW_DEG) {
+        reader.faults.push(skew.fault(file, setup));
     }
 }
 
-/// Returns the direction of the markers' largest horizontal extent; `None` if they do not form a line.
-fn line_of_markers(setup: &Setup) -> Option<Vector2<f64>> {
-    let wing = setup.markers.iter().filter(|m| !m.fixed);
-    let points: Vec<Vector2<f64>> = wing.map(|m| m.position_m.xy()).collect();
-    let mean = points.iter().sum::<Vector2<f64>>() / points.len().max(1) as f64;
-    let moments: Matrix2<f64> = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum();
-    let axes = moments.symmetric_eigen();
-    let longest = axes.eigenvalues.imax();
-    let (long, short) = (axes.eigenvalues[longest], axes.eigenvalues[1 - longest].max(0.0));
-    (long > MIN_ELONGATION * MIN_ELONGATION * short).then(|| axes.eigenvectors.column(longest).into_owned())
+/// Line of the markers as seen from above, against the stated span.
+pub(super) struct SpanSkew {
+    /// Direction of the line, outboard.
+    outboard: Vector2<f64>,
+    angle_deg: f64,
+    /// Standard deviation of the angle: chordwise places of the markers are random, and a degree of taper.
+    sigma_deg: f64,
+}
+
+/// Standard deviation of the line of markers on a tapered wing against its bending axis, degrees.
+const LINE_SIGMA_DEG: f64 = 1.0;
+/// Number of standard deviations beyond which the span contradicts the line of the markers.
+const SKEW_SIGMAS: f64 = 3.0;
+
+impl SpanSkew {
+    /// Returns the angle between line and span; `None` if the markers form no line.
+    fn of_setup(setup: &Setup) -> Option<Self> {
+        let wing = setup.markers.iter().filter(|m| !m.fixed);
+        let points: Vec<Vector2<f64>> = wing.map(|m| m.position_m.xy()).collect();
+        let mean = points.iter().sum::<Vector2<f64>>() / points.len().max(1) as f64;
+        let moments: Matrix2<f64> = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum();
+        let axes = moments.symmetric_eigen();
+        let longest = axes.eigenvalues.imax();
+        let (long, short) = (axes.eigenvalues[longest], axes.eigenvalues[1 - longest].max(0.0));
+        if long <= MIN_ELONGATION * MIN_ELONGATION * short {
+            return None;
+        }
+        let (line, span) = (axes.eigenvectors.column(longest).into_owned(), setup.span_direction.normalize());
+        let by_places = (short / long / points.len().max(1) as f64).sqrt().to_degrees();
+        Some(Self {
+            outboard: line * span.dot(&line).signum(),
+            angle_deg: span.dot(&line).abs().min(1.0).acos().to_degrees(),
+            sigma_deg: by_places.hypot(LINE_SIGMA_DEG),
+        })
+    }
+
+    /// Returns a warning about a span that contradicts the line of the markers.
+    pub(super) fn warning(setup: &Setup, file: &Path) -> Option<Fault> {
+        Self::of_setup(setup).filter(|s| s.angle_deg > SKEW_SIGMAS * s.sigma_deg).map(|skew| skew.fault(file, setup))
+    }
+
+    fn fault(&self, file: &Path, setup: &Setup) -> Fault {
+        let Self { outboard, angle_deg, sigma_deg } = self;
+        let [dx, dy] = [setup.span_direction.x, setup.span_direction.y];
+        let problem = format!("is [{dx}, {dy}], {angle_deg:.0} degrees off the line of the markers (± {sigma_deg:.1})");
+        let remedy = format!(
+            "give the direction along the wing from the root to the tip, about [{:.3}, {:.3}], or check the survey's x and y",
+            outboard.x, outboard.y
+        );
+        Fault::new(file, "wing.span_direction", problem, remedy)
+    }
 }
 
 /// Checks that bending starts inboard of most markers.
@@ -113,7 +193,14 @@ fn check_side(reader: &mut Reader, file: &Path, setup: &Setup) {
         if setup.side_from_pair(pair).is_some_and(|other| other != side) {
             let place = format!("torsion[{k}]");
             let problem = format!("its leading marker is behind its trailing one on a {name} wing");
-            reader.fault(file, &place, problem, "exchange leading and trailing, or correct wing.side");
+            let remedy = match setup.is_lens_below_wing() {
+                true => {
+                    "the lens is below the wing: if it is not, z_m points down (body axes), and y and z need the opposite \
+                     sign; else exchange leading and trailing, or correct wing.side"
+                }
+                false => "exchange leading and trailing, or correct wing.side",
+            };
+            reader.fault(file, &place, problem, remedy);
         }
     }
 }

@@ -6,6 +6,8 @@ use super::{INSTALLATION_FILE, Reader, read_table, tables};
 use crate::measure::geometry::{PointPair, TransformFit};
 use crate::measure::setup::{Setup, TiePoint};
 
+/// Largest relative difference of the scales of CAD model and survey; a larger one is another unit or a gross error.
+const MAX_SCALE_CHANGE: f64 = 0.05;
 const COLUMNS: [&str; 7] = ["id", "x_m", "y_m", "z_m", "cad_x_m", "cad_y_m", "cad_z_m"];
 /// Default standard deviation of a tie point's coordinate, m.
 const DEFAULT_SIGMA_M: f64 = 0.005;
@@ -42,10 +44,17 @@ pub(super) fn estimate_transform(reader: &mut Reader, setup: &Setup) -> Option<T
     }
     let pair = |t: &TiePoint| PointPair { source_m: t.survey_m, target_m: t.cad_m, sigma_m: t.sigma_m };
     let pairs: Vec<PointPair> = setup.tie_points.iter().map(pair).collect();
+    let installation = reader.directory.join(INSTALLATION_FILE);
+    let scale = TransformFit::estimate(&pairs, true).map_or(1.0, |fit| fit.transform.scale);
+    if (scale - 1.0).abs() > MAX_SCALE_CHANGE {
+        let problem = format!("the CAD coordinates are {scale:.4} times as large as the survey's");
+        let remedy = "give both in metres (39.37: inches, 1000: millimetres), or correct the points";
+        reader.fault(&installation, "cad.tie_points", problem, remedy);
+        return None;
+    }
     match TransformFit::estimate(&pairs, setup.cad_similarity) {
         Ok(fit) => Some(fit),
         Err(error) => {
-            let installation = reader.directory.join(INSTALLATION_FILE);
             let remedy = "correct the tie points, or delete [cad]";
             reader.fault(&installation, "cad.tie_points", error.to_string(), remedy);
             None

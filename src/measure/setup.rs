@@ -6,6 +6,7 @@ use super::geometry::{Lens, WingFrame};
 use super::observation::Observation;
 pub use super::uncertainty::{SetupUncertainty, Vibration};
 pub use super::widths::Width;
+use crate::ordering::sort_by_value;
 
 /// Kind of marker (docs/model.md).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
@@ -281,6 +282,14 @@ impl Setup {
         let frame = self.wing_frame();
         let wing = self.markers.iter().enumerate().filter(|(_, m)| !m.fixed);
         wing.map(|(k, m)| (k, frame.wing_point(&m.position_m))).collect()
+    }
+
+    /// Returns whether the lens is below the inner third of the markers on the wing, as on a high wing or in a survey whose
+    /// z points down.
+    pub fn is_lens_below_wing(&self) -> bool {
+        let mut points: Vec<Vector3<f64>> = self.wing_markers().into_iter().map(|(_, point)| point).collect();
+        sort_by_value(&mut points, |one| one.x);
+        points.iter().take(points.len().div_ceil(3)).map(|p| p.y).sum::<f64>() > 0.0
     }
 
     /// Returns the frame of the adjustment: X outboard, Y up, Z = X x Y, origin in the projection centre.

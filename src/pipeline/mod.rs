@@ -34,8 +34,9 @@ use crate::camera::Format;
 use crate::installation::Installation;
 use crate::measure::adjust::{self, AdjustmentMethod, Estimate, Observation, Options};
 use crate::measure::environment::{FlightConditions, RefractionReport, correct_observations};
-use crate::measure::setup::Orientation;
-use crate::record::{ImageRecord, Parameters, Provenance, Reason};
+use crate::measure::identify::{self, Diagnosis, WingView};
+use crate::measure::setup::{Orientation, Setup};
+use crate::record::{ImageRecord, Parameters, Provenance, Reason, RecordStatus};
 use guard::{PANIC_REASON, catch_panic};
 
 use flight_priors::PreparedFlight;
@@ -102,8 +103,54 @@ pub fn solve_processed_frame(
         solution.map(|s| (append_remarks(s, &remarks), report)).map_err(Reason::from_error)
     });
     let mut record = recording::build_record(processed, installation, job, outcome);
+    add_diagnosis(&mut record, processed, installation, orientation);
     record.timing_ms.solve = Some(recording::round_ms(StageTime::since(Work::Solve, started).ms));
     record
+}
+
+/// Number of standard deviations of the markers' size beyond which a solved frame is diagnosed.
+const MAX_SIZE_SIGMAS: f64 = 4.0;
+
+/// Adds the cause to the reason of a doubtful result, and to the remarks of one whose markers have another size than their
+/// distances predict, if a diagnosis finds it.
+fn add_diagnosis(
+    record: &mut ImageRecord,
+    processed: &ProcessedFrame,
+    installation: &Installation,
+    orientation: &Orientation,
+) {
+    let setup = &installation.setup;
+    let size = || {
+        let identities = processed.identities.as_ref()?;
+        WingView::in_flight(setup, orientation).log_size_ratio(&processed.detections.markers, identities)
+    };
+    let is_off = |e: Estimate| e.sigma.is_some_and(|sigma| e.value.abs() > MAX_SIZE_SIGMAS * sigma);
+    let is_needed = match record.status {
+        RecordStatus::Ok => size().is_some_and(is_off),
+        status => status == RecordStatus::Doubtful,
+    };
+    let cause = || diagnose_frame(processed, setup, orientation)?.text();
+    match (is_needed.then(cause).flatten(), &mut record.reason) {
+        (Some(cause), Some(reason)) => *reason = format!("{reason}; {cause}"),
+        (Some(cause), None) => record.remarks.push(cause),
+        (None, _) => {}
+    }
+}
+
+/// Diagnoses the observations of a frame in flight.
+pub fn diagnose_frame(processed: &ProcessedFrame, setup: &Setup, orientation: &Orientation) -> Option<Diagnosis> {
+    let identities = processed.identities.as_ref();
+    let detection = |marker: usize| {
+        let at = identities?.marker_of.iter().position(|m| *m == Some(marker))?;
+        processed.detections.markers.get(at)
+    };
+    let is_manual = |marker: usize| processed.manual.iter().any(|(other, _)| *other == marker);
+    let outline = |o: &Observation| {
+        let found = detection(o.marker).filter(|_| !is_manual(o.marker))?;
+        Some((found.shape, Some(found.semi_major_px)))
+    };
+    let outlines: Vec<_> = processed.observations.iter().map(outline).collect();
+    identify::diagnose_observations(setup, Some(orientation), &processed.observations, &outlines)
 }
 
 /// Returns the installation with the air and wing temperature at the time of the frame, if the aircraft data have them.
@@ -204,6 +251,7 @@ pub fn solve_flight(
             solutions.next().unwrap_or_else(excluded).map(|s| (append_remarks(s, &remarks), report))
         });
         let mut record = recording::build_record(processed, own, &job, outcome);
+        add_diagnosis(&mut record, processed, own, orientation);
         record.flight = true;
         record.timing_ms.solve = Some(recording::round_ms(solve_ms));
         records.push(record);

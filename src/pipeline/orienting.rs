@@ -7,6 +7,7 @@ use super::stages::{self, ProcessedFrame};
 use crate::installation::{ManualObservation, ManualPosition};
 use crate::measure::detect::{self, Detection, ExpectedMarker};
 use crate::measure::identify::{self, IdentifyError, OrientationFit, PredictedMarker, WingView};
+use crate::measure::observation::Observation;
 use crate::measure::raster::Raster;
 use crate::measure::setup::{Setup, SurveyMarker};
 use crate::measure::view::MAX_PASSES;
@@ -19,6 +20,8 @@ pub struct GroundFrame {
     pub processed: ProcessedFrame,
     raster: Raster,
     manual: Vec<ManualObservation>,
+    /// Markers whose manual marks contradict the survey, each with the reason.
+    contradictions: Vec<(usize, String)>,
 }
 
 impl GroundFrame {
@@ -41,7 +44,7 @@ pub fn process_ground_frame(name: &str, bytes: &[u8], setup: &Setup) -> Result<G
     let (mut processed, raster) = stages::detect_only(name, bytes, None);
     raster.iter().for_each(|raster| processed.check_size(raster, setup));
     match (processed.failure.take(), raster) {
-        (None, Some(raster)) => Ok(GroundFrame { processed, raster, manual: vec![] }),
+        (None, Some(raster)) => Ok(GroundFrame { processed, raster, manual: vec![], contradictions: vec![] }),
         (reason, _) => Err(reason.unwrap_or_else(|| PANIC_REASON.into())),
     }
 }
@@ -97,8 +100,75 @@ fn first_orientation(setup: &Setup, frames: &mut [GroundFrame]) -> Result<Orient
     if frames.iter().all(|frame| frame.manual.is_empty()) {
         return alone;
     }
+    if let Ok(fit) = &alone {
+        find_contradictions(setup, fit, frames)?;
+    }
     apply_manual_observations(setup, alone.as_ref().ok(), frames);
     identify::estimate_orientation(setup, &detected_markers(frames))
+        .map_err(|error| diagnose_marks(setup, frames, None).map_or(error, IdentifyError::Marks))
+}
+
+/// Number of standard deviations beyond which a manual mark contradicts the detected markers.
+const CONTRADICTION_SIGMAS: f64 = 5.0;
+
+/// Excludes markers whose manual marks contradict the orientation from the detections, with the cause.
+///
+/// # Errors
+/// Returns an error if more than one of three marks does.
+fn find_contradictions(setup: &Setup, fit: &OrientationFit, frames: &mut [GroundFrame]) -> Result<(), IdentifyError> {
+    let predicted = WingView::on_ground(setup, &fit.orientation).predict_markers(&[]);
+    let off_px = |mark: &ManualObservation| {
+        let place = mark.place?;
+        let point_px = predicted.iter().find(|p| p.marker == mark.marker).map(|p| p.point_px);
+        let off_px = point_px.map_or(f64::INFINITY, |point_px| (place.pixel - point_px).norm());
+        let sigma_px = place.covariance_px2.trace().max(0.0).sqrt();
+        (off_px > MANUAL_DISTANCE_PX.max(CONTRADICTION_SIGMAS * sigma_px)).then_some(off_px)
+    };
+    let found: Vec<(usize, usize, f64)> = frames
+        .iter()
+        .enumerate()
+        .flat_map(|(k, frame)| frame.manual.iter().map(move |mark| (k, mark)))
+        .filter_map(|(k, mark)| Some((k, mark.marker, off_px(mark)?)))
+        .collect();
+    if found.is_empty() {
+        return Ok(());
+    }
+    let marks = frames.iter().flat_map(|frame| &frame.manual).filter(|mark| mark.place.is_some()).count();
+    let cause = diagnose_marks(setup, frames, Some(fit));
+    if found.len() > 2 && 3 * found.len() > marks {
+        let why = cause.map_or(String::new(), |cause| format!(": {cause}"));
+        let text =
+            format!("{} of {marks} manual marks contradict the survey and the detected markers{why}", found.len());
+        return Err(IdentifyError::Marks(text));
+    }
+    for (frame, marker, off_px) in found {
+        let unknown = || format!("its manual mark is {off_px:.0} px from the expected position: mark it again");
+        let reason = cause.clone().unwrap_or_else(unknown);
+        frames[frame].contradictions.push((marker, reason));
+    }
+    Ok(())
+}
+
+/// Diagnoses the manual marks of all frames, with the detections of other markers if there is an orientation.
+fn diagnose_marks(setup: &Setup, frames: &[GroundFrame], fit: Option<&OrientationFit>) -> Option<String> {
+    let marks = frames.iter().flat_map(|frame| &frame.manual);
+    let observation = |mark: &ManualObservation| {
+        let place = mark.place?;
+        Some(Observation { marker: mark.marker, pixel: place.pixel, covariance_px2: place.covariance_px2 })
+    };
+    let mut all: Vec<Observation> = marks.filter_map(observation).collect();
+    let manual = all.len();
+    let detected = fit.map_or(vec![], |fit| fit.ground_observations(setup, &detected_markers(frames)));
+    all.extend(detected.into_iter().filter(|o| frames.iter().flat_map(|f| &f.manual).all(|m| m.marker != o.marker)));
+    let outlines: Vec<_> = all
+        .iter()
+        .enumerate()
+        .map(|(k, o)| {
+            let marker = setup.markers.get(o.marker)?;
+            (k >= manual).then_some((marker.shape, None))
+        })
+        .collect();
+    identify::diagnose_observations(setup, None, &all, &outlines)?.text()
 }
 
 /// Replaces, in each frame, detections of markers that have manual observations.
@@ -106,7 +176,9 @@ fn apply_manual_observations(setup: &Setup, fit: Option<&OrientationFit>, frames
     let predicted = fit.map_or(vec![], |fit| WingView::on_ground(setup, &fit.orientation).predict_markers(&[]));
     for (k, frame) in frames.iter_mut().enumerate().filter(|(_, frame)| !frame.manual.is_empty()) {
         let of_detection = fit.and_then(|fit| fit.identities.get(k)).map(|i| i.marker_of.clone());
-        let rejected = |marker: usize| frame.manual.iter().any(|s| s.marker == marker && s.place.is_none());
+        let contradicts = |marker: usize| frame.contradictions.iter().any(|(other, _)| *other == marker);
+        let rejected =
+            |marker: usize| contradicts(marker) || frame.manual.iter().any(|s| s.marker == marker && s.place.is_none());
         let all = &mut frame.processed.detections.markers;
         // Identities belong to the detections before a second pass; after one, only positions are compared.
         if let Some(of_detection) = of_detection.filter(|of| of.len() == all.len()) {
@@ -117,6 +189,9 @@ fn apply_manual_observations(setup: &Setup, fit: Option<&OrientationFit>, frames
             let (Some(place), Some(marker)) = (observation.place, setup.markers.get(observation.marker)) else {
                 continue;
             };
+            if contradicts(observation.marker) {
+                continue;
+            }
             let new =
                 manual_detection(setup, marker, &place, predicted.iter().find(|f| f.marker == observation.marker));
             let apart =
@@ -163,6 +238,10 @@ fn record_rejected(frames: &[GroundFrame], fit: &mut OrientationFit) {
         for observation in frame.manual.iter().filter(|observation| observation.place.is_none()) {
             identities.missing.retain(|(marker, _)| *marker != observation.marker);
             identities.missing.push((observation.marker, stages::rejection_reason(observation)));
+        }
+        for (marker, reason) in &frame.contradictions {
+            identities.missing.retain(|(other, _)| other != marker);
+            identities.missing.push((*marker, reason.clone()));
         }
     }
 }

@@ -7,10 +7,13 @@ use nalgebra::Matrix3;
 use super::{ProcessedFrame, SolveJob, StageTime, Work, provenance};
 use crate::aircraft;
 use crate::installation::Installation;
-use crate::measure::adjust::{CurvePoint, Estimate, MarkerSolution, Observation, PairTorsion, Parameter, Solution};
+use crate::measure::adjust::{
+    AdjustmentMethod, CurvePoint, Estimate, MarkerSolution, Observation, PairTorsion, Parameter, Solution,
+};
 use crate::measure::environment::RefractionReport;
 use crate::measure::geometry::TransformFit;
-use crate::measure::setup::SurveyMarker;
+use crate::measure::identify::plausible_deflections_m;
+use crate::measure::setup::{Setup, SurveyMarker};
 use crate::record::{
     CadFit, Correlation, CurveRecord, GlobalTest, ImageRecord, MarkerRecord, Model, Panes, Provenance, Quality, Reason,
     RecordStatus, SigmaKind, Timing, Tip, TorsionRecord,
@@ -55,11 +58,38 @@ pub fn build_record(
         Ok((solution, refraction)) => {
             add_solution(&mut record, frame, installation, &solution);
             record_manual(&mut record, frame);
+            if let Some(doubt) = find_doubt(&record, frame, &installation.setup) {
+                (record.status, record.reason) = (RecordStatus::Doubtful, Some(doubt));
+            }
             record.quality.aircraft = aircraft::state_to_json(&frame.aircraft);
             record.quality.refraction = refraction;
         }
     }
     record
+}
+
+/// Largest variance factor of a rejected result that may be used: standard deviations three times too small.
+const MAX_VARIANCE_FACTOR: f64 = 10.0;
+
+/// Returns why a rejected result is implausible; `None` if it may be used.
+fn find_doubt(record: &ImageRecord, frame: &ProcessedFrame, setup: &Setup) -> Option<String> {
+    let factor = record.variance_factor.filter(|_| record.global_test == Some(GlobalTest::Rejected))?;
+    let (used, seen) = (record.used_count(), frame.observations.len());
+    let visible = frame.identities.as_ref().map_or(seen, |identities| identities.visible.max(seen));
+    let deflection_m = record.tip.as_ref().map_or(0.0, |tip| tip.deflection_m);
+    let [lowest_m, highest_m] = plausible_deflections_m(setup);
+    // A parabola fits no real wing closely; its standard deviations are scaled by that.
+    let is_rough = record.method == Some(AdjustmentMethod::Profile);
+    let why = if factor > MAX_VARIANCE_FACTOR && !is_rough {
+        format!("the variance factor is {factor:.0}")
+    } else if 2 * used < visible {
+        format!("only {used} of {visible} visible markers fit")
+    } else if !(lowest_m..=highest_m).contains(&deflection_m) {
+        format!("no wing of this span deflects by {deflection_m:.1} m")
+    } else {
+        return None;
+    };
+    Some(format!("the result is rejected by its test and implausible: {why}"))
 }
 
 /// Remark if no twist is given.
@@ -94,8 +124,11 @@ fn add_solution(record: &mut ImageRecord, frame: &ProcessedFrame, installation: 
     record.remarks.extend(turned_mount(installation, s));
     record.remarks.extend(aircraft::pressure_contradiction(&frame.aircraft));
     let accepted =
-        |reason: &String| format!("the camera's calibration was refused, but accepted by the user: {reason}");
-    record.remarks.extend(installation.accepted.as_ref().map(accepted));
+        [(&installation.accepted, "camera's calibration"), (&installation.accepted_orientation, "orientation")];
+    for (reason, name) in accepted {
+        let remark = |reason: &String| format!("the {name} was refused, but accepted by the user: {reason}");
+        record.remarks.extend(reason.as_ref().map(remark));
+    }
     record.quality = quality_record(installation, s);
 }
 

@@ -123,7 +123,7 @@ pub static SECTIONS: [QuantitySection; 12] = [
             text("exposure_source", "event that determines it", |r| Some(variant_name(r.exposure?.exposure_source)))
                 .word_since(2, || words(ExposureSource::ALL)),
             CLOCK_SIGMA,
-            text("status", "`ok`, `failed`, `not solved`, `no frame`", |r| r.status()).in_live(Derived),
+            text("status", "`ok`, `doubtful`, `failed`, `not solved`, `no frame`", |r| r.status()).in_live(Derived),
             REASON,
         ],
     },

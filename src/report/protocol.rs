@@ -28,6 +28,9 @@ pub fn adjustment_protocol(record: &ImageRecord) -> String {
         push_section(&mut out, "Markers", &detection_table(record).text());
         return out;
     }
+    if let Some(reason) = &record.reason {
+        out.push_str(&format!("Doubtful: {reason}\n"));
+    }
     out.push_str(&overview_text(record));
     push_section(&mut out, "Global test", &global_test_text(record));
     push_section(&mut out, "Parameters", &parameter_table(record).text());

@@ -49,24 +49,24 @@ impl Display {
     }
 }
 
+/// Rectangle of a cell and its light.
+type LitCell = ([f64; 4], f64);
+
 /// Light at a position of the page, 1 for white.
-fn light(shares: &[f64], x: f64, y: f64) -> f64 {
-    if DISCS.iter().any(|[u, v]| (x - u).hypot(y - v) < DISC_RADIUS) {
+fn light(cells: &[LitCell], x: f64, y: f64) -> f64 {
+    if DISCS.iter().any(|[u, v]| (x - u).powi(2) + (y - v).powi(2) < DISC_RADIUS * DISC_RADIUS) {
         return 0.0;
     }
-    let inside =
-        |[left, top, width, height]: [f64; 4]| (left..left + width).contains(&x) && (top..top + height).contains(&y);
-    (0..BITS)
-        .find_map(|bit| {
-            let own = inside(cell_rectangle(bit, false)).then(|| shares[bit]);
-            own.or_else(|| inside(cell_rectangle(bit, true)).then(|| 1.0 - shares[bit]))
-        })
-        .unwrap_or(1.0)
+    let is_inside =
+        |[left, top, width, height]: &[f64; 4]| (*left..left + width).contains(&x) && (*top..top + height).contains(&y);
+    cells.iter().find(|(cell, _)| is_inside(cell)).map_or(1.0, |(_, light)| *light)
 }
 
 /// Renders an image of the screen from a random attitude; the screen takes about 50 % of the width.
 pub fn photograph(shares: &[f64], sensor: &SensorModel, white: f64, random: &mut SeededRandom) -> Raster {
     let (width, height) = SIZE_PX;
+    let cell = |bit: usize| [(cell_rectangle(bit, false), shares[bit]), (cell_rectangle(bit, true), 1.0 - shares[bit])];
+    let cells: Vec<LitCell> = (0..BITS).flat_map(cell).collect();
     let axis = |random: &mut SeededRandom| random.uniform(-0.5, 0.5);
     let attitude = Rotation3::from_euler_angles(axis(random), axis(random), random.uniform(-0.6, 0.6));
     let distance = random.uniform(26.0, 34.0);
@@ -82,7 +82,7 @@ pub fn photograph(shares: &[f64], sensor: &SensorModel, white: f64, random: &mut
         // A dark frame around the screen, and a wall.
         let rim = (-page.x).max(page.x - SIZE[0]).max(-page.y).max(page.y - SIZE[1]);
         if rim < 0.0 {
-            white * light(shares, page.x, page.y)
+            white * light(&cells, page.x, page.y)
         } else if rim < 0.6 {
             0.01
         } else {

@@ -58,6 +58,8 @@ fn output_for_frames_and_an_installation_matches_its_schema() {
     let at = installation(directory.path());
     let (ground, flight) = (frame("ground.jpg"), frame("flight-01.jpg"));
     assert_valid("orient", &run(&["orient", "--json", "--installation", &at, &ground]).stdout);
+    assert_valid("diagnose", &run(&["diagnose", "--json", "--installation", &at, &ground]).stdout);
+    assert_valid("diagnose", &run(&["diagnose", "--flight", "--json", "--installation", &at, &flight]).stdout);
     let nothing = directory.path().join("nothing.jpg").display().to_string();
     let images = ["--json", "--installation", &at, &flight, &nothing];
     assert_valid("detect", &run(&[&["detect", "--rejected"], &images[..]].concat()).stdout);

@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 
 use super::render_read_only_page;
-use crate::record::{ImageRecord, RecordStatus};
+use crate::record::ImageRecord;
 use crate::report::number::format_rounded;
 use crate::report::source::SeriesIndex;
 use crate::report::{SeriesData, ShotData, table};
@@ -61,7 +61,7 @@ fn shot_outcome_text(shot: &ShotData, record: Option<&ImageRecord>) -> String {
     match (shot.image.as_ref(), record) {
         (None, _) => "no frame".to_owned(),
         (_, None) => "not solved yet".to_owned(),
-        (_, Some(r)) if r.status == RecordStatus::Failed => r.reason.clone().unwrap_or_default(),
+        (_, Some(r)) if !r.is_solved() => r.reason.clone().unwrap_or_default(),
         (_, Some(r)) => r.tip.as_ref().map_or("solved".to_owned(), |t| {
             let reference = t.reference.unwrap_or_default();
             let (deflection_m, sigma_m) = t.deflection(reference).unzip();

@@ -84,7 +84,7 @@ impl Suspect {
         let (w, size) = (self.w.abs(), self.size.abs());
         match (self.target, self.has_ground_image) {
             (SuspectTarget::Flight, true) => format!(
-                "marker {id} was removed: its image is about {size:.1} px from the position that the other markers predict (w = {w:.1}, limit {limit:.1})"
+                "marker {id} was removed: its image is about {size:.1} px from the position that the other markers predict (w = {w:.1}, limit {limit:.1}); check the image, and its survey if other frames remove it too"
             ),
             (SuspectTarget::Flight, false) => format!(
                 "marker {id} was removed: its image or its surveyed position is wrong by about {size:.1} px in the image (w = {w:.1}, limit {limit:.1}); check both"
@@ -92,6 +92,16 @@ impl Suspect {
             (SuspectTarget::Ground, _) => format!(
                 "the ground-frame image of marker {id} was removed: it is off by about {size:.1} px (w = {w:.1}, limit {limit:.1})"
             ),
+            // The largest of all coordinates of good markers is as large.
+            (SuspectTarget::Survey, _)
+                if w < quality::critical_w(options.snooping_alpha / (3 * setup.markers.len().max(1)) as f64) =>
+            {
+                format!(
+                    "marker {id} was removed: its surveyed position disagrees by about {size:.3} m (w = {w:.1}, limit {limit:.1}), \
+                     as one of {} good markers may",
+                    setup.markers.len()
+                )
+            }
             (SuspectTarget::Survey, _) => format!(
                 "marker {id} was removed: its surveyed position is wrong by about {size:.3} m (w = {w:.1}, limit {limit:.1}); survey it again"
             ),

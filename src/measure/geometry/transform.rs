@@ -27,7 +27,7 @@ impl Similarity {
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransformFit {
     pub transform: Similarity,
-    /// 7 x 7, a priori: small rotation (target frame, left perturbation, rad), translation (m), scale; the scale's row and
+    /// 7 x 7, a priori, or a posteriori if the test rejects: small rotation (target frame, left perturbation, rad), translation (m), scale; the scale's row and
     /// column are 0 for a rigid transform.
     pub covariance: DMatrix<f64>,
     /// Residuals target - transform(source) of the points, m.
@@ -65,6 +65,9 @@ const LINE_RATIO: f64 = 1e-4;
 /// Number of Gauss-Newton steps after the closed form; one is enough except for rounding.
 const REFINEMENTS: usize = 2;
 
+/// Significance level of the test that decides on the covariance.
+const REJECTION_ALPHA: f64 = 0.01;
+
 type Matrix7 = SMatrix<f64, 7, 7>;
 type Vector7 = SVector<f64, 7>;
 
@@ -93,7 +96,12 @@ impl TransformFit {
             transform.translation_m += step.fixed_rows::<3>(3);
             transform.scale += step[6];
         }
-        Ok(Self::from_transform(points, transform, cofactor, with_scale))
+        let mut fit = Self::from_transform(points, transform, cofactor, with_scale);
+        // The standard deviations of points that contradict each other are too small.
+        if let (Some(false), Some(factor)) = (fit.passes_test(REJECTION_ALPHA), fit.variance_factor) {
+            fit.covariance *= factor;
+        }
+        Ok(fit)
     }
 
     fn from_transform(points: &[PointPair], transform: Similarity, cofactor: Matrix7, with_scale: bool) -> Self {

@@ -8,6 +8,7 @@ use super::attitude::{rotation_from_many, rotation_from_two};
 use super::fit::{MatchedPair, SEEN_ODDS, clutter_per_px2, select_one_to_one};
 use super::scene::{is_usable, looks_like};
 use crate::detect::Detection;
+use crate::ordering::sort_by_value;
 use crate::setup::Setup;
 
 /// Smallest angle between two directions that determine a rotation, rad: errors about the line between them are magnified
@@ -72,19 +73,7 @@ pub(super) fn find_consensus(setup: &Setup, detections: &[Detection]) -> Result<
     if found < super::flight::MIN_IDENTIFIED {
         return Err(IdentifyError::TooFew { found, needed: super::flight::MIN_IDENTIFIED });
     }
-    let directions = Directions::new(setup, detections);
-    let (hypotheses, tried) = directions.find_hypotheses();
-    let mut refined: Vec<Consensus> = Vec::new();
-    for hypothesis in hypotheses {
-        let next = directions.refine(hypothesis);
-        let known = |c: &&mut Consensus| is_same_rotation(c, &next);
-        match refined.iter_mut().find(known) {
-            Some(old) if old.score < next.score => *old = next,
-            Some(_) => {}
-            None => refined.push(next),
-        }
-    }
-    refined.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let (refined, tried) = list_candidates(setup, detections);
     let Some(best) = refined.first() else {
         return Err(IdentifyError::NoConsensus { matched: 0, found });
     };
@@ -100,6 +89,24 @@ pub(super) fn find_consensus(setup: &Setup, detections: &[Detection]) -> Result<
         return Err(IdentifyError::Ambiguous { solutions: rivals });
     }
     Ok(best.clone())
+}
+
+/// Returns refined rotations, the best first, and the number of trials.
+pub(super) fn list_candidates(setup: &Setup, detections: &[Detection]) -> (Vec<Consensus>, usize) {
+    let directions = Directions::new(setup, detections);
+    let (hypotheses, tried) = directions.find_hypotheses();
+    let mut refined: Vec<Consensus> = Vec::new();
+    for hypothesis in hypotheses {
+        let next = directions.refine(hypothesis);
+        let known = |c: &&mut Consensus| is_same_rotation(c, &next);
+        match refined.iter_mut().find(known) {
+            Some(old) if old.score < next.score => *old = next,
+            Some(_) => {}
+            None => refined.push(next),
+        }
+    }
+    sort_by_value(&mut refined, |one| -one.score);
+    (refined, tried)
 }
 
 /// Returns the pairs of a frame for a rotation from another frame.

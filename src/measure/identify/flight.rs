@@ -101,6 +101,7 @@ pub(super) fn build_identities(problem: &MatchingProblem<'_>, decision: &MatchDe
         marker_of: vec![None; problem.detections.len()],
         missing: Vec::new(),
         tip_deflection_m: problem.scene.deflection_m(&refined.state, problem.scene.outermost_marker()),
+        visible: refined.predicted.iter().flatten().filter(|p| problem.scene.setup.lens.contains(&p.pixel)).count(),
     };
     for j in 0..problem.scene.setup.markers.len() {
         let detection = refined.pairs.iter().find(|p| p.1 == j).map(|p| p.0);

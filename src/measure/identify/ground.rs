@@ -118,7 +118,7 @@ fn more_promising_error(a: IdentifyError, b: IdentifyError) -> IdentifyError {
     let rank = |e: &IdentifyError| match e {
         IdentifyError::TooFew { found, .. } => *found,
         IdentifyError::NoConsensus { matched, .. } => 1_000 + matched,
-        IdentifyError::Misfit(_) | IdentifyError::Ambiguous { .. } => 10_000,
+        _ => 10_000,
     };
     if rank(&b) > rank(&a) { b } else { a }
 }
@@ -137,51 +137,32 @@ fn identities_on_ground(setup: &Setup, orientation: &Orientation, detections: &[
         None => Identities {
             marker_of: vec![None; detections.len()],
             missing: (0..setup.markers.len()).map(|j| (j, "no orientation fits this frame".into())).collect(),
-            tip_deflection_m: 0.0,
+            ..Identities::default()
         },
     }
 }
 
-/// Adds to the missing markers the nearest unidentified detection of the same kind: a wrong survey point is visible, but
-/// elsewhere.
+/// Explains missing markers of which a similar detection is at the expected position.
 fn explain_missing(scene: &WingView<'_>, detections: &[Detection], identities: &mut Identities) {
-    let pixels = scene.project_markers(&WingState::zeros());
     let outlines = scene.marker_outlines(&WingState::zeros());
-    let free = |i: &usize| identities.marker_of.get(*i).is_some_and(Option::is_none);
-    let free: Vec<&Detection> = (0..detections.len()).filter(free).map(|i| &detections[i]).collect();
+    let named = |i: usize| identities.marker_of.get(i).copied().flatten().is_some();
+    let free: Vec<&Detection> = (0..detections.len()).filter(|i| !named(*i)).map(|i| &detections[i]).collect();
     for (marker, reason) in &mut identities.missing {
-        let surveyed = &scene.setup.markers[*marker];
-        let (Some(Some(at)), Some(Some(outline))) = (pixels.get(*marker), outlines.get(*marker)) else {
-            continue;
+        let (surveyed, Some(Some(outline))) = (&scene.setup.markers[*marker], outlines.get(*marker)) else { continue };
+        let similar = |d: &&&Detection| {
+            is_usable(d)
+                && looks_like(d, surveyed.shape, outline.semi_major_px)
+                && (d.centre_px - outline.ellipse_px).norm() < outline.semi_major_px
         };
-        if !scene.setup.lens.contains(at) {
-            continue;
-        }
-        let similar = free.iter().filter(|d| is_usable(d) && looks_like(d, surveyed.shape, outline.semi_major_px));
-        let off = |d: &&&Detection| (d.centre_px - at).norm();
-        let Some(nearest) = similar.min_by(|a, b| off(a).total_cmp(&off(b))) else { continue };
-        let (seen, off_px) = (nearest.centre_px, off(&nearest));
-        if off_px < outline.semi_major_px {
+        if let Some(seen) = free.iter().find(similar) {
             *reason = format!(
-                "a {} is at the expected position ({:.0}, {:.0}) px, but with another outline: check its diameter_m and \
-                 the survey of its neighbours",
+                "a {} is at its position ({:.0}, {:.0}) px, but with another outline: it is partly hidden, or its \
+                 diameter_m is wrong",
                 surveyed.shape.name(),
-                seen.x,
-                seen.y
+                seen.centre_px.x,
+                seen.centre_px.y
             );
-            continue;
         }
-        let distance_m = (surveyed.position_m - scene.setup.projection_centre_m).norm();
-        *reason = format!(
-            "not found at the expected ({:.0}, {:.0}) px; a similar {} that is no other marker is at ({:.0}, {:.0}) px: \
-             its survey may be wrong by {:.2} m or more; survey it again",
-            at.x,
-            at.y,
-            surveyed.shape.name(),
-            seen.x,
-            seen.y,
-            off_px * distance_m / scene.setup.lens.focal_px()
-        );
     }
 }
 

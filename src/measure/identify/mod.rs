@@ -8,7 +8,7 @@
 //! | matching | one of the candidates | pairs and a fitted state | `matching.rs`, `fit.rs` |
 //! | decision | pairs | unambiguous identities, reasons for the others | `decide.rs`, `flight.rs` |
 //! | bias | identified outlines | images of the centres | `bias.rs`, `outline.rs` |
-//! | diagnosis | a frame that fits nothing | probable cause | `diagnose.rs` |
+//! | diagnosis | images that do not fit | causes with sizes | `diagnose/` |
 //! | prediction | identities or observations of a frame | predicted images | `wing_state.rs` |
 //! | guided search | detections in parts of a frame | predicted images | `locate.rs` |
 //!
@@ -36,11 +36,11 @@ mod wing_state;
 use nalgebra::Vector2;
 
 use super::detect::{Detection, MarkerPrediction};
-use super::estimation::quality::critical_w;
+use super::estimation::quality::{GlobalTest, critical_w, global_test};
 use super::observation::{Estimate, Observation};
 use super::setup::{Orientation, Setup};
 
-pub use diagnose::{MismatchCause, diagnose_ground_frames};
+pub use diagnose::{Cause, Diagnosis, Explanation, UNITS, diagnose_ground, diagnose_ground_fit, diagnose_observations};
 pub use ground::estimate_orientation;
 pub use locate::MIN_SEPARATION_PX;
 pub use scene::WingView;
@@ -54,9 +54,23 @@ pub struct Identities {
     pub missing: Vec<(usize, String)>,
     /// Estimated tip deflection, m.
     pub tip_deflection_m: f64,
+    /// Number of markers of the survey whose predicted images are in the frame.
+    pub visible: usize,
 }
 
 impl Identities {
+    /// Creates the identities of a number of detections from pairs of a detection and its marker.
+    fn from_pairs(detections: usize, pairs: &[fit::MatchedPair]) -> Self {
+        let mut marker_of = vec![None; detections];
+        pairs.iter().for_each(|(i, j)| marker_of[*i] = Some(*j));
+        Self { marker_of, ..Self::default() }
+    }
+
+    /// Returns the pairs of a detection and its marker.
+    fn pairs(&self) -> Vec<fit::MatchedPair> {
+        self.marker_of.iter().enumerate().filter_map(|(i, j)| Some((i, (*j)?))).collect()
+    }
+
     /// Returns the identified detections as observations, in the order of the survey.
     pub fn observations(&self, detections: &[Detection]) -> Vec<Observation> {
         let named = detections.iter().zip(&self.marker_of);
@@ -84,6 +98,9 @@ pub enum IdentifyError {
         /// Number of solutions.
         solutions: usize,
     },
+    /// Manual marks contradict the survey: count and cause.
+    #[error("{0}")]
+    Marks(String),
     /// A ground frame does not fit the other frames.
     #[error("ground frame {}: {}", .0.frame + 1, .0)]
     Misfit(Misfit),
@@ -100,7 +117,7 @@ pub enum IdentifyError {
 
 /// A ground frame that does not fit the other frames.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("only {matched} of its {found} markers fit the other frames; exclude this frame ({})", .cause.map_or_else(|| UNKNOWN_CAUSE.to_owned(), |c| c.to_string()))]
+#[error("only {matched} of its {found} markers fit the other frames; exclude this frame ({})", .cause.as_deref().unwrap_or(UNKNOWN_CAUSE))]
 pub struct Misfit {
     /// Index of the frame, from 0.
     pub frame: usize,
@@ -109,7 +126,7 @@ pub struct Misfit {
     /// Usable detections.
     pub found: usize,
     /// Probable cause.
-    pub cause: Option<MismatchCause>,
+    pub cause: Option<String>,
 }
 
 /// Cause in the message of [`Misfit`] if none was diagnosed.
@@ -135,6 +152,8 @@ pub struct OrientationFit {
 
 /// Significance level of the test of the bend.
 const BEND_ALPHA: f64 = 0.001;
+/// Significance level of the test of the variance factor: one refusal of 1000 good orientations.
+const REFUSAL_ALPHA: f64 = 0.001;
 
 impl OrientationFit {
     /// Returns true if the wing was bent since the survey: the bend is significant in a one-dimensional test at a level of
@@ -142,6 +161,29 @@ impl OrientationFit {
     pub fn is_bent(&self) -> bool {
         let w = |bend: &Estimate| bend.sigma.filter(|sigma| *sigma > 0.0).map(|sigma| bend.value / sigma);
         self.bend.as_ref().and_then(w).is_some_and(|w| w.abs() > critical_w(BEND_ALPHA))
+    }
+
+    /// Returns why the orientation may not be used; `None` if it may. At least two thirds of the markers whose images are
+    /// in the frames must fit, and the variance factor must pass its test.
+    pub fn refusal(&self, setup: &Setup) -> Option<String> {
+        let visible = self.identities.iter().map(|i| i.visible).max().unwrap_or(0);
+        let used = setup.markers.len() - self.unused_markers(setup).len();
+        if 3 * used < 2 * visible {
+            return Some(format!("only {used} of {visible} visible markers fit the survey"));
+        }
+        let omega = self.variance_factor * self.redundancy as f64;
+        let is_rejected = global_test(omega, self.redundancy, REFUSAL_ALPHA) == Some(GlobalTest::Rejected);
+        is_rejected.then(|| {
+            format!("the variance factor is {:.1} with a redundancy of {}", self.variance_factor, self.redundancy)
+        })
+    }
+
+    /// Replaces the reason why a marker was not used; returns false if it was used.
+    pub fn explain_unused(&mut self, marker: usize, reason: &str) -> bool {
+        let mut missing: Vec<&mut (usize, String)> =
+            self.identities.iter_mut().flat_map(|i| &mut i.missing).filter(|(other, _)| *other == marker).collect();
+        missing.iter_mut().for_each(|one| one.1 = reason.to_owned());
+        !missing.is_empty() && self.residuals.iter().all(|(_, other, _)| *other != marker)
     }
 
     /// Returns the mean observations of the identified markers, weighted over the ground frames.
@@ -174,6 +216,12 @@ pub struct PredictedMarker {
     pub prediction: MarkerPrediction,
     /// Image of the marker's centre, px; the outline has its own centre.
     pub point_px: Vector2<f64>,
+}
+
+/// Returns the smallest and the largest deflection of the outermost marker that a wing can have, m.
+pub fn plausible_deflections_m(setup: &Setup) -> [f64; 2] {
+    let span_m = setup.wing_markers().iter().map(|(_, point)| point.x).fold(1.0, f64::max);
+    [scan::DEFLECTION_RANGE.0 * span_m, scan::DEFLECTION_RANGE.1 * span_m]
 }
 
 /// Largest change of the tip's deflection from one frame to the next, m.

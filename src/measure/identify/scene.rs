@@ -13,9 +13,9 @@ pub(super) type Matrix8 = SMatrix<f64, 8, 8>;
 pub(super) type Jacobian = SMatrix<f64, 2, 8>;
 
 /// Standard deviation of the simple beam at a marker, m.
-const MODEL_SIGMA_M: f64 = 0.004;
+pub(super) const MODEL_SIGMA_M: f64 = 0.004;
 /// Standard deviation of outline centres and of a lens of few terms, px.
-const PIXEL_FLOOR_PX: f64 = 0.6;
+pub(super) const PIXEL_FLOOR_PX: f64 = 0.6;
 /// Smallest standard deviation of the camera's rotation across its axis, px.
 const MIN_TURN_PX: f64 = 20.0;
 /// Smallest standard deviation of the camera's rotation about its axis, rad: a mounting repeats it less well.

@@ -14,7 +14,7 @@ use crate::setup::Shape;
 
 /// Prior standard deviations of the wing state if the identities are known: three terms of the curvature, 1/m, two of the
 /// twist, rad. Larger than any wing bends.
-const WING_SIGMAS: [f64; 5] = [0.01, 0.005, 0.005, 0.06, 0.05];
+pub(super) const WING_SIGMAS: [f64; 5] = [0.01, 0.005, 0.005, 0.06, 0.05];
 /// Maximum number of linear steps; four or five are typical.
 const MAX_STEPS: usize = 15;
 /// Step of the state at convergence, 1/m and rad: 0.001 px.

@@ -15,7 +15,7 @@ use nalgebra::Vector2;
 
 use super::detect::{self, Detection, Detections, GuidedDetector, MarkerPrediction};
 use super::geometry::Lens;
-use super::identify::{IdentifyError, Identities, MIN_SEPARATION_PX, MismatchCause, WingView};
+use super::identify::{IdentifyError, Identities, MIN_SEPARATION_PX, WingView};
 use super::observation::Observation;
 use super::raster::Raster;
 use super::setup::Shape;
@@ -74,8 +74,8 @@ pub enum ViewFault {
     )]
     Rotated(String, String),
     /// Detections that fit nothing, with the diagnosed cause.
-    #[error(transparent)]
-    Mismatch(MismatchCause),
+    #[error("{0}")]
+    Mismatch(String),
     /// Detections that could not be identified.
     #[error(transparent)]
     Unidentified(IdentifyError),

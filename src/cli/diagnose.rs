@@ -1,0 +1,160 @@
+//! `wingd diagnose` finds the error of installation, frame or manual marks that explains images which do not fit.
+
+use std::path::PathBuf;
+
+use serde_json::{Value, json};
+
+use super::default_paths::{load_installation, resolve_installation};
+use super::{Completion, Failure, batch, orient, print_json, print_line};
+use crate::desk::manual_points::ManualPoints;
+use crate::installation::Installation;
+use crate::measure::identify::{self, Diagnosis, Explanation, IdentifyError};
+use crate::pipeline::{self, ProcessedFrame, orienting, stages};
+use crate::record::Reason;
+
+/// Find the error that explains images which do not fit: lens, survey, projection centre, axes, units, names, bend, marks.
+#[derive(clap::Args)]
+pub struct DiagnoseArgs {
+    /// Installation [default: installation/ in this directory]
+    #[arg(long, value_name = "DIR")]
+    installation: Option<PathBuf>,
+    /// The images show the wing in flight, and the installation has an orientation
+    #[arg(long)]
+    flight: bool,
+    /// Manual marks in the images (id,u_px,v_px,sigma_px; for several images also image)
+    #[arg(long, value_name = "FILE.csv")]
+    observations: Option<PathBuf>,
+    /// Print one JSON object: status, variance_factor, global_test, causes, ranking
+    #[arg(long)]
+    json: bool,
+    /// Images processed in parallel [default: number of cores]
+    #[arg(long, default_value_t = 0, hide_default_value = true)]
+    jobs: usize,
+    /// Ground frames, or with --flight frames in flight
+    #[arg(required = true, value_name = "IMAGE")]
+    images: Vec<PathBuf>,
+}
+
+/// Diagnoses images and prints the causes.
+pub(super) fn run(args: &DiagnoseArgs) -> Result<Completion, Failure> {
+    let installation = load_installation(&resolve_installation(args.installation.as_deref())?)?;
+    let outcomes =
+        if args.flight { diagnose_flights(args, &installation)? } else { diagnose_ground(args, &installation)? };
+    for (image, outcome) in &outcomes {
+        match args.json {
+            true => print_json(&outcome.to_json(image))?,
+            false => print_line(&outcome.text(image))?,
+        }
+    }
+    Ok(Completion::from_success(outcomes.iter().all(|(_, outcome)| outcome.is_sound())))
+}
+
+/// Result of an image.
+enum DiagnosedImage {
+    /// Ranked causes.
+    Ranked(Diagnosis),
+    /// Cause, or reason why no cause was found, in one sentence.
+    Sentence(String),
+}
+
+/// Diagnosed images with their names.
+type DiagnosedImages = Vec<(String, DiagnosedImage)>;
+
+fn diagnose_ground(args: &DiagnoseArgs, installation: &Installation) -> Result<DiagnosedImages, Failure> {
+    let setup = &installation.setup;
+    let mut frames = orient::read_frames(&args.images, args.observations.as_deref(), args.jobs, installation)?;
+    let error = orienting::orient_frames(setup, &mut frames).err();
+    let outcome = match error {
+        Some(error @ (IdentifyError::Marks(_) | IdentifyError::TooFew { .. })) => {
+            DiagnosedImage::Sentence(error.to_string())
+        }
+        error => {
+            let reason = error.map_or("the images cannot be diagnosed".to_owned(), |error| error.to_string());
+            let found = identify::diagnose_ground(setup, &orienting::detected_markers(&frames));
+            found.map_or(DiagnosedImage::Sentence(reason), DiagnosedImage::Ranked)
+        }
+    };
+    let images: Vec<&str> = frames.iter().map(|frame| frame.processed.image.as_str()).collect();
+    Ok(vec![(images.join(", "), outcome)])
+}
+
+fn diagnose_flights(args: &DiagnoseArgs, installation: &Installation) -> Result<DiagnosedImages, Failure> {
+    let (setup, orientation) = (&installation.setup, installation.require_orientation()?);
+    let files = batch::expand_folders(&args.images)?;
+    let marks = match &args.observations {
+        Some(file) => ManualPoints::read(file, &files, setup)?,
+        None => ManualPoints::default(),
+    };
+    let process = |name: &str, bytes: Result<&[u8], Reason>| {
+        let mut processed = match bytes {
+            Ok(bytes) => stages::process_frame(name, bytes, None, setup, Some(orientation)),
+            Err(reason) => ProcessedFrame::failed(name, reason),
+        };
+        processed.add_manual(marks.for_image(name));
+        let found = pipeline::diagnose_frame(&processed, setup, orientation);
+        let reason = processed.failure.map_or("the image cannot be diagnosed".to_owned(), |reason| reason.to_string());
+        (processed.image, found.map_or(DiagnosedImage::Sentence(reason), DiagnosedImage::Ranked))
+    };
+    let mut outcomes = vec![];
+    batch::for_each_image(&files, args.jobs, "diagnosing", process, batch::collect_into(&mut outcomes))?;
+    Ok(outcomes)
+}
+
+impl DiagnosedImage {
+    fn is_sound(&self) -> bool {
+        matches!(self, Self::Ranked(found) if found.causes().is_empty())
+    }
+
+    fn status(&self) -> &'static str {
+        match self {
+            Self::Ranked(found) if found.causes().is_empty() => "sound",
+            Self::Ranked(found) if found.causes().len() > 1 => "ambiguous",
+            Self::Ranked(_) => "found",
+            Self::Sentence(_) => "failed",
+        }
+    }
+
+    fn to_json(&self, image: &str) -> Value {
+        let explanation = |e: &Explanation| {
+            let size: Vec<Value> = e.size.iter().map(|s| json!({"value": s.value, "sigma": s.sigma})).collect();
+            json!({
+                "cause": format!("{:?}", e.cause),
+                "text": e.text,
+                "size": size,
+                "decrease": e.decrease,
+                "variance_factor": e.variance_factor,
+            })
+        };
+        let list = |all: &[Explanation]| all.iter().map(explanation).collect::<Vec<Value>>();
+        match self {
+            Self::Ranked(found) => json!({
+                "status": self.status(),
+                "image": image,
+                "variance_factor": found.variance_factor,
+                "global_test": found.global_test,
+                "causes": list(found.causes()),
+                "ranking": list(found.ranking.get(..SHOWN.min(found.ranking.len())).unwrap_or_default()),
+            }),
+            Self::Sentence(reason) => json!({"status": self.status(), "image": image, "reason": reason}),
+        }
+    }
+
+    fn text(&self, image: &str) -> String {
+        let found = match self {
+            Self::Sentence(reason) => return format!("{image}: {reason}"),
+            Self::Ranked(found) => found,
+        };
+        let factor = found.variance_factor;
+        let causes = found.causes();
+        if causes.is_empty() {
+            return format!("{image}: no error found; variance factor {factor:.2}");
+        }
+        let line = |e: &Explanation| format!("\n- {}; variance factor {:.2}", e.text, e.variance_factor);
+        let lines: String = causes.iter().map(line).collect();
+        let head = if causes.len() == 1 { "one cause explains it" } else { "these causes explain it alike" };
+        format!("{image}: the images do not fit, variance factor {factor:.2}; {head}:{lines}")
+    }
+}
+
+/// Number of causes that the ranking lists.
+const SHOWN: usize = 6;
