@@ -90,7 +90,10 @@ fn parse_marker(reader: &mut Reader, line: &TableLine<10>) -> Option<SurveyMarke
     };
     let [diameter, x, y, z, sigma] = std::array::from_fn(|k| line.parse_number(reader, 2 + k));
     let (diameter_m, sigma_m) = (diameter?, sigma?);
-    line.check_range(reader, 2, diameter_m, 0.001..=10.0, "m");
+    if !(0.001..=10.0).contains(&diameter_m) {
+        let remedy = "give a number from 0.001 to 10 m: metres, not inches or millimetres";
+        line.cell_fault(reader, 2, format!("is {diameter_m:?} m"), remedy);
+    }
     line.check_range(reader, 6, sigma_m, 1e-6..=10.0, "m");
     let fixed = match fixed.as_str() {
         "yes" => true,
