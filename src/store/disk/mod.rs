@@ -83,8 +83,8 @@ impl Disk for RealDisk {
     }
 
     fn read_range(&self, path: &Path, offset: u64, length: usize) -> io::Result<Vec<u8>> {
-        let file = open_regular_file(path)?;
-        let left = file.metadata()?.len().saturating_sub(offset);
+        let (file, total) = open_regular_file(path)?;
+        let left = total.saturating_sub(offset);
         let mut bytes = vec![0; length.min(usize::try_from(left).unwrap_or(length))];
         let mut read = 0;
         while let Some(rest) = bytes.get_mut(read..).filter(|rest| !rest.is_empty()) {
@@ -192,11 +192,12 @@ fn write_and_sync(mut file: File, bytes: &[u8]) -> io::Result<()> {
     file.sync_all()
 }
 
-/// Opens a file for reading. A pipe is refused, because it would be waited for without end.
-fn open_regular_file(path: &Path) -> io::Result<File> {
+/// Opens a file for reading and returns its length. A pipe is refused, because it would be waited for without end.
+fn open_regular_file(path: &Path) -> io::Result<(File, u64)> {
     let file = OpenOptions::new().read(true).custom_flags(NONBLOCK).open(path)?;
-    let is_file = file.metadata()?.is_file();
-    is_file.then_some(file).ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "is not a regular file"))
+    let metadata = file.metadata()?;
+    let is_file = metadata.is_file().then_some((file, metadata.len()));
+    is_file.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "is not a regular file"))
 }
 
 /// Reads a complete regular file.
@@ -204,10 +205,10 @@ fn open_regular_file(path: &Path) -> io::Result<File> {
 /// # Errors
 /// Returns an error for a folder, pipe or device, and if the file cannot be read.
 pub fn read_regular_file(path: &Path) -> io::Result<Vec<u8>> {
-    let mut file = open_regular_file(path)?;
-    let length = file.metadata()?.len();
+    let (file, length) = open_regular_file(path)?;
     let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or(0));
-    file.read_to_end(&mut bytes)?;
+    // Without a limit the library would ask for length and position again.
+    file.take(u64::MAX).read_to_end(&mut bytes)?;
     Ok(bytes)
 }
 
