@@ -313,6 +313,7 @@ def main():
     parser.add_argument("--minutes", type=float, default=30)
     parser.add_argument("--frames", type=pathlib.Path, default=pathlib.Path("fixtures/dev/frames"))
     parser.add_argument("--installation", type=pathlib.Path, default=pathlib.Path("fixtures/dev/installation"))
+    parser.add_argument("--log", type=pathlib.Path, help="file for the recorder's log, which is deleted otherwise")
     arguments = parser.parse_args()
     binary = arguments.binary.resolve()
     with tempfile.TemporaryDirectory(prefix="wingd-soak-") as below:
@@ -341,7 +342,7 @@ def soak(arguments, binary, folder, disk, limits):
             installation=json.dumps(str(installation)), interval=INTERVAL_S, shots=SHOTS, reserve=RESERVE_MB, page=page, feed=feed,
         )
     )
-    log = open(folder.parent / "log", "w")
+    log = open(arguments.log or folder.parent / "log", "w")
     environment = {**os.environ, "MALLOC_ARENA_MAX": "2", "MALLOC_TRIM_THRESHOLD_": "131072", **camera.environment}
     command = [binary, "run", "--config", folder / "wingd.toml"]
     recorder = subprocess.Popen(command, stderr=log, env=environment, preexec_fn=limits.enter)
