@@ -77,7 +77,8 @@ fn check_vertical(reader: &mut Reader, survey: &Path, setup: &Setup) {
     let moments: Matrix3<f64> = wing().map(|p| (p - mean) * (p - mean).transpose()).sum();
     let axes = moments.symmetric_eigen();
     let smallest = axes.eigenvalues.imin();
-    let middle = 3 - smallest - axes.eigenvalues.imax();
+    // Of a single place all three are equal.
+    let middle = (0..3).find(|k| *k != smallest && *k != axes.eigenvalues.imax()).unwrap_or(smallest);
     let normal = axes.eigenvectors.column(smallest);
     let flatness = (axes.eigenvalues[smallest].max(0.0) / axes.eigenvalues[middle]).sqrt();
     let tilt_deg = normal.z.abs().min(1.0).acos().to_degrees();

@@ -186,6 +186,18 @@ fn an_orientation_is_valid_only_with_its_camera_and_survey() {
     assert_eq!(wingd("solve", "flight-1.jpg").status.code(), Some(0));
 }
 
+#[test]
+fn markers_at_one_place_are_no_panic() {
+    let lines: Vec<&str> = SURVEY.lines().take(2).collect();
+    let directory = tempfile::tempdir().unwrap();
+    let survey = lines.join("\n");
+    for (name, text) in [("installation.toml", DOCUMENT), ("camera.toml", CAMERA), ("survey.csv", survey.as_str())] {
+        std::fs::write(directory.path().join(name), text).unwrap();
+    }
+    let faults = installation::load(directory.path()).unwrap_err();
+    assert!(!faults.is_empty());
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
     #[test]
