@@ -209,7 +209,7 @@ impl Bench {
         bench.remove_digests();
         let (_, solved, _) = bench.run("solve");
         std::fs::write(bench.path("hand.csv"), manual(&solved)).unwrap();
-        let files = KINDS.iter().map(|(name, _)| *name).filter(|name| !name.starts_with("picture"));
+        let files = KINDS.iter().map(|(name, _)| *name).filter(|name| ![GROUND_PICTURE, FLIGHT_PICTURE].contains(name));
         let sound = files.map(|name| (name, std::fs::read(bench.path(name)).unwrap())).collect();
         Self { sound, ..bench }
     }
