@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, SymmetricEigen, U3, Vector2, Vector3};
 
 use super::{Fault, INSTALLATION_FILE, Reader};
 use crate::measure::identify::UNITS;
@@ -70,12 +70,16 @@ const MAX_TILT_DEG: f64 = 40.0;
 /// Largest ratio of the markers' smallest extent to the next at which they define a plane.
 const MAX_FLATNESS: f64 = 0.5;
 
+/// Returns the principal axes of points with the sums of the squared distances from the mean along them.
+pub(super) fn principal_axes(points: impl Iterator<Item = Vector3<f64>> + Clone) -> SymmetricEigen<f64, U3> {
+    let mean = points.clone().sum::<Vector3<f64>>() / points.clone().count().max(1) as f64;
+    points.map(|p| (p - mean) * (p - mean).transpose()).sum::<Matrix3<f64>>().symmetric_eigen()
+}
+
 /// Checks that the markers are in a plane that is nearly horizontal.
 fn check_vertical(reader: &mut Reader, survey: &Path, setup: &Setup) {
     let wing = || setup.markers.iter().filter(|m| !m.fixed).map(|m| m.position_m);
-    let mean = wing().sum::<Vector3<f64>>() / wing().count().max(1) as f64;
-    let moments: Matrix3<f64> = wing().map(|p| (p - mean) * (p - mean).transpose()).sum();
-    let axes = moments.symmetric_eigen();
+    let axes = principal_axes(wing());
     let smallest = axes.eigenvalues.imin();
     // Of a single place all three are equal.
     let middle = (0..3).find(|k| *k != smallest && *k != axes.eigenvalues.imax()).unwrap_or(smallest);
@@ -97,13 +101,10 @@ fn check_sign(reader: &mut Reader, file: &Path, setup: &Setup) {
     if 2 * behind > markers {
         let [dx, dy] = [setup.span_direction.x, setup.span_direction.y];
         let problem = format!("is [{dx}, {dy}], but {behind} of {markers} markers are in the opposite direction");
-        let along = [setup.span_direction.x, setup.span_direction.y];
         let ahead_if_flipped = |axis: usize| {
-            let flipped = |p: &Vector3<f64>| {
-                let off = p.map_with_location(|row, _, v| if row == axis { -v } else { v }) - setup.projection_centre_m;
-                off.x * along[0] + off.y * along[1]
-            };
-            2 * setup.markers.iter().filter(|m| !m.fixed && flipped(&m.position_m) > 0.0).count() > markers
+            let mut flipped = setup.clone();
+            flipped.markers.iter_mut().for_each(|m| m.position_m[axis] *= -1.0);
+            2 * flipped.wing_markers().iter().filter(|(_, point)| point.x < 0.0).count() < markers
         };
         let axis = (0..2).find(|axis| ahead_if_flipped(*axis));
         let sign = axis.map_or(String::new(), |axis| format!(" or the sign of {} in the survey", ["x_m", "y_m"][axis]));

@@ -1,8 +1,8 @@
 //! Warnings about an installation: surveyed points off the skin of the others, and an accepted calibration.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
-use super::plausible::SpanSkew;
+use super::plausible::{SpanSkew, principal_axes};
 use super::{Fault, INSTALLATION_FILE, Installation, ORIENTATION_FILE};
 use crate::measure::adjust::ground::find_skin_outliers;
 
@@ -85,9 +85,8 @@ fn cad_warnings(installation: &Installation) -> Vec<Fault> {
             format!("contradict each other (variance factor {factor:.1}): {id} is {off_m:.3} m off the fit of all");
         all.push(fault(problem, "check this point first; standard deviations in the CAD frame are scaled"));
     }
-    let mean = points.iter().map(|p| p.survey_m).sum::<Vector3<f64>>() / points.len().max(1) as f64;
-    let moments: Matrix3<f64> = points.iter().map(|p| (p.survey_m - mean) * (p.survey_m - mean).transpose()).sum();
-    let mut extents: Vec<f64> = moments.symmetric_eigenvalues().iter().map(|v| v.max(0.0).sqrt()).collect();
+    let axes = principal_axes(points.iter().map(|p| p.survey_m));
+    let mut extents: Vec<f64> = axes.eigenvalues.iter().map(|v| v.max(0.0).sqrt()).collect();
     extents.sort_by(f64::total_cmp);
     let up = fit.transform.rotation * Vector3::z();
     if let [flat, next, _] = extents[..]

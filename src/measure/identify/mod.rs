@@ -220,7 +220,7 @@ pub struct PredictedMarker {
 
 /// Returns the smallest and the largest deflection of the outermost marker that a wing can have, m.
 pub fn plausible_deflections_m(setup: &Setup) -> [f64; 2] {
-    let span_m = setup.wing_markers().iter().map(|(_, point)| point.x).fold(1.0, f64::max);
+    let span_m = diagnose::span_m(setup);
     [scan::DEFLECTION_RANGE.0 * span_m, scan::DEFLECTION_RANGE.1 * span_m]
 }
 

@@ -325,6 +325,7 @@ impl CauseSize<'_> {
     }
 }
 
+/// Names of the axes of the survey.
 const AXIS_NAMES: [&str; 3] = ["x", "y", "z"];
 
 /// Smallest deflection of the outermost marker over its distance that a flight causes: jacks and fuel move it by less.
@@ -336,7 +337,7 @@ pub(super) fn is_bent(tip_m: f64, setup: &Setup) -> bool {
 }
 
 /// Returns the span from the projection centre to the outermost marker, m.
-pub(super) fn span_m(setup: &Setup) -> f64 {
+pub(in super::super) fn span_m(setup: &Setup) -> f64 {
     setup.wing_markers().iter().map(|(_, point)| point.x).fold(1.0, f64::max)
 }
 

@@ -26,7 +26,9 @@ const WRONG_SHAPE: f64 = 5.0;
 const SHIFT_M: f64 = 1e-3;
 /// Steps of the differences by the state: three terms of curvature, 1/m, two of twist and three rotations, rad.
 const STATE_STEPS: [f64; 8] = [1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-6, 1e-6, 1e-6];
+/// Number of Gauss-Newton steps after which a solution is taken as it is.
 const MAX_ITERATIONS: usize = 15;
+/// Number of halvings of a step, after which no shorter one is tried: 1/256 of it.
 const MAX_HALVINGS: usize = 8;
 /// Decrease of the sum of squares at convergence.
 const SETTLED: f64 = 1e-3;

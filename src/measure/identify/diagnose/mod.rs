@@ -24,6 +24,7 @@ use crate::observation::{Estimate, Observation};
 use crate::ordering::sort_by_value;
 use crate::setup::{Orientation, Setup, Shape};
 
+pub(super) use cause::span_m;
 pub use cause::{Cause, UNITS};
 use evidence::{CauseFit, Evidence};
 pub use search::{diagnose_ground, diagnose_ground_fit};
