@@ -13,6 +13,7 @@ use crate::config::{self, Config};
 use crate::daemon::{self, machine, memory};
 use crate::installation::{self, Fault};
 use crate::measure::setup::Setup;
+use crate::pipeline::recording::cad_record;
 use crate::store::{self, RealDisk, is_vacant, unwritable_reason, verify};
 
 /// Check configuration, installation and store, and open the camera if there is one.
@@ -172,6 +173,7 @@ impl Findings {
                 );
                 self.reported.push(("installation", how));
                 self.reported.extend(advisory_findings(&installation.setup));
+                self.reported.extend(cad_record(&installation).map(|cad| ("CAD frame", cad.describe())));
                 default_paths::print_warnings(&installation);
                 let prior = installation.flight_prior.as_ref();
                 self.reported

@@ -69,7 +69,10 @@ fn diagnose_ground(args: &DiagnoseArgs, installation: &Installation) -> Result<D
             DiagnosedImage::Sentence(error.to_string())
         }
         error => {
-            let reason = error.map_or("the images cannot be diagnosed".to_owned(), |error| error.to_string());
+            let reason = match error {
+                Some(error @ IdentifyError::NoConsensus { .. }) => format!("{error}: {NO_CAUSE}"),
+                error => error.map_or("the images cannot be diagnosed".to_owned(), |error| error.to_string()),
+            };
             let found = identify::diagnose_ground(setup, &orienting::detected_markers(&frames));
             found.map_or(DiagnosedImage::Sentence(reason), DiagnosedImage::Ranked)
         }
@@ -93,7 +96,8 @@ fn diagnose_flights(args: &DiagnoseArgs, installation: &Installation) -> Result<
         processed.add_manual(marks.for_image(name));
         let found = pipeline::diagnose_frame(&processed, setup, orientation);
         let reason = processed.failure.map_or("the image cannot be diagnosed".to_owned(), |reason| reason.to_string());
-        (processed.image, found.map_or(DiagnosedImage::Sentence(reason), DiagnosedImage::Ranked))
+        let sentence = |cause: Option<String>| DiagnosedImage::Sentence(cause.unwrap_or(reason));
+        (processed.image, found.map_or_else(sentence, DiagnosedImage::Ranked))
     };
     let mut outcomes = vec![];
     batch::for_each_image(&files, args.jobs, "diagnosing", process, batch::collect_into(&mut outcomes))?;
@@ -133,6 +137,7 @@ impl DiagnosedImage {
                 "variance_factor": found.variance_factor,
                 "global_test": found.global_test,
                 "causes": list(found.causes()),
+                "further": found.further.as_ref().map(explanation),
                 "ranking": list(found.ranking.get(..SHOWN.min(found.ranking.len())).unwrap_or_default()),
             }),
             Self::Sentence(reason) => json!({"status": self.status(), "image": image, "reason": reason}),
@@ -150,11 +155,18 @@ impl DiagnosedImage {
             return format!("{image}: no error found; variance factor {factor:.2}");
         }
         let line = |e: &Explanation| format!("\n- {}; variance factor {:.2}", e.text, e.variance_factor);
-        let lines: String = causes.iter().map(line).collect();
-        let head = if causes.len() == 1 { "one cause explains it" } else { "these causes explain it alike" };
+        let lines: String = causes.iter().chain(&found.further).map(line).collect();
+        let head = match (causes.len(), &found.further) {
+            (1, None) => "one cause explains it",
+            (1, Some(_)) => "two causes together explain it",
+            _ => "these causes explain it alike",
+        };
         format!("{image}: the images do not fit, variance factor {factor:.2}; {head}:{lines}")
     }
 }
 
+/// Conclusion if no modification of the setup explains the markers.
+const NO_CAUSE: &str = "no other lens, place, unit, axes or bend explains most of them either, so that the frame probably \
+    shows another aircraft or survey";
 /// Number of causes that the ranking lists.
 const SHOWN: usize = 6;

@@ -92,8 +92,6 @@ fn setup_without_markers(draft: &LayoutDraft) -> Setup {
         thermal: None,
         torsion: vec![],
         markers: vec![],
-        tie_points: vec![],
-        cad_similarity: false,
         window: None,
     }
 }

@@ -4,8 +4,10 @@ use std::path::Path;
 
 use nalgebra::{Vector2, Vector3};
 
+use super::plausible::SpanSkew;
 use super::structure::{self, Structure};
 use super::tables::{self, InstallationDocument, OpticsTable, VibrationTable};
+use super::ties::CadModel;
 use super::{INSTALLATION_FILE, Reader, camera, plausible, survey, ties, window};
 use crate::measure::setup::{
     Setup, SetupUncertainty, SkinHeight, SurveyMarker, Thermal, TorsionPair, Vibration, Width, WingSide,
@@ -19,6 +21,8 @@ pub const DEFAULT_CENTRE_SIGMA_M: f64 = 0.010;
 /// Contents of `installation.toml` and the files that it names.
 pub(super) struct InstallationParts {
     pub setup: Setup,
+    /// Tie points of a CAD model; `None` without one, or with errors.
+    pub cad: Option<CadModel>,
     pub optics: Option<OpticsTable>,
     pub structure: Option<Structure>,
     /// Names of the camera file and the survey file.
@@ -33,10 +37,7 @@ pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
     let document: InstallationDocument = reader.parse_toml(&file, &text)?;
     let lens = camera::read_camera(reader, &document.camera.calibration);
     let markers = survey::read_survey(reader, &document.wing.survey);
-    let tie_points = match &document.cad {
-        Some(cad) => ties::read_tie_points(reader, cad),
-        None => Some(vec![]),
-    };
+    let cad = document.cad.as_ref().and_then(|cad| ties::read_cad(reader, cad));
     let before = reader.faults.len();
     check_numbers(reader, &file, &document);
     let in_range = reader.faults.len() == before;
@@ -45,7 +46,7 @@ pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
     let structure = structure::read_structure(reader, &file, document.structure.as_ref());
     let skin = document.wing.skin_height_m.as_ref();
     let camera = lens?;
-    let setup = Setup {
+    let mut setup = Setup {
         name: document.name.clone().unwrap_or_else(|| "unnamed".into()),
         lens: camera.lens,
         projection_centre_m: Vector3::from(document.camera.projection_centre_m),
@@ -64,17 +65,22 @@ pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
         thermal: document.thermal.as_ref().map(thermal_from_table),
         torsion,
         markers: markers?,
-        tie_points: tie_points?,
-        cad_similarity: document.cad.is_some_and(|c| c.similarity),
         window,
     };
+    if document.configured_width(Width::SpanDirection).is_none() {
+        // A direction that the line of the markers contradicts is not known to the default.
+        let skew_deg =
+            SpanSkew::of_setup(&setup).map_or(0.0, |skew| skew.angle_deg.min(Width::SpanDirection.row().max));
+        let sigma = &mut setup.uncertainty[Width::SpanDirection];
+        *sigma = sigma.max(skew_deg.to_radians());
+    }
     // Numbers outside their ranges cannot be checked against each other.
     if in_range {
         plausible::check_plausibility(reader, &setup, &document.wing.survey);
     }
     let (own, accepted) = (document.camera.table, camera.accepted);
     let sources = [own.calibration, document.wing.table.survey];
-    Some(InstallationParts { setup, optics: own.optics, structure, sources, accepted })
+    Some(InstallationParts { setup, cad, optics: own.optics, structure, sources, accepted })
 }
 
 /// Default standard deviation of the wing's temperature in flight, K: between the temperatures of still and stagnant air,

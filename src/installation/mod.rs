@@ -47,6 +47,7 @@ mod write_setup;
 
 use std::path::{Path, PathBuf};
 
+use nalgebra::Vector3;
 use sha2::{Digest, Sha256};
 
 pub use camera::{CalibrationReport, load_camera, write_camera};
@@ -63,6 +64,7 @@ pub(crate) use rows::{TableLine, read_table};
 pub use structure::{Structure, read_stiffness};
 pub use tables::OpticsTable;
 pub use text::{cell_text, decode_text, printable_path, printable_text, text_cell};
+pub use ties::{CAD_ALPHA, CadModel};
 pub use toml_fault::toml_fault;
 pub use warnings::find_warnings;
 pub use write_setup::write_installation;
@@ -83,6 +85,8 @@ pub struct Installation {
     pub unused_on_ground: Vec<(usize, String)>,
     /// Transform from survey to CAD frame, from the tie points.
     pub cad: Option<TransformFit>,
+    /// Tie points and axes of the CAD model.
+    pub cad_model: Option<CadModel>,
     /// Data of the lens and sensor, for planning.
     pub optics: Option<OpticsTable>,
     /// Beam model of the wing, for moments.
@@ -116,6 +120,11 @@ impl Installation {
             Ok((name.clone(), bytes))
         };
         self.digests.iter().map(read).collect()
+    }
+
+    /// Returns the direction aft in the survey frame, unit length, from the CAD model's aft axis.
+    pub fn aft_direction(&self) -> Option<Vector3<f64>> {
+        Some(self.cad.as_ref()?.transform.rotation.inverse() * self.cad_model.as_ref()?.aft?)
     }
 
     /// Returns the orientation, or an error if there is none.
@@ -153,7 +162,7 @@ fn read_installation(directory: &Path, with_orientation: bool) -> Result<Install
         }
         _ => None,
     };
-    let cad = parts.as_ref().and_then(|parts| ties::estimate_transform(&mut reader, &parts.setup));
+    let cad = parts.as_ref().and_then(|parts| ties::estimate_transform(&mut reader, parts.cad.as_ref()?, &parts.setup));
     match parts {
         Some(parts) if reader.faults.is_empty() => Ok(Installation {
             directory: directory.into(),
@@ -162,6 +171,7 @@ fn read_installation(directory: &Path, with_orientation: bool) -> Result<Install
             accepted_orientation: orientation.as_ref().and_then(|o| o.accepted.clone()),
             orientation: orientation.map(|o| o.orientation),
             cad,
+            cad_model: parts.cad,
             optics: parts.optics,
             structure: parts.structure,
             digests: reader.digests,

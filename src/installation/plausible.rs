@@ -127,7 +127,7 @@ fn check_skew(reader: &mut Reader, file: &Path, setup: &Setup) {
 pub(super) struct SpanSkew {
     /// Direction of the line, outboard.
     outboard: Vector2<f64>,
-    angle_deg: f64,
+    pub(super) angle_deg: f64,
     /// Standard deviation of the angle: chordwise places of the markers are random, and a degree of taper.
     sigma_deg: f64,
 }
@@ -139,7 +139,7 @@ const SKEW_SIGMAS: f64 = 3.0;
 
 impl SpanSkew {
     /// Returns the angle between line and span; `None` if the markers form no line.
-    fn of_setup(setup: &Setup) -> Option<Self> {
+    pub(super) fn of_setup(setup: &Setup) -> Option<Self> {
         let wing = setup.markers.iter().filter(|m| !m.fixed);
         let points: Vec<Vector2<f64>> = wing.map(|m| m.position_m.xy()).collect();
         let mean = points.iter().sum::<Vector2<f64>>() / points.len().max(1) as f64;

@@ -133,6 +133,9 @@ pub(super) struct TorsionTable {
 #[serde(deny_unknown_fields)]
 pub(super) struct CadTable {
     pub tie_points: String,
+    pub unit: Option<String>,
+    pub aft: Option<toml::Value>,
+    pub up: Option<toml::Value>,
     pub sigma_m: Option<f64>,
     #[serde(default)]
     pub similarity: bool,

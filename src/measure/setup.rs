@@ -118,19 +118,6 @@ pub struct TorsionPair {
     pub trailing: usize,
 }
 
-/// A point known in the survey frame and in the CAD model's frame.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TiePoint {
-    /// Identifier, unique among the tie points.
-    pub id: String,
-    /// Position in the survey frame, m.
-    pub survey_m: Vector3<f64>,
-    /// Position in the aircraft (CAD) frame, m.
-    pub cad_m: Vector3<f64>,
-    /// Standard deviation of each survey coordinate, m.
-    pub sigma_m: f64,
-}
-
 /// State of the air on one side of the window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Air {
@@ -228,10 +215,6 @@ pub struct Setup {
     pub torsion: Vec<TorsionPair>,
     /// Surveyed markers, in the file's order.
     pub markers: Vec<SurveyMarker>,
-    /// Tie points to the CAD model; empty without one.
-    pub tie_points: Vec<TiePoint>,
-    /// Whether the CAD transform may scale.
-    pub cad_similarity: bool,
     /// Window, for refraction and the panes' shift.
     pub window: Option<Window>,
 }

@@ -34,9 +34,9 @@ use crate::camera::Format;
 use crate::installation::Installation;
 use crate::measure::adjust::{self, AdjustmentMethod, Estimate, Observation, Options};
 use crate::measure::environment::{FlightConditions, RefractionReport, correct_observations};
-use crate::measure::identify::{self, Diagnosis, WingView};
+use crate::measure::identify::{self, Diagnosis, SizedShape, WingView};
 use crate::measure::setup::{Orientation, Setup};
-use crate::record::{ImageRecord, Parameters, Provenance, Reason, RecordStatus};
+use crate::record::{GlobalTest, ImageRecord, Parameters, Provenance, Reason, RecordStatus};
 use guard::{PANIC_REASON, catch_panic};
 
 use flight_priors::PreparedFlight;
@@ -108,11 +108,12 @@ pub fn solve_processed_frame(
     record
 }
 
-/// Number of standard deviations of the markers' size beyond which a solved frame is diagnosed.
-const MAX_SIZE_SIGMAS: f64 = 4.0;
+/// Number of standard deviations of the markers' size beyond which scales of image and survey are tested: half of the sound
+/// frames, because the test, which also has the places of the markers, takes milliseconds.
+const MAX_SIZE_SIGMAS: f64 = 0.7;
 
-/// Adds the cause to the reason of a doubtful result, and to the remarks of one whose markers have another size than their
-/// distances predict, if a diagnosis finds it.
+/// Adds the cause to the reason of a doubtful result, and to the remarks of one that its test rejects or whose markers have
+/// another size than their distances predict, if a diagnosis finds it.
 fn add_diagnosis(
     record: &mut ImageRecord,
     processed: &ProcessedFrame,
@@ -126,10 +127,16 @@ fn add_diagnosis(
     };
     let is_off = |e: Estimate| e.sigma.is_some_and(|sigma| e.value.abs() > MAX_SIZE_SIGMAS * sigma);
     let is_needed = match record.status {
-        RecordStatus::Ok => size().is_some_and(is_off),
+        RecordStatus::Ok if record.global_test == Some(GlobalTest::Rejected) => true,
+        RecordStatus::Ok => {
+            let is_scale_off = |(observations, outlines): (&[Observation], Vec<_>)| {
+                identify::is_scale_off(setup, orientation, observations, &outlines)
+            };
+            size().is_some_and(is_off) && is_scale_off(outlined_observations(processed))
+        }
         status => status == RecordStatus::Doubtful,
     };
-    let cause = || diagnose_frame(processed, setup, orientation)?.text();
+    let cause = || diagnose_frame(processed, setup, orientation).map_or_else(|cause| cause, |found| found.text());
     match (is_needed.then(cause).flatten(), &mut record.reason) {
         (Some(cause), Some(reason)) => *reason = format!("{reason}; {cause}"),
         (Some(cause), None) => record.remarks.push(cause),
@@ -138,7 +145,25 @@ fn add_diagnosis(
 }
 
 /// Diagnoses the observations of a frame in flight.
-pub fn diagnose_frame(processed: &ProcessedFrame, setup: &Setup, orientation: &Orientation) -> Option<Diagnosis> {
+///
+/// # Errors
+/// Returns a cause that hides the identities, if one is found, in a frame without most of them.
+pub fn diagnose_frame(
+    processed: &ProcessedFrame,
+    setup: &Setup,
+    orientation: &Orientation,
+) -> Result<Diagnosis, Option<String>> {
+    let detections = &processed.detections.markers;
+    let identified = processed.identities.as_ref().map_or(0, |found| found.marker_of.iter().flatten().count());
+    if 3 * identified < 2 * detections.len().min(setup.markers.len()) && processed.manual.is_empty() {
+        return Err(WingView::in_flight(setup, orientation).diagnose_frame(detections));
+    }
+    let (observations, outlines) = outlined_observations(processed);
+    identify::diagnose_observations(setup, Some(orientation), observations, &outlines).ok_or(None)
+}
+
+/// Returns the observations with kind and semi-major axis, px, of each that was not marked manually.
+fn outlined_observations(processed: &ProcessedFrame) -> (&[Observation], Vec<Option<SizedShape>>) {
     let identities = processed.identities.as_ref();
     let detection = |marker: usize| {
         let at = identities?.marker_of.iter().position(|m| *m == Some(marker))?;
@@ -149,8 +174,7 @@ pub fn diagnose_frame(processed: &ProcessedFrame, setup: &Setup, orientation: &O
         let found = detection(o.marker).filter(|_| !is_manual(o.marker))?;
         Some((found.shape, Some(found.semi_major_px)))
     };
-    let outlines: Vec<_> = processed.observations.iter().map(outline).collect();
-    identify::diagnose_observations(setup, Some(orientation), &processed.observations, &outlines)
+    (&processed.observations, processed.observations.iter().map(outline).collect())
 }
 
 /// Returns the installation with the air and wing temperature at the time of the frame, if the aircraft data have them.

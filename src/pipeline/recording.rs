@@ -6,12 +6,12 @@ use nalgebra::Matrix3;
 
 use super::{ProcessedFrame, SolveJob, StageTime, Work, provenance};
 use crate::aircraft;
-use crate::installation::Installation;
+use crate::installation::{CAD_ALPHA, Installation};
 use crate::measure::adjust::{
     AdjustmentMethod, CurvePoint, Estimate, MarkerSolution, Observation, PairTorsion, Parameter, Solution,
 };
 use crate::measure::environment::RefractionReport;
-use crate::measure::geometry::TransformFit;
+use crate::measure::geometry::Similarity;
 use crate::measure::identify::plausible_deflections_m;
 use crate::measure::setup::{Setup, SurveyMarker};
 use crate::record::{
@@ -279,16 +279,23 @@ fn window_panes(installation: &Installation) -> Option<Panes> {
     })
 }
 
-/// Returns the quality of the CAD transform, as written in every result.
-fn cad_fit(fit: &TransformFit) -> CadFit {
+/// Returns the CAD transform with its quality, as written in every result.
+pub fn cad_record(installation: &Installation) -> Option<CadFit> {
+    let (fit, model) = (installation.cad.as_ref()?, installation.cad_model.as_ref()?);
     let verdict = |passed| if passed { GlobalTest::Passed } else { GlobalTest::Rejected };
-    CadFit {
+    let Similarity { scale, rotation, translation_m } = fit.transform;
+    let matrix = nalgebra::Similarity::from_parts(translation_m.into(), rotation, scale).to_homogeneous();
+    Some(CadFit {
         variance_factor: fit.variance_factor,
         redundancy: fit.redundancy,
-        global_test: fit.passes_test(0.01).map(verdict),
-        scale: fit.transform.scale,
+        global_test: fit.passes_test(CAD_ALPHA).map(verdict),
+        scale,
+        transform: [0, 1, 2, 3].map(|row| [0, 1, 2, 3].map(|column| matrix[(row, column)])),
+        covariance: fit.covariance.row_iter().map(|row| row.iter().copied().collect()).collect(),
+        aft: installation.aft_direction().map(Into::into),
+        tie_points: model.ids.clone(),
         residuals_m: fit.residuals_m.iter().map(|&r| r.into()).collect(),
-    }
+    })
 }
 
 /// Returns the square roots of a covariance's diagonal.
@@ -353,7 +360,7 @@ fn quality_record(installation: &Installation, s: &Solution) -> Quality {
         correlation: correlation_record(s),
         variance_components: s.variance_components.clone(),
         window: window_panes(installation),
-        cad: installation.cad.as_ref().map(cad_fit),
+        cad: cad_record(installation),
         ..Quality::default()
     }
 }

@@ -163,6 +163,9 @@ pub static SECTIONS: [QuantitySection; 12] = [
             text("global_test", "`passed` or `rejected`", |r| r.image?.global_test.map(variant_name)).in_live(Derived),
             text("sigma_kind", "standard deviations `prior` or `posterior`", |r| r.image?.sigma_kind.map(variant_name))
                 .word_since(2, || words([SigmaKind::Prior, SigmaKind::Posterior])),
+            text("cad_global_test", "test of the CAD tie points", |r| {
+                r.image?.quality.cad.as_ref()?.global_test.map(variant_name)
+            }),
             text("tip_marker", "outermost marker", |r| Some(tip(r)?.marker.clone())).in_live(Derived),
             flag("tip_predicted", "whether the adjusted shape predicts it", |r| Some(tip(r)?.predicted)),
             number("tip_deflection", "m", "its deflection against the survey", |r| Some(tip(r)?.deflection_m))

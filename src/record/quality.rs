@@ -83,7 +83,8 @@ pub struct Panes {
 }
 
 /// Transform from survey to CAD frame.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct CadFit {
     /// Variance factor; `null` without redundancy.
     pub variance_factor: Option<f64>,
@@ -93,6 +94,31 @@ pub struct CadFit {
     pub global_test: Option<GlobalTest>,
     /// Ratio of CAD lengths to survey lengths.
     pub scale: f64,
-    /// Residuals of each tie point in the CAD frame, m.
+    /// Rows of the transform: homogeneous CAD coordinates from survey coordinates, m.
+    pub transform: [[f64; 4]; 4],
+    /// Covariance of small rotation (CAD frame, applied after the transform's, rad), translation (m) and scale: 7 rows; scaled by the
+    /// variance factor if the test rejects.
+    pub covariance: Vec<Vec<f64>>,
+    /// Direction aft in the survey frame, unit length; `null` without `cad.aft`.
+    pub aft: Option<[f64; 3]>,
+    /// Names of the tie points.
+    pub tie_points: Vec<String>,
+    /// Residuals of the tie points in the CAD frame, m.
     pub residuals_m: Vec<[f64; 3]>,
+}
+
+impl CadFit {
+    /// Describes the tie points' test, the scale and the largest residual in one line.
+    pub fn describe(&self) -> String {
+        let verdict = match self.global_test {
+            Some(GlobalTest::Passed) => "test passed",
+            Some(GlobalTest::Rejected) => "test rejected",
+            None => "no test",
+        };
+        let factor = self.variance_factor.map_or(String::new(), |factor| format!(", variance factor {factor:.2}"));
+        let length_m = |r: &[f64; 3]| r.iter().fold(0.0, |sum: f64, v| sum.hypot(*v));
+        let largest_m = self.residuals_m.iter().map(length_m).fold(0.0, f64::max);
+        let (count, scale) = (self.residuals_m.len(), self.scale);
+        format!("{count} tie points, {verdict}{factor}, scale {scale:.5}, largest residual {:.1} mm", 1e3 * largest_m)
+    }
 }

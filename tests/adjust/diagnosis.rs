@@ -194,6 +194,37 @@ fn errors_are_named_and_sound_installations_are_not_accused() {
     assert!(10 * named >= 8 * of && accused <= 1, "{named} of {of}, accused {accused}");
 }
 
+/// Number of pairs of errors of which both are named, and of all: one of camera or survey, and one marker's coordinate.
+fn count_pairs(seeds: std::ops::Range<u64>) -> (usize, usize) {
+    let (mut both, mut of) = (0, 0);
+    for seed in seeds {
+        let (world, mut random) = world(seed);
+        let view = world.ground_view(seed, &GROUND);
+        let visible: Vec<usize> = view.truth.iter().copied().flatten().collect();
+        let (kind, size) = [(0, 0.02), (1, 0.08), (5, 40.0)][seed as usize % 3];
+        let (wrong, causes) = with_error(&world.setup, &visible, kind, size, &mut random);
+        let sign = if random.random() { 1.0 } else { -1.0 };
+        let (wrong, points) = with_error(&wrong, &visible, 3, sign * random.random_range(0.1..0.3), &mut random);
+        let found = diagnose(&world, &wrong, seed, false);
+        let named: Vec<Cause> =
+            found.iter().flat_map(|d| d.causes().iter().chain(&d.further)).map(|e| e.cause).collect();
+        let is_named = [&causes, &points].iter().all(|all| named.iter().any(|cause| all.contains(cause)));
+        both += usize::from(is_named);
+        of += 1;
+        if !is_named {
+            eprintln!("seed {seed}: {causes:?} and {:?}, found {named:?}", points.first());
+        }
+    }
+    eprintln!("two errors: both named {both} of {of}");
+    (both, of)
+}
+
+#[test]
+fn two_errors_are_both_named() {
+    let (both, of) = count_pairs(300..315);
+    assert!(3 * both >= 2 * of, "{both} of {of}");
+}
+
 #[test]
 #[ignore = "takes minutes; the full table"]
 fn errors_are_named_in_most_of_200_installations() {

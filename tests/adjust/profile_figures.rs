@@ -60,8 +60,6 @@ impl Case {
             thermal: None,
             torsion: vec![],
             markers: points.iter().enumerate().map(marker).collect(),
-            tie_points: vec![],
-            cad_similarity: false,
             window: None,
         };
         let orientation = Orientation { camera_from_survey, covariance_rad2: None, ground: vec![] };

@@ -185,8 +185,6 @@ impl Truth {
             }),
             torsion: vec![],
             markers: vec![],
-            tie_points: vec![],
-            cad_similarity: false,
             window: None,
         };
         let mut truth = Self {

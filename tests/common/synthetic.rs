@@ -273,6 +273,7 @@ impl World {
         seed: u64,
         conditions: &Conditions,
     ) -> View {
+        let sizes = SizeErrors::draw(&mut rng(seed ^ 0x517e));
         let mut rng = rng(seed ^ 0x5eed);
         let rng = &mut rng;
         let lens = &self.setup.lens;
@@ -292,7 +293,7 @@ impl World {
                 shape: marker.shape,
                 centre_px: centre + Vector2::new(noise_u, noise_v) * conditions.noise_px,
                 covariance_px2: (Matrix2::identity() * conditions.noise_px.powi(2)).into(),
-                semi_major_px: image.major * (1.0 + 0.02 * normal(rng)),
+                semi_major_px: image.major + sizes.error_px(marker.shape, image.major, normal(rng)),
                 semi_minor_px: (image.minor + 0.2 * normal(rng)).max(1.0),
                 angle_rad: image.angle,
                 fit_rms: 2.0,
@@ -302,6 +303,28 @@ impl World {
         }
         add_false_detections(&mut view, rng, conditions, lens);
         view
+    }
+}
+
+/// Errors of sizes that are common to the markers of a frame, as measured in rendered frames: an edge, that of quadrants, px,
+/// and a relative one of prints.
+struct SizeErrors {
+    edge_px: f64,
+    quadrant_px: f64,
+    print: f64,
+}
+
+impl SizeErrors {
+    fn draw(rng: &mut StdRng) -> Self {
+        Self { edge_px: 0.3 * normal(rng), quadrant_px: 2.0 * normal(rng), print: 0.003 * normal(rng) }
+    }
+
+    fn error_px(&self, shape: Shape, major_px: f64, own: f64) -> f64 {
+        let common_px = self.edge_px + major_px * self.print;
+        match shape {
+            Shape::Circle => common_px + own * 0.2_f64.hypot(0.003 * major_px),
+            Shape::Quadrant => common_px + self.quadrant_px + own * 1.7_f64.hypot(0.003 * major_px),
+        }
     }
 }
 
@@ -359,8 +382,6 @@ fn setup(wing: &Wing, lens: Lens, centre: Vector3<f64>, span: Vector2<f64>, mark
         }),
         torsion: vec![],
         markers,
-        tie_points: vec![],
-        cad_similarity: false,
         window: None,
     }
 }

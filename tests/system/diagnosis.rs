@@ -199,7 +199,7 @@ fn a_result_that_may_not_be_used_is_doubtful_with_its_cause() {
     assert_eq!((status, &result["status"]), (Some(1), &"doubtful".into()), "{printed}");
     assert!(reason.contains("rejected") && reason.contains("v is counted from below"), "{reason}");
     let picture = folder.path().join("zoomed.pgm");
-    for factor in [0.98, 1.05] {
+    for factor in [0.98, 0.99, 0.995, 1.005, 1.01, 1.05] {
         scaled("flight-1.jpg", factor, &picture);
         let (_, printed) = outcome(&["solve", "--json", "--installation", path(&folder), picture.to_str().unwrap()]);
         assert!(printed.contains("larger than that of the ground frames"), "{factor}: {printed}");
@@ -228,28 +228,119 @@ fn a_span_off_the_line_of_the_markers_is_warned_of() {
     }
 }
 
+/// Places of tie points on the dev aircraft, survey frame, m.
+const TIES: [[f64; 3]; 7] = [
+    [36.0, 20.0, 3.0],
+    [44.0, 40.0, 4.5],
+    [30.0, 18.0, 4.0],
+    [38.0, 12.0, 6.0],
+    [33.0, 25.0, 3.2],
+    [46.0, 30.0, 3.5],
+    [31.0, 31.0, 8.0],
+];
+/// Dihedral plane of the survey in which tie points may be, m.
+const PLANE_M: f64 = 3.5;
+
+/// Survey coordinates in a CAD frame with x aft and z up, of an aircraft whose right wing points along the dev wing's span.
+fn cad_place([x, y, z]: [f64; 3]) -> [f64; 3] {
+    let [dx, dy] = [0.39073113, 0.92050485];
+    let (span, aft) = (dx * (x - 20.0) + dy * (y - 5.0), dy * (x - 20.0) - dx * (y - 5.0));
+    [aft + 15.0, span, z - 1.0]
+}
+
+/// Exit status and messages of a command with the dev installation and these tie points (survey, CAD) and keys of `[cad]`.
+fn with_ties(ties: &[([f64; 3], [f64; 3])], keys: &str, command: &[&str]) -> (Option<i32>, String) {
+    let folder = changed(INSTALLATION, |t| format!("{t}[cad]\ntie_points = \"ties.csv\"\n{keys}\n"));
+    let row = |(k, ([x, y, z], [a, b, c])): (usize, &([f64; 3], [f64; 3]))| format!("T{k},{x},{y},{z},{a},{b},{c}\n");
+    let rows: String = ties.iter().enumerate().map(row).collect();
+    std::fs::write(folder.path().join("ties.csv"), format!("id,x_m,y_m,z_m,cad_x_m,cad_y_m,cad_z_m\n{rows}")).unwrap();
+    if command.contains(&"solve") {
+        assert_eq!(outcome(&["orient", "--installation", path(&folder), &frame("ground.jpg")]).0, Some(0));
+    }
+    outcome(&[command, &["--installation", path(&folder)]].concat())
+}
+
+/// Tie points with CAD coordinates changed, of the first `count` places, in a plane if `flat`.
+fn ties(count: usize, flat: bool, change: impl Fn(usize, [f64; 3]) -> [f64; 3]) -> Vec<([f64; 3], [f64; 3])> {
+    let places = TIES.iter().take(count).map(|[x, y, z]| [*x, *y, if flat { PLANE_M } else { *z }]);
+    places.enumerate().map(|(k, place)| (place, change(k, cad_place(place)))).collect()
+}
+
+fn off(k: usize, of: usize, [x, y, z]: [f64; 3]) -> [f64; 3] {
+    [x + if k == of { 0.25 } else { 0.0 }, y, z]
+}
+
 #[test]
-fn tie_points_of_another_unit_or_with_an_error_are_named() {
-    let check = |change: fn(usize, [f64; 3]) -> [f64; 3], flat: bool| {
-        let folder = changed(INSTALLATION, |t| format!("{t}[cad]\ntie_points = \"ties.csv\"\n"));
-        let mut text = String::from("id,x_m,y_m,z_m,cad_x_m,cad_y_m,cad_z_m\n");
-        for (k, [x, y, z]) in [[0.0, 0.0, 0.0], [10.0, 0.0, 1.0], [0.0, 8.0, 2.0], [10.0, 8.0, 5.0], [5.0, 3.0, 1.0]]
-            .into_iter()
-            .enumerate()
-        {
-            let z = if flat { 0.0 } else { z };
-            let [a, b, c] = change(k, [x + 3.0, y - 2.0, z + 1.0]);
-            text.push_str(&format!("T{k},{x},{y},{z},{a},{b},{c}\n"));
-        }
-        std::fs::write(folder.path().join("ties.csv"), text).unwrap();
-        outcome(&["check", "--installation", path(&folder)])
-    };
-    let (status, printed) = check(|_, p| p, false);
-    assert!(status == Some(0) && !printed.contains("tie_points"), "{printed}");
-    let (status, printed) = check(|_, p| p.map(|v| 1000.0 * v), false);
-    assert!(status == Some(78) && printed.contains("cad.tie_points") && printed.contains("millimetres"), "{printed}");
-    let (status, printed) = check(|k, [x, y, z]| [x + if k == 3 { 0.25 } else { 0.0 }, y, z], false);
-    assert!(status == Some(0) && printed.contains("T3 is") && printed.contains("contradict each other"), "{printed}");
-    let (status, printed) = check(|_, [x, y, z]| [x, -y, z], true);
-    assert!(status == Some(0) && printed.contains("in one plane") && printed.contains("-z"), "{printed}");
+fn tie_points_that_contradict_survey_or_each_other_are_refused_with_their_cause() {
+    type Ties = Vec<([f64; 3], [f64; 3])>;
+    let same = |_: usize, p: [f64; 3]| p;
+    let scaled = |factor: f64| move |_: usize, p: [f64; 3]| p.map(|v| factor * v);
+    let mirrored = |_: usize, [x, y, z]: [f64; 3]| [x, -y, z];
+    let sound: [(Ties, &str); 7] = [
+        (ties(7, false, same), ""),
+        (ties(7, false, same), "up = \"z\"\naft = \"x\""),
+        (ties(7, false, scaled(1000.0)), "unit = \"mm\""),
+        (ties(7, false, scaled(1.0 / 0.0254)), "unit = \"in\""),
+        (ties(3, false, same), "up = \"z\""),
+        (ties(7, true, same), "aft = [1, 0, 0]\nup = [0.0, 0.0, 1.0]"),
+        (ties(7, false, scaled(1.002)), "similarity = true"),
+    ];
+    for (k, (ties, keys)) in sound.iter().enumerate() {
+        let (status, printed) = with_ties(ties, keys, &["check"]);
+        assert!(status == Some(0) && printed.contains("CAD frame"), "sound {k}: {printed}");
+    }
+    let exchanged = |k: usize, p: [f64; 3]| if k == 2 || k == 3 { cad_place(TIES[5 - k]) } else { p };
+    let two = |k: usize, p: [f64; 3]| off(k, 1, off(k, 4, p));
+    let turned = |_: usize, [x, y, z]: [f64; 3]| [x, 0.9 * y - 0.436 * z, 0.436 * y + 0.9 * z];
+    let wrong: [(Ties, &str, &[&str]); 16] = [
+        (ties(7, false, scaled(1000.0)), "", &["cad.tie_points", "give cad.unit = \"mm\""]),
+        (ties(7, false, scaled(1.0 / 0.0254)), "similarity = true", &["give cad.unit = \"in\""]),
+        (ties(7, false, scaled(1000.0)), "unit = \"ft\"", &["give cad.unit = \"mm\""]),
+        (ties(7, false, scaled(0.3048)), "", &["survey's coordinates in tie_points.csv are in ft"]),
+        (ties(7, false, scaled(1.01)), "similarity = true", &["1.0100 times", "correct the points"]),
+        (ties(7, false, scaled(1.002)), "", &["1.0020 times", "cad.similarity = true"]),
+        (ties(7, false, |k, p| off(k, 5, p)), "", &["contradict each other", "T5 by 0.25", "m in x"]),
+        (ties(7, false, two), "", &["T1 by 0.2", "T4 by 0.2"]),
+        (ties(7, false, exchanged), "", &["have each other's CAD coordinates", "T2", "T3"]),
+        (ties(3, false, |k, p| off(k, 2, p)), "up = \"z\"", &["contradict each other", "apart in the CAD model"]),
+        (ties(7, false, mirrored), "", &["mirror"]),
+        (ties(7, true, same), "", &["one plane", "upwards is z of the CAD frame", "cad.up"]),
+        (ties(7, true, mirrored), "up = \"z\"", &["cad.up", "180 degrees", "about -z"]),
+        (
+            ties(7, false, |k, p| turned(k, p).map(|v| v / (0.9_f64.powi(2) + 0.436_f64.powi(2)).sqrt())),
+            "",
+            &["cad.up"],
+        ),
+        (ties(7, false, same), "aft = \"y\"", &["cad.aft", "about x"]),
+        (ties(7, false, same), "up = \"w\"", &["cad.up", "name an axis"]),
+    ];
+    for (k, (ties, keys, words)) in wrong.iter().enumerate() {
+        let (status, printed) = with_ties(ties, keys, &["check"]);
+        assert_eq!(status, Some(78), "wrong {k}: {printed}");
+        assert!(words.iter().all(|word| printed.contains(word)), "wrong {k}: {words:?} in {printed}");
+    }
+}
+
+#[test]
+fn results_have_the_transform_to_the_cad_frame() {
+    let keys = "unit = \"mm\"\naft = \"x\"";
+    let millimetres = ties(7, false, |_, p| p.map(|v| 1000.0 * v));
+    let (_, printed) = with_ties(&millimetres, keys, &["solve", "--json", &frame("flight-1.jpg")]);
+    let result: Value = serde_json::from_str(printed.lines().find(|line| line.starts_with('{')).unwrap()).unwrap();
+    let cad = &result["quality"]["cad"];
+    assert_eq!((&cad["global_test"], &cad["tie_points"][6]), (&"passed".into(), &"T6".into()), "{cad}");
+    let numbers = |value: &Value| value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect::<Vec<f64>>();
+    let rows: Vec<Vec<f64>> = cad["transform"].as_array().unwrap().iter().map(numbers).collect();
+    let marker = result["markers"].as_array().unwrap().iter().find(|m| m["id"] == "M19").unwrap();
+    let place = [numbers(&marker["position_m"]), vec![1.0]].concat();
+    let expected = numbers(&marker["position_cad_m"]);
+    for (row, expected) in rows.iter().zip(&expected) {
+        let value: f64 = row.iter().zip(&place).map(|(a, b)| a * b).sum();
+        assert!((value - expected).abs() < 1e-9, "{value} for {expected}");
+    }
+    let covariance: Vec<Vec<f64>> = cad["covariance"].as_array().unwrap().iter().map(numbers).collect();
+    // The variance of a mean of 7 points of 5 mm is at most that of the translation.
+    assert!(covariance.len() == 7 && (3..6).all(|k| covariance[k][k] > 0.005_f64.powi(2) / 7.01), "{covariance:?}");
+    let aft = numbers(&cad["aft"]);
+    assert!((aft[0] - 0.92050485).abs() < 1e-6 && (aft[1] + 0.39073113).abs() < 1e-6, "{aft:?}");
 }

@@ -44,8 +44,6 @@ pub fn setup() -> Setup {
         }),
         torsion: vec![],
         markers: (0..9).map(marker).collect(),
-        tie_points: vec![],
-        cad_similarity: false,
         window: None,
     }
 }

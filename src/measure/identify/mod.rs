@@ -40,7 +40,10 @@ use super::estimation::quality::{GlobalTest, critical_w, global_test};
 use super::observation::{Estimate, Observation};
 use super::setup::{Orientation, Setup};
 
-pub use diagnose::{Cause, Diagnosis, Explanation, UNITS, diagnose_ground, diagnose_ground_fit, diagnose_observations};
+pub use diagnose::{
+    Cause, Diagnosis, Explanation, SizedShape, UNITS, diagnose_ground, diagnose_ground_fit, diagnose_observations,
+    is_scale_off,
+};
 pub use ground::estimate_orientation;
 pub use locate::MIN_SEPARATION_PX;
 pub use scene::WingView;

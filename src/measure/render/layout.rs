@@ -310,8 +310,6 @@ fn setup_without_markers(
         }),
         torsion: Vec::new(),
         markers: Vec::new(),
-        tie_points: Vec::new(),
-        cad_similarity: false,
         window: None,
     }
 }

@@ -52,7 +52,7 @@ pub fn solution_section(shown: Option<(String, &ImageRecord)>) -> Markup {
         let measured = term.estimate;
         grid.push(vec![name, format_value(measured.map(|m| m.value)), format_value(measured.and_then(|m| m.sigma))]);
     }
-    let quality = Quality { correlation: None, ..record.quality.clone() };
+    let quality = Quality { correlation: None, cad: None, ..record.quality.clone() };
     for (name, value) in &json_fields(&quality) {
         push_parameter(&mut grid, name, value);
     }
@@ -128,6 +128,9 @@ pub fn quality_section(data: &ReportData) -> Markup {
     html! {
         h2 id="quality" { "Quality" }
         (global_test_text(records().map(|(_, r)| r)))
+        @if let Some(cad) = records().filter_map(|(_, r)| r.quality.cad.as_ref()).next_back() {
+            p { "CAD frame: " (cad.describe()) "." }
+        }
         (titled_table("Markers not used", "Every marker of the survey was used in every solved frame.", &unused))
         (titled_table("Frames without a result", "Every frame has a result.", &failed))
         (exposure_section(data))

@@ -163,7 +163,7 @@ fn every_key_of_an_installation_is_on_its_page() {
     for name in ["camera.toml", "survey.csv"] {
         std::fs::copy(fixture.join(name), folder.path().join(name)).unwrap();
     }
-    let ties = "id,x_m,y_m,z_m,cad_x_m,cad_y_m,cad_z_m\na,0,0,0,0,0,0\nb,1,0,0,1,0,0\nc,0,1,0,0,1,0\n";
+    let ties = "id,x_m,y_m,z_m,cad_x_m,cad_y_m,cad_z_m\na,0,0,0,0,0,0\nb,1,0,0,1,0,0\nc,0,1,0,0,1,0\nd,0,0,1,0,0,1\n";
     std::fs::write(folder.path().join("tie_points.csv"), ties).unwrap();
     let beam = "s_m,ei_n_m2,sigma_ei_n_m2\n0,2e9,1e8\n30,1e8,1e7\n";
     std::fs::write(folder.path().join("structure.csv"), beam).unwrap();
@@ -171,7 +171,7 @@ fn every_key_of_an_installation_is_on_its_page() {
         std::fs::write(folder.path().join("installation.toml"), table.to_string()).unwrap();
         let printed = |faults: Vec<Fault>| faults.iter().map(Fault::to_string).collect::<Vec<_>>().join("\n");
         let found = wingd::installation::load(folder.path()).map_err(printed)?;
-        Ok(format!("{:?}", (found.setup, found.cad, found.optics, found.structure)))
+        Ok(format!("{:?}", (found.setup, found.cad, found.cad_model, found.optics, found.structure)))
     };
     let base = std::fs::read_to_string(fixture.join("installation.toml")).unwrap().parse().unwrap();
     check("docs/reference/installation-toml.md", &base, 50, &read);

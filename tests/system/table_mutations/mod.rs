@@ -142,7 +142,7 @@ fn program(kind: Kind, directory: &Path, text: &str, installation: &Installation
             let sound = std::fs::read(fixture("dev/installation/survey.csv")).unwrap();
             std::fs::write(directory.join("survey.csv"), sound).unwrap();
             std::fs::write(directory.join(name), text).unwrap();
-            let setup = load(directory).map_err(printed)?.setup;
+            let Installation { setup, cad_model, .. } = load(directory).map_err(printed)?;
             Ok(if kind == Kind::Survey {
                 let marker = |m: &wingd::measure::setup::SurveyMarker| {
                     let p = m.position_m;
@@ -154,11 +154,12 @@ fn program(kind: Kind, directory: &Path, text: &str, installation: &Installation
                     .map(|m| [Read::Text(m.id.clone())].into_iter().chain(marker(m)).collect())
                     .collect()
             } else {
-                let tie = |t: &wingd::measure::setup::TiePoint| {
-                    let all = t.survey_m.iter().chain(t.cad_m.iter()).copied().map(number);
-                    [Read::Text(t.id.clone())].into_iter().chain(all).collect()
+                let ties = cad_model.unwrap();
+                let tie = |(id, t): (&String, &wingd::measure::geometry::PointPair)| {
+                    let all = t.source_m.iter().chain(t.target_m.iter()).copied().map(number);
+                    [Read::Text(id.clone())].into_iter().chain(all).collect()
                 };
-                setup.tie_points.iter().map(tie).collect()
+                ties.ids.iter().zip(&ties.points).map(tie).collect()
             })
         }
         Kind::Stiffness => {

@@ -77,8 +77,8 @@ impl Kind {
                 text.lines().filter(|l| !l.starts_with('#')).map(str::to_owned).collect()
             }
             Self::Ties => (0..5)
-                .map(|k| (k, k * k))
-                .map(|(k, s)| format!("T{k},{k}.5,{s}.25,1.125,{}.5,{}.25,-1.875", 7 + k, 11 + s))
+                .map(|k| (k, k * k, 1.125 + f64::from(k * k % 4)))
+                .map(|(k, s, z)| format!("T{k},{k}.5,{s}.25,{z},{}.5,{}.25,{}", 7 + k, 11 + s, z - 3.0))
                 .collect(),
             Self::Stiffness => (0..6).map(|k| format!("{k}.5,{}e8,{}e7", 9 - k, 9 - k)).collect(),
             Self::Mountings => (0..6).map(|k| format!("f{k}.jpg,m{}", k / 2)).collect(),

@@ -14,12 +14,18 @@ use crate::observation::Estimate;
 use crate::ordering::sort_by_value;
 use crate::setup::{Orientation, Shape, Width};
 
-/// Relative standard deviation of a semi-major axis: of circles and of quadrants, whose white fields end without contrast.
-const SIZE_SIGMAS: (f64, f64) = (0.02, 0.05);
-/// Standard deviation of a semi-major axis that does not depend on its length, px.
-const SIZE_FLOOR_PX: f64 = 0.3;
-/// Relative standard deviation common to all sizes: print, paint and threshold.
-pub(super) const COMMON_SIZE_SIGMA: f64 = 0.003;
+/// Standard deviations of a semi-major axis, px, of a circle and of a quadrant, whose white fields end without contrast:
+/// measured in rendered frames of three programs in seven lights (docs/identification.md).
+const SIZE_SIGMAS_PX: (f64, f64) = (0.2, 1.7);
+/// Standard deviation of a semi-major axis over that of the centre of a marker partly hidden by glare or dirt, measured
+/// likewise.
+const SIZE_OVER_CENTRE: f64 = 2.0;
+/// Standard deviation of a displacement of all edges, px: blur, tone curve and glare, measured likewise.
+const EDGE_SIGMA_PX: f64 = 0.3;
+/// Standard deviation of a displacement of the edges of all quadrants, px: contrast of the white fields, measured likewise.
+const QUADRANT_SIGMA_PX: f64 = 2.0;
+/// Relative standard deviation of a printed diameter, of each marker and common to all: 1 mm of 0.3 m, an assumption.
+const PRINT_SIGMA: f64 = 0.003;
 /// Normalised residual of an outline of the other kind of marker.
 const WRONG_SHAPE: f64 = 5.0;
 /// Shift for derivatives by a position, m.
@@ -242,6 +248,17 @@ impl<'a> Evidence<'a> {
         scores
     }
 
+    /// Estimates a cause with one parameter in one linear step from a solution, and returns the decrease of the sum of squares.
+    pub(super) fn score_cause(&self, base: &CauseFit, cause: Cause) -> Option<f64> {
+        let by =
+            (self.whitened(&cause.apply(&base.subject, &[cause.step()]), &base.pose)? - &base.residuals) / cause.step();
+        let weights = self.prior_weights(None, base.design.ncols());
+        let normal = base.design.transpose() * &base.design + DMatrix::from_diagonal(&weights);
+        let across = base.design.transpose() * &by;
+        let information = by.norm_squared() - across.dot(&normal.cholesky()?.solve(&across));
+        Some(by.dot(&base.residuals).powi(2) / information.max(f64::MIN_POSITIVE))
+    }
+
     /// Returns the markers whose images have the largest whitened misclosures.
     pub(super) fn worst_images(&self, base: &CauseFit, count: usize) -> Vec<usize> {
         let images = &self.subject.images;
@@ -314,10 +331,14 @@ fn with_row(vector: DVector<f64>, value: f64) -> DVector<f64> {
     vector.insert_row(last, value)
 }
 
-/// Returns the variance of the logarithm of a semi-major axis, without the common part.
-pub(super) fn size_variance(shape: Shape, semi_major_px: f64) -> f64 {
-    let relative = if shape == Shape::Circle { SIZE_SIGMAS.0 } else { SIZE_SIGMAS.1 };
-    relative.powi(2) + (SIZE_FLOOR_PX / semi_major_px).powi(2)
+/// Returns the covariance of the logarithms of two semi-major axes, px; of one with itself if the covariance of its centre,
+/// px^2, is given.
+pub(super) fn size_covariance(a: (Shape, f64), b: (Shape, f64), centre_px2: Option<&Matrix2<f64>>) -> f64 {
+    let quadrants = if (a.0, b.0) == (Shape::Quadrant, Shape::Quadrant) { QUADRANT_SIGMA_PX } else { 0.0 };
+    let own_px = if a.0 == Shape::Circle { SIZE_SIGMAS_PX.0 } else { SIZE_SIGMAS_PX.1 };
+    let own_px2 = centre_px2.map_or(0.0, |c| own_px.powi(2) + SIZE_OVER_CENTRE.powi(2) * c.trace());
+    let print = if centre_px2.is_some() { 2.0 } else { 1.0 } * PRINT_SIGMA.powi(2);
+    (EDGE_SIGMA_PX.powi(2) + quadrants.powi(2) + own_px2) / (a.1 * b.1) + print
 }
 
 /// Returns the covariance of images, sizes and survey.
@@ -333,17 +354,17 @@ fn image_covariance(subject: &Subject, in_flight: bool, by_shift: &DMatrix<f64>)
                 let common = first * second.transpose() * sigma_m.powi(2);
                 covariance.view_mut((ROWS * i, ROWS * k), (ROWS, ROWS)).copy_from(&common);
             }
-            if a.size_px().is_some() && b.size_px().is_some() {
-                covariance[(ROWS * i + 2, ROWS * k + 2)] += COMMON_SIZE_SIGMA.powi(2);
+            if let (Some((shape, Some(major))), Some((other, Some(length)))) = (a.outline, b.outline) {
+                covariance[(ROWS * i + 2, ROWS * k + 2)] +=
+                    size_covariance((shape, major), (other, length), (i == k).then_some(&a.covariance_px2));
             }
         }
         let own = a.covariance_px2 + Matrix2::identity() * floor_px.powi(2);
         let mut block = covariance.view_mut((ROWS * i, ROWS * i), (2, 2));
         block += own;
-        covariance[(ROWS * i + 2, ROWS * i + 2)] += match a.outline {
-            Some((shape, Some(major))) => size_variance(shape, major),
-            _ => 1.0,
-        };
+        if a.size_px().is_none() {
+            covariance[(ROWS * i + 2, ROWS * i + 2)] += 1.0;
+        }
     }
     covariance
 }

@@ -15,7 +15,7 @@ mod evidence;
 mod search;
 mod subject;
 
-use nalgebra::Rotation3;
+use nalgebra::{Matrix2, Rotation3};
 
 use super::{Identities, WingView};
 use crate::detect::Detection;
@@ -26,8 +26,9 @@ use crate::setup::{Orientation, Setup, Shape};
 
 pub(super) use cause::span_m;
 pub use cause::{Cause, UNITS};
-use evidence::{CauseFit, Evidence};
+use evidence::{CauseFit, Evidence, size_covariance};
 pub use search::{diagnose_ground, diagnose_ground_fit};
+pub use subject::SizedShape;
 use subject::{NamedImage, Subject};
 
 /// Level of significance of a diagnosis: probability that a sound setup is accused.
@@ -57,6 +58,8 @@ pub struct Explanation {
     pub variance_factor: f64,
     /// Cause and correction in one sentence.
     pub text: String,
+    /// Verdict of the images' test with the cause corrected.
+    global_test: Option<GlobalTest>,
     camera_from_survey: Rotation3<f64>,
     /// Decrease less the penalty for parameters and alternatives.
     evidence: f64,
@@ -72,6 +75,8 @@ pub struct Diagnosis {
     pub global_test: Option<GlobalTest>,
     /// All causes tried, the best first.
     pub ranking: Vec<Explanation>,
+    /// Second error, which the images show with the best cause corrected; only if its test rejects them still.
+    pub further: Option<Explanation>,
 }
 
 impl Diagnosis {
@@ -102,8 +107,32 @@ impl Diagnosis {
         let causes = self.causes();
         let first = causes.first()?.text.clone();
         let others: Vec<&str> = causes.iter().skip(1).take(2).map(|e| e.text.as_str()).collect();
-        Some(if others.is_empty() { first } else { format!("{first}; explained alike: {}", others.join("; or ")) })
+        let alike =
+            if others.is_empty() { first } else { format!("{first}; explained alike: {}", others.join("; or ")) };
+        Some(self.further.as_ref().map_or(alike.clone(), |further| format!("{alike}; in addition, {}", further.text)))
     }
+}
+
+/// Returns whether a scale of the image or of the survey explains a frame in flight significantly better than the setup as
+/// given; a fraction of the time of [`diagnose_observations`], which takes the same arguments.
+pub fn is_scale_off(
+    setup: &Setup,
+    orientation: &Orientation,
+    observations: &[Observation],
+    outlines: &[Option<SizedShape>],
+) -> bool {
+    let subject = Subject::of_observations(setup, observations, outlines);
+    let evidence = evidence::start_pose(&subject, Some(orientation))
+        .and_then(|pose| Evidence::new(subject.clone(), Some(orientation), (&subject, &pose)));
+    let Some((evidence, base)) = evidence.and_then(|evidence| evidence.solve(None, &[]).map(|base| (evidence, base)))
+    else {
+        return false;
+    };
+    let factor = (base.sum_of_squares / evidence.redundancy().max(1) as f64).max(1.0);
+    [Cause::ImageScale, Cause::SurveyScale].into_iter().any(|cause| {
+        let score = evidence.score_cause(&base, cause);
+        score.is_some_and(|score| score / factor > evidence.limit(cause, ALPHA / KINDS))
+    })
 }
 
 /// Diagnoses observations of known identity: of a frame in flight with an orientation, else of the ground. `outlines`: kind
@@ -112,20 +141,32 @@ pub fn diagnose_observations(
     setup: &Setup,
     orientation: Option<&Orientation>,
     observations: &[Observation],
-    outlines: &[Option<(Shape, Option<f64>)>],
+    outlines: &[Option<SizedShape>],
 ) -> Option<Diagnosis> {
-    let image = |(k, o): (usize, &Observation)| NamedImage {
-        marker: o.marker,
-        pixel: o.pixel,
-        covariance_px2: o.covariance_px2,
-        outline: outlines.get(k).copied().flatten(),
-    };
-    let images = observations.iter().enumerate().map(image).collect();
-    rank_causes(&Subject::new(setup, images), orientation, None)
+    rank_causes(&Subject::of_observations(setup, observations, outlines), orientation, None)
 }
 
-/// Ranks all causes for named images. `found`: a gross error with its parameters, with which the images were identified.
+/// Ranks all causes for named images, and if the best does not explain them alone, those of the images corrected by it.
+/// `found`: a gross error with its parameters, with which the images were identified.
 fn rank_causes(
+    subject: &Subject,
+    orientation: Option<&Orientation>,
+    found: Option<(Cause, &[f64])>,
+) -> Option<Diagnosis> {
+    let mut first = rank_single_causes(subject, orientation, found)?;
+    if let [best] = first.causes()
+        && best.global_test == Some(GlobalTest::Rejected)
+    {
+        let values: Vec<f64> = best.size.iter().map(|e| e.value).collect();
+        let second = rank_single_causes(&best.cause.apply(subject, &values), orientation, None);
+        let further = second.and_then(|second| second.causes().first().cloned());
+        first.further = further.filter(|further| !further.cause.is_same_place(best.cause));
+    }
+    Some(first)
+}
+
+/// Ranks all causes for named images, one at a time.
+fn rank_single_causes(
     subject: &Subject,
     orientation: Option<&Orientation>,
     found: Option<(Cause, &[f64])>,
@@ -167,13 +208,15 @@ fn rank_causes(
         variance_factor: without / freedom.max(1) as f64,
         global_test: global_test(without, freedom, ALPHA),
         ranking,
+        further: None,
     })
 }
 
 /// Tests a cause against the sum of squares without it.
 fn weigh_cause(evidence: &Evidence, cause: Cause, fit: &CauseFit, without: f64) -> Explanation {
     let (parameters, markers) = (cause.parameters(), evidence.subject.setup.markers.len());
-    let left = fit.sum_of_squares / evidence.redundancy().saturating_sub(parameters).max(1) as f64;
+    let freedom = evidence.redundancy().saturating_sub(parameters).max(1);
+    let left = fit.sum_of_squares / freedom as f64;
     let decrease = (without - fit.sum_of_squares) / left.max(1.0);
     let rows = (evidence.redundancy() as f64).max(1.0);
     let penalty = parameters as f64 * rows.ln() + 2.0 * (cause.alternatives(markers) as f64).ln();
@@ -183,6 +226,7 @@ fn weigh_cause(evidence: &Evidence, cause: Cause, fit: &CauseFit, without: f64) 
         decrease,
         variance_factor: left,
         text: cause.describe(&fit.size, &evidence.subject.setup, evidence.orientation.is_some()),
+        global_test: global_test(fit.sum_of_squares, freedom, ALPHA),
         camera_from_survey: fit.pose.rotation(),
         evidence: decrease - penalty,
         is_significant: decrease > evidence.limit(cause, ALPHA / KINDS),
@@ -203,15 +247,20 @@ impl WingView<'_> {
     /// Returns the logarithm of the ratio of the identified outlines' sizes to those predicted from survey and distance.
     pub fn log_size_ratio(&self, detections: &[Detection], identities: &Identities) -> Option<Estimate> {
         let outlines = self.marker_outlines(&self.fit_state(detections, identities)?);
+        let mut sizes: Vec<(f64, (Shape, f64), Matrix2<f64>)> = vec![];
         let (mut sum, mut weights) = (0.0, 0.0);
         for (i, j) in identities.pairs() {
             let (Some(d), Some(Some(outline))) = (detections.get(i), outlines.get(j)) else { continue };
-            let weight = evidence::size_variance(d.shape, d.semi_major_px).recip();
+            let size = (d.shape, d.semi_major_px);
+            let weight = size_covariance(size, size, Some(&d.covariance_px2)).recip();
+            sizes.push((weight, size, *d.covariance_px2));
             sum += weight * (d.semi_major_px / outline.semi_major_px).ln();
             weights += weight;
         }
-        let sigma = evidence::COMMON_SIZE_SIGMA.hypot(weights.recip().sqrt());
-        (weights > 0.0).then_some(Estimate { value: sum / weights, sigma: Some(sigma) })
+        let all = || sizes.iter().enumerate();
+        let pairs = all().flat_map(|(i, a)| all().map(move |(k, b)| (a, b, (i == k).then_some(&a.2))));
+        let variance: f64 = pairs.map(|(a, b, own)| a.0 * b.0 * size_covariance(a.1, b.1, own)).sum();
+        (weights > 0.0).then_some(Estimate { value: sum / weights, sigma: Some(variance.sqrt() / weights) })
     }
 }
 

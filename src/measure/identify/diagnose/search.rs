@@ -291,7 +291,7 @@ const WINDOW_PX: f64 = 270.0;
 /// Step between such windows, px: less than a window, so that they overlap.
 const STEP_PX: f64 = 450.0;
 /// Trial scales of the image, logarithms: zoom creep, stabilisation, corrected distortion.
-const SCALES: [f64; 8] = [-0.02, 0.02, -0.04, 0.04, -0.07, 0.07, -0.12, 0.12];
+const SCALES: [f64; 10] = [-0.01, 0.01, -0.02, 0.02, -0.04, 0.04, -0.07, 0.07, -0.12, 0.12];
 
 impl WingView<'_> {
     /// Diagnoses a frame in flight that [`WingView::identify_markers`] rejected; one sentence, or `None` if no cause is

@@ -2,10 +2,11 @@
 
 use nalgebra::{Matrix2, Rotation3, Vector2};
 
+use crate::observation::Observation;
 use crate::setup::{Setup, Shape};
 
 /// Kind and, if measured, semi-major axis of an outline, px.
-pub(super) type Outline = (Shape, Option<f64>);
+pub type SizedShape = (Shape, Option<f64>);
 
 /// Image of a marker with its name; its centre is free of the perspective bias.
 #[derive(Clone, Copy, Debug)]
@@ -14,7 +15,7 @@ pub(super) struct NamedImage {
     pub(super) pixel: Vector2<f64>,
     pub(super) covariance_px2: Matrix2<f64>,
     /// Kind and semi-major axis, px, of the outline; `None` for a manual mark.
-    pub(super) outline: Option<Outline>,
+    pub(super) outline: Option<SizedShape>,
 }
 
 impl NamedImage {
@@ -39,6 +40,21 @@ impl Subject {
     /// Creates the subject of a setup as given.
     pub(super) fn new(setup: &Setup, images: Vec<NamedImage>) -> Self {
         Self { setup: setup.clone(), images, bend_m: 0.0, turn: Rotation3::identity() }
+    }
+
+    /// Creates the subject of observations with the outline of each; missing ones are manual marks.
+    pub(super) fn of_observations(
+        setup: &Setup,
+        observations: &[Observation],
+        outlines: &[Option<SizedShape>],
+    ) -> Self {
+        let image = |(k, o): (usize, &Observation)| NamedImage {
+            marker: o.marker,
+            pixel: o.pixel,
+            covariance_px2: o.covariance_px2,
+            outline: outlines.get(k).copied().flatten(),
+        };
+        Self::new(setup, observations.iter().enumerate().map(image).collect())
     }
 
     /// Replaces the pixel of each image; the map has the marker and the pixel.
