@@ -7,6 +7,7 @@ use nalgebra::Vector3;
 use super::plausible::principal_axes;
 use super::{INSTALLATION_FILE, Reader, read_table, tables};
 use crate::measure::geometry::{FitError, PointPair, TransformFit};
+use crate::measure::ordering::sort_by_value;
 use crate::measure::setup::{Setup, WingSide};
 
 const COLUMNS: [&str; 7] = ["id", "x_m", "y_m", "z_m", "cad_x_m", "cad_y_m", "cad_z_m"];
@@ -28,6 +29,9 @@ const MAX_SWEEP_DEG: f64 = 60.0;
 const FLAT_SIGMAS: f64 = 10.0;
 /// Number of standard deviations beyond which scale and angle are off.
 const SIGMAS: f64 = 3.0;
+/// Largest number of points, those that fit worst, that are tried as wrong or exchanged: the time of all pairs of hundreds
+/// would be seconds.
+const MAX_SUSPECTS: usize = 12;
 /// Significance level of the test of the transform.
 pub const CAD_ALPHA: f64 = 0.01;
 
@@ -240,7 +244,12 @@ impl CadModel {
         if is_right(&|points| points.iter_mut().for_each(|p| p.target_m.x *= -1.0)) {
             return mirrored();
         }
-        let pairs = || (0..self.points.len()).flat_map(|i| (0..i).map(move |k| (k, i)));
+        let mut suspects: Vec<usize> = (0..self.points.len()).collect();
+        if let Ok(fit) = fit {
+            sort_by_value(&mut suspects, |k| -fit.residuals_m[*k].norm());
+        }
+        suspects.truncate(MAX_SUSPECTS);
+        let pairs = || suspects.iter().enumerate().flat_map(|(n, i)| suspects[..n].iter().map(|k| (*k, *i)));
         let exchange = |points: &mut Vec<PointPair>, (k, i): (usize, usize)| {
             (points[k].target_m, points[i].target_m) = (points[i].target_m, points[k].target_m);
         };
@@ -248,20 +257,31 @@ impl CadModel {
             let cause = format!("{} and {} have each other's CAD coordinates", self.ids[k], self.ids[i]);
             return (TIES, contradict(cause), "exchange them".into());
         }
-        let remedy = "correct them in tie_points.csv, in both frames, or leave them out";
-        if let Some(cause) = self.describe_outliers() {
+        let remedy = "correct them in tie_points.csv, in both frames, or give their standard deviation as cad.sigma_m";
+        if let Some(cause) = self.describe_outliers(&suspects) {
             return (TIES, contradict(cause), remedy.into());
         }
-        match fit {
-            Ok(_) => (TIES, contradict(self.describe_distance()), remedy.into()),
-            Err(FitError::Mirrored) => mirrored(),
-            Err(error) => (TIES, error.to_string(), "correct the tie points, or delete [cad]".into()),
+        let change_m = |&(k, i): &(usize, usize)| {
+            let [a, b] = [k, i].map(|k| self.points[k]);
+            (a.target_m - b.target_m).norm() - (a.source_m - b.source_m).norm()
+        };
+        match (fit, pairs().max_by(|a, b| change_m(a).abs().total_cmp(&change_m(b).abs()))) {
+            (Ok(_), Some(worst)) => {
+                let [a, b] = [worst.0, worst.1].map(|k| &self.ids[k]);
+                let off_m = change_m(&worst);
+                let cause = format!("{a} and {b} are {off_m:.3} m farther apart in the CAD model than in the survey");
+                (TIES, contradict(cause), remedy.into())
+            }
+            (Err(error), _) if error != FitError::Mirrored => {
+                (TIES, error.to_string(), "correct the tie points, or delete [cad]".into())
+            }
+            _ => mirrored(),
         }
     }
 
-    /// Describes the points without which the others pass the test; `None` if fewer than four would be left, because a
-    /// transform of three points cannot show which of them is wrong.
-    fn describe_outliers(&self) -> Option<String> {
+    /// Describes the suspects without which the others pass the test; `None` if they are more than a third, or fewer than four
+    /// would be left, because a transform of three points cannot show which of them is wrong.
+    fn describe_outliers(&self, suspects: &[usize]) -> Option<String> {
         let count = self.points.len();
         let mut left_out: Vec<usize> = vec![];
         let estimate = |left_out: &[usize], k: usize| {
@@ -271,10 +291,10 @@ impl CadModel {
         };
         let factor = |fit: &TransformFit| fit.variance_factor.unwrap_or(f64::INFINITY);
         loop {
-            if count < left_out.len() + 5 {
+            if count < left_out.len() + 5 || left_out.len() >= count / 3 {
                 return None;
             }
-            let others = (0..count).filter(|k| !left_out.contains(k)).filter_map(|k| estimate(&left_out, k));
+            let others = suspects.iter().filter(|k| !left_out.contains(k)).filter_map(|k| estimate(&left_out, *k));
             let (k, fit) = others.min_by(|a, b| factor(&a.1).total_cmp(&factor(&b.1)))?;
             left_out.push(k);
             if passes(&fit) {
@@ -286,21 +306,6 @@ impl CadModel {
                 return Some(format!("off the fit of the others, in the CAD frame, is {}", points.join("; ")));
             }
         }
-    }
-
-    /// Describes the distance between two points that differs most between CAD model and survey.
-    fn describe_distance(&self) -> String {
-        let distance_m = |a: &PointPair, b: &PointPair, at: fn(&PointPair) -> Vector3<f64>| (at(a) - at(b)).norm();
-        let mut worst = (0.0, 0, 0);
-        for (i, a) in self.points.iter().enumerate() {
-            for (k, b) in self.points[..i].iter().enumerate() {
-                let change_m = distance_m(a, b, |p| p.target_m) - distance_m(a, b, |p| p.source_m);
-                worst = if f64::abs(change_m) > f64::abs(worst.0) { (change_m, k, i) } else { worst };
-            }
-        }
-        let (change_m, k, i) = worst;
-        let [a, b] = [&self.ids[k], &self.ids[i]];
-        format!("{a} and {b} are {change_m:.3} m farther apart in the CAD model than in the survey")
     }
 }
 

@@ -112,7 +112,7 @@ pub fn solve_processed_frame(
 /// frames, because the test, which also has the places of the markers, takes milliseconds.
 const MAX_SIZE_SIGMAS: f64 = 0.7;
 
-/// Adds the cause to the reason of a doubtful result, and to the remarks of one that its test rejects or whose markers have
+/// Adds the cause to the reason of a doubtful result or of a failed adjustment, and to the remarks of one that its test rejects or whose markers have
 /// another size than their distances predict, if a diagnosis finds it.
 fn add_diagnosis(
     record: &mut ImageRecord,
@@ -134,11 +134,17 @@ fn add_diagnosis(
             };
             size().is_some_and(is_off) && is_scale_off(outlined_observations(processed))
         }
-        status => status == RecordStatus::Doubtful,
+        // A frame that could be identified, but not adjusted.
+        RecordStatus::Failed => processed.identities.is_some(),
+        _ => true,
     };
     let cause = || diagnose_frame(processed, setup, orientation).map_or_else(|cause| cause, |found| found.text());
     match (is_needed.then(cause).flatten(), &mut record.reason) {
-        (Some(cause), Some(reason)) => *reason = format!("{reason}; {cause}"),
+        (Some(cause), Some(reason)) => {
+            // The cause replaces the general remedy of an adjustment that failed.
+            let general = reason.split_once("; ").filter(|_| record.status == RecordStatus::Failed);
+            *reason = format!("{}; {cause}", general.map_or(reason.as_str(), |(stated, _)| stated));
+        }
         (Some(cause), None) => record.remarks.push(cause),
         (None, _) => {}
     }

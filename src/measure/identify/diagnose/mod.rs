@@ -58,8 +58,6 @@ pub struct Explanation {
     pub variance_factor: f64,
     /// Cause and correction in one sentence.
     pub text: String,
-    /// Verdict of the images' test with the cause corrected.
-    global_test: Option<GlobalTest>,
     camera_from_survey: Rotation3<f64>,
     /// Decrease less the penalty for parameters and alternatives.
     evidence: f64,
@@ -75,11 +73,31 @@ pub struct Diagnosis {
     pub global_test: Option<GlobalTest>,
     /// All causes tried, the best first.
     pub ranking: Vec<Explanation>,
-    /// Second error, which the images show with the best cause corrected; only if its test rejects them still.
+    /// Second error, which the images show with the best cause corrected.
     pub further: Option<Explanation>,
 }
 
+impl Explanation {
+    fn values(&self) -> Vec<f64> {
+        self.size.iter().map(|e| e.value).collect()
+    }
+
+    /// Returns the setup with the error corrected; `None` if it is not one of the setup.
+    fn corrected_setup(&self, setup: &Setup) -> Option<Setup> {
+        let is_of_image = matches!(self.cause, Cause::Bend | Cause::Turn | Cause::UpsideDown | Cause::Mirrored);
+        let is_of_marks = matches!(self.cause, Cause::Mark(_) | Cause::MarkAxes(_));
+        (!is_of_image && !is_of_marks).then(|| self.cause.apply(&Subject::new(setup, vec![]), &self.values()).setup)
+    }
+}
+
 impl Diagnosis {
+    /// Sets the second error to the best cause of a diagnosis with the first one corrected.
+    fn set_further(&mut self, second: Option<Self>) {
+        let is_new = |e: &&Explanation| self.causes().first().is_some_and(|best| !best.cause.is_same_place(e.cause));
+        self.further =
+            second.and_then(|second| second.causes().first().filter(is_new).cloned()).or(self.further.take());
+    }
+
     /// Returns the significant causes that explain the images alike, the best first; empty without an error.
     pub fn causes(&self) -> &[Explanation] {
         let Some(best) = self.ranking.first().filter(|best| best.is_significant) else { return &[] };
@@ -146,7 +164,7 @@ pub fn diagnose_observations(
     rank_causes(&Subject::of_observations(setup, observations, outlines), orientation, None)
 }
 
-/// Ranks all causes for named images, and if the best does not explain them alone, those of the images corrected by it.
+/// Ranks all causes for named images, and if the best is significant, again those of the images corrected by it.
 /// `found`: a gross error with its parameters, with which the images were identified.
 fn rank_causes(
     subject: &Subject,
@@ -154,13 +172,9 @@ fn rank_causes(
     found: Option<(Cause, &[f64])>,
 ) -> Option<Diagnosis> {
     let mut first = rank_single_causes(subject, orientation, found)?;
-    if let [best] = first.causes()
-        && best.global_test == Some(GlobalTest::Rejected)
-    {
-        let values: Vec<f64> = best.size.iter().map(|e| e.value).collect();
-        let second = rank_single_causes(&best.cause.apply(subject, &values), orientation, None);
-        let further = second.and_then(|second| second.causes().first().cloned());
-        first.further = further.filter(|further| !further.cause.is_same_place(best.cause));
+    if let Some(best) = first.causes().first() {
+        let second = rank_single_causes(&best.cause.apply(subject, &best.values()), orientation, None);
+        first.set_further(second);
     }
     Some(first)
 }
@@ -215,8 +229,7 @@ fn rank_single_causes(
 /// Tests a cause against the sum of squares without it.
 fn weigh_cause(evidence: &Evidence, cause: Cause, fit: &CauseFit, without: f64) -> Explanation {
     let (parameters, markers) = (cause.parameters(), evidence.subject.setup.markers.len());
-    let freedom = evidence.redundancy().saturating_sub(parameters).max(1);
-    let left = fit.sum_of_squares / freedom as f64;
+    let left = fit.sum_of_squares / evidence.redundancy().saturating_sub(parameters).max(1) as f64;
     let decrease = (without - fit.sum_of_squares) / left.max(1.0);
     let rows = (evidence.redundancy() as f64).max(1.0);
     let penalty = parameters as f64 * rows.ln() + 2.0 * (cause.alternatives(markers) as f64).ln();
@@ -226,7 +239,6 @@ fn weigh_cause(evidence: &Evidence, cause: Cause, fit: &CauseFit, without: f64) 
         decrease,
         variance_factor: left,
         text: cause.describe(&fit.size, &evidence.subject.setup, evidence.orientation.is_some()),
-        global_test: global_test(fit.sum_of_squares, freedom, ALPHA),
         camera_from_survey: fit.pose.rotation(),
         evidence: decrease - penalty,
         is_significant: decrease > evidence.limit(cause, ALPHA / KINDS),

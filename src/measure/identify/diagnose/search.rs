@@ -70,8 +70,18 @@ fn diagnose_ground_frame(setup: &Setup, detections: &[Detection]) -> Option<Diag
     (first.variance_factor < GROSS).then_some(found)
 }
 
-/// Diagnoses ground frames: at their orientation if most markers have one, else with unknown attitude, frame by frame.
+/// Diagnoses ground frames, and again with the setup corrected by the best cause, in which other markers may be identified.
 pub fn diagnose_ground(setup: &Setup, frames: &[Vec<Detection>]) -> Option<Diagnosis> {
+    let mut first = diagnose_single_ground(setup, frames)?;
+    if let Some(corrected) = first.causes().first().and_then(|best| best.corrected_setup(setup)) {
+        let second = diagnose_single_ground(&corrected, frames);
+        first.set_further(second);
+    }
+    Some(first)
+}
+
+/// Diagnoses ground frames: at their orientation if most markers have one, else with unknown attitude, frame by frame.
+fn diagnose_single_ground(setup: &Setup, frames: &[Vec<Detection>]) -> Option<Diagnosis> {
     let visible = |frame: &Vec<Detection>| frame.iter().filter(|d| is_usable(d)).count().min(setup.markers.len());
     let possible: usize = frames.iter().map(visible).sum();
     let fit = estimate_orientation(setup, frames).ok().filter(|fit| 3 * fit.residuals.len() >= 2 * possible);
