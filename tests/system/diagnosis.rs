@@ -4,6 +4,7 @@
 use std::path::Path;
 
 use serde_json::Value;
+use wingd::measure::setup::Width;
 
 use crate::program::{fixture, outcome, stdout};
 
@@ -213,9 +214,13 @@ fn a_span_off_the_line_of_the_markers_is_warned_of() {
         let [x, y] = [0.39073113, 0.92050485];
         let span = format!("[{}, {}]", x * cos - y * sin, x * sin + y * cos);
         let folder = changed(INSTALLATION, |t| t.replace("[0.39073113, 0.92050485]", &span));
+        // A direction that the line contradicts is not known to the default of 1 degree; the line is 0.15 degrees off.
+        let known = wingd::installation::load(folder.path()).unwrap().setup.uncertainty[Width::SpanDirection];
+        let expected = degrees.abs().clamp(1.0, 20.0);
+        assert!((known.to_degrees() - expected).abs() < 0.2, "{degrees}: {known}");
         outcome(&["check", "--installation", path(&folder)])
     };
-    for degrees in [0.0, 2.0, -2.0] {
+    for degrees in [0.0, 2.0, -2.0, 5.0] {
         let (status, printed) = turned(degrees);
         assert!(status == Some(0) && !printed.contains("span_direction"), "{degrees}: {printed}");
     }
