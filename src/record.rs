@@ -212,6 +212,8 @@ pub struct TorsionRecord {
     /// Twist without the contribution of bending, degrees.
     pub twist_deg: Option<f64>,
     pub sigma_twist_deg: Option<f64>,
+    #[serde(flatten)]
+    pub incidence: IncidenceRecord,
 }
 
 /// Point of the curves along the span.
@@ -227,4 +229,19 @@ pub struct CurveRecord {
     /// Twist, degrees.
     pub twist_deg: Option<f64>,
     pub sigma_twist_deg: Option<f64>,
+    #[serde(flatten)]
+    pub incidence: IncidenceRecord,
+}
+
+/// Rotations of a section against the survey; `None` with the profile method and in results of older programs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct IncidenceRecord {
+    /// Change of the slope along the span, tip up positive, degrees.
+    pub slope_deg: Option<f64>,
+    pub sigma_slope_deg: Option<f64>,
+    /// Change of the incidence in the vertical plane of the flow, nose up positive, degrees; `None` without
+    /// `wing.flow_direction`.
+    pub streamwise_twist_deg: Option<f64>,
+    pub sigma_streamwise_twist_deg: Option<f64>,
 }

@@ -84,6 +84,7 @@ fn setup_without_markers(draft: &LayoutDraft) -> Setup {
         projection_centre_sigma_m: 0.002,
         mount_repeatability_px: 10.0,
         span_direction: nalgebra::Vector2::new(1.0, 0.0),
+        flow_direction: None,
         configured_side: Some(draft.side),
         root_offset_m: DEFAULT_ROOT_OFFSET_M.min(0.1 * draft.span_m),
         axis_chord_offset_m: None,

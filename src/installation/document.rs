@@ -53,6 +53,7 @@ pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
         projection_centre_sigma_m: document.camera.projection_centre_sigma_m.unwrap_or(DEFAULT_CENTRE_SIGMA_M),
         mount_repeatability_px: document.camera.mount_repeatability_px.unwrap_or(DEFAULT_REPEATABILITY_PX),
         span_direction: Vector2::from(document.wing.span_direction),
+        flow_direction: document.wing.flow_direction.map(Vector2::from),
         configured_side: document.wing.side.and_then(|side| match side {
             tables::Side::Left => Some(WingSide::Left),
             tables::Side::Right => Some(WingSide::Right),
@@ -210,12 +211,16 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &InstallationDocume
         let problem = "has no effect: with camera.readout_s = 0 all rows are exposed at once";
         reader.fault(file, "wing.vibration", problem, remedy);
     }
-    let [dx, dy] = wing.span_direction;
-    let points = dx.is_finite() && dy.is_finite() && dx.hypot(dy) > 1e-6;
-    if !points && !blanks.contains(&SPAN_KEY) {
-        let remedy = "give the horizontal direction from the root to the tip in the survey frame";
-        reader.fault(file, SPAN_KEY, format!("is [{dx}, {dy}]"), remedy);
-    }
+    let mut check_direction = |key, [dx, dy]: [f64; 2], remedy| {
+        let points = dx.is_finite() && dy.is_finite() && dx.hypot(dy) > 1e-6;
+        if !points && !blanks.contains(&key) {
+            reader.fault(file, key, format!("is [{dx}, {dy}]"), remedy);
+        }
+    };
+    let remedy = "give the horizontal direction from the root to the tip in the survey frame";
+    check_direction(SPAN_KEY, wing.span_direction, remedy);
+    let remedy = "give the horizontal direction from nose to tail in the survey frame, or delete it";
+    wing.flow_direction.into_iter().for_each(|flow| check_direction("wing.flow_direction", flow, remedy));
 }
 
 fn resolve_torsion_pairs(

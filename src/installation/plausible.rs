@@ -33,6 +33,7 @@ pub(super) fn check_plausibility(reader: &mut Reader, setup: &Setup, survey: &st
         check_root(reader, &file, setup);
     }
     check_side(reader, &file, setup);
+    check_flow(reader, &file, setup);
     check_overlap(reader, &survey, setup);
 }
 
@@ -204,6 +205,29 @@ fn check_side(reader: &mut Reader, file: &Path, setup: &Setup) {
             };
             reader.fault(file, &place, problem, remedy);
         }
+    }
+}
+
+/// Cosine of the largest angle between the flow and the chord: no wing is swept by more than 70 degrees.
+const MIN_FLOW_COSINE: f64 = 0.34;
+
+/// Checks that the flow runs from the leading to the trailing edge.
+fn check_flow(reader: &mut Reader, file: &Path, setup: &Setup) {
+    let Some((flow, side)) = setup.flow_direction.and_then(|flow| flow.try_normalize(0.0)).zip(setup.side()) else {
+        return;
+    };
+    let in_wing = setup.wing_frame().wing_from_survey * Vector3::new(flow.x, flow.y, 0.0);
+    let aft = if side == WingSide::Left { -in_wing.z } else { in_wing.z };
+    if aft < MIN_FLOW_COSINE {
+        let name = if side == WingSide::Left { "left" } else { "right" };
+        let problem = format!(
+            "is [{}, {}], {:.0} degrees off the chord from leading to trailing edge of a {name} wing",
+            flow.x,
+            flow.y,
+            aft.acos().to_degrees()
+        );
+        let remedy = "give the horizontal direction from nose to tail in the survey frame, or correct wing.side";
+        reader.fault(file, "wing.flow_direction", problem, remedy);
     }
 }
 

@@ -50,6 +50,7 @@ pub(super) struct WingTable {
     pub survey: String,
     #[serde(deserialize_with = "or_blank")]
     pub span_direction: [f64; 2],
+    pub flow_direction: Option<[f64; 2]>,
     pub side: Option<Side>,
     pub root_offset_m: f64,
     pub axis_chord_offset_m: Option<f64>,

@@ -138,6 +138,7 @@ fn wing_table(setup: &Setup) -> WingTable {
     WingTable {
         survey: SURVEY_FILE.into(),
         span_direction: setup.span_direction.into(),
+        flow_direction: setup.flow_direction.map(Into::into),
         side: setup.configured_side.map(|side| if side == WingSide::Left { Side::Left } else { Side::Right }),
         root_offset_m: setup.root_offset_m,
         axis_chord_offset_m: setup.axis_chord_offset_m,

@@ -200,6 +200,8 @@ pub struct Setup {
     pub mount_repeatability_px: f64,
     /// Horizontal span direction, survey frame, outboard; any length.
     pub span_direction: Vector2<f64>,
+    /// Horizontal direction of the flow (aft), survey frame, any length; `None` if unknown.
+    pub flow_direction: Option<Vector2<f64>>,
     /// Configured side of the wing; see [`Setup::side`].
     pub configured_side: Option<WingSide>,
     /// Span from the projection centre to the start of the bending, m.

@@ -15,8 +15,8 @@ use crate::measure::geometry::Similarity;
 use crate::measure::identify::plausible_deflections_m;
 use crate::measure::setup::{Setup, SurveyMarker};
 use crate::record::{
-    CadFit, Correlation, CurveRecord, GlobalTest, ImageRecord, MarkerRecord, Model, Panes, Provenance, Quality, Reason,
-    RecordStatus, SigmaKind, Timing, Tip, TorsionRecord,
+    CadFit, Correlation, CurveRecord, GlobalTest, ImageRecord, IncidenceRecord, MarkerRecord, Model, Panes, Provenance,
+    Quality, Reason, RecordStatus, SigmaKind, Timing, Tip, TorsionRecord,
 };
 
 /// Rounds milliseconds to 0.001.
@@ -339,6 +339,18 @@ fn torsion_record(t: &PairTorsion) -> TorsionRecord {
         sigma_deg: sigma(t.angle_rad),
         twist_deg: degrees(t.twist_rad),
         sigma_twist_deg: sigma(t.twist_rad),
+        incidence: incidence_record(t.slope_rad, t.streamwise_twist_rad),
+    }
+}
+
+fn incidence_record(slope_rad: Option<Estimate>, streamwise_twist_rad: Option<Estimate>) -> IncidenceRecord {
+    let [slope, streamwise] = [slope_rad, streamwise_twist_rad]
+        .map(|e| e.map(|e| Estimate { value: e.value.to_degrees(), sigma: e.sigma.map(f64::to_degrees) }));
+    IncidenceRecord {
+        slope_deg: estimate_value(slope),
+        sigma_slope_deg: estimate_sigma(slope),
+        streamwise_twist_deg: estimate_value(streamwise),
+        sigma_streamwise_twist_deg: estimate_sigma(streamwise),
     }
 }
 
@@ -350,6 +362,7 @@ fn curve_record(p: &CurvePoint) -> CurveRecord {
         sigma_deflection_m: p.deflection_m.sigma,
         twist_deg: p.twist_rad.map(|t| t.value.to_degrees()),
         sigma_twist_deg: p.twist_rad.and_then(|t| t.sigma).map(f64::to_degrees),
+        incidence: incidence_record(p.slope_rad, p.streamwise_twist_rad),
     }
 }
 

@@ -193,6 +193,15 @@ pub static SECTIONS: [QuantitySection; 12] = [
             sigma("sigma_angle", "deg", |r| r.pair()?.sigma_deg).stored(F32),
             number("twist", "deg", "twist of the section, without bending", |r| r.pair()?.twist_deg).stored(F32),
             sigma("sigma_twist", "deg", |r| r.pair()?.sigma_twist_deg).stored(F32),
+            number("slope", "deg", "change of the slope along the span, tip up", |r| r.pair()?.incidence.slope_deg)
+                .stored_since(3, F32),
+            sigma("sigma_slope", "deg", |r| r.pair()?.incidence.sigma_slope_deg).stored_since(3, F32),
+            number("streamwise_twist", "deg", "change of the incidence along the flow, nose up", |r| {
+                r.pair()?.incidence.streamwise_twist_deg
+            })
+            .stored_since(3, F32),
+            sigma("sigma_streamwise_twist", "deg", |r| r.pair()?.incidence.sigma_streamwise_twist_deg)
+                .stored_since(3, F32),
         ],
     },
     QuantitySection {
@@ -251,6 +260,12 @@ pub static SECTIONS: [QuantitySection; 12] = [
             sigma("sigma_deflection", "m", |r| r.station()?.sigma_deflection_m).stored(F32),
             number("twist", "deg", "twist of the section", |r| r.station()?.twist_deg).stored(F32),
             sigma("sigma_twist", "deg", |r| r.station()?.sigma_twist_deg).stored(F32),
+            number("slope", "deg", "change of the slope, tip up", |r| r.station()?.incidence.slope_deg),
+            sigma("sigma_slope", "deg", |r| r.station()?.incidence.sigma_slope_deg),
+            number("streamwise_twist", "deg", "change of the incidence along the flow", |r| {
+                r.station()?.incidence.streamwise_twist_deg
+            }),
+            sigma("sigma_streamwise_twist", "deg", |r| r.station()?.incidence.sigma_streamwise_twist_deg),
         ],
     },
     QuantitySection {

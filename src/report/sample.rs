@@ -5,8 +5,8 @@ use jiff::{SignedDuration, Timestamp};
 use super::{SeriesData, ShotData};
 use crate::clock::Stamp;
 use crate::record::{
-    AdjustmentMethod, CurveRecord, Estimate, GlobalTest, ImageRecord, MarkerRecord, Model, Provenance, RecordStatus,
-    Shape, SigmaKind, Tip, TorsionRecord,
+    AdjustmentMethod, CurveRecord, Estimate, GlobalTest, ImageRecord, IncidenceRecord, MarkerRecord, Model, Provenance,
+    RecordStatus, Shape, SigmaKind, Tip, TorsionRecord,
 };
 
 /// Returns the record of a solved image of a wing along +y with four markers, the last one hidden.
@@ -35,6 +35,7 @@ pub fn record(image: &str, tip_deflection_m: f64) -> ImageRecord {
             sigma_deg: Some(0.2),
             twist_deg: Some(2.7),
             sigma_twist_deg: Some(0.2),
+            incidence: IncidenceRecord::default(),
         }],
         curve: (0..=12).map(|i| curve_point(f64::from(i) * 3.0, tip_deflection_m)).collect(),
         provenance: Provenance { program: Some("wingd 0.1.0".into()), ..Provenance::default() },
@@ -51,6 +52,7 @@ fn curve_point(span_m: f64, tip_deflection_m: f64) -> CurveRecord {
         sigma_deflection_m: Some(0.006 * share),
         twist_deg: Some(2.7 * share),
         sigma_twist_deg: Some(0.2 * share),
+        incidence: IncidenceRecord::default(),
     }
 }
 

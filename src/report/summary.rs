@@ -2,7 +2,7 @@
 
 use super::{SeriesData, distinct_values};
 use crate::clock::Stamp;
-use crate::record::{CurveRecord, DeflectionReference, GlobalTest, ImageRecord, Tip};
+use crate::record::{CurveRecord, DeflectionReference, GlobalTest, ImageRecord, IncidenceRecord, Tip};
 
 /// Mean over the shots of a series.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -215,6 +215,8 @@ fn mean_curve_point(curves: &[&Vec<CurveRecord>], index: usize) -> Option<CurveR
     let mean_value = |f: CurveQuantity| Mean::from_values(&points.iter().filter_map(|p| f(p)).collect::<Vec<_>>());
     let deflection = mean_value(&|p| Some((p.deflection_m, p.sigma_deflection_m)))?;
     let twist = mean_value(&|p| Some((p.twist_deg?, p.sigma_twist_deg)));
+    let slope = mean_value(&|p| Some((p.incidence.slope_deg?, p.incidence.sigma_slope_deg)));
+    let streamwise = mean_value(&|p| Some((p.incidence.streamwise_twist_deg?, p.incidence.sigma_streamwise_twist_deg)));
     Some(CurveRecord {
         arc_length_m: mean_value(&|p| Some((p.arc_length_m, None)))?.value,
         span_m: mean_value(&|p| Some((p.span_m, None)))?.value,
@@ -222,6 +224,12 @@ fn mean_curve_point(curves: &[&Vec<CurveRecord>], index: usize) -> Option<CurveR
         sigma_deflection_m: deflection.sigma,
         twist_deg: twist.map(|t| t.value),
         sigma_twist_deg: twist.and_then(|t| t.sigma),
+        incidence: IncidenceRecord {
+            slope_deg: slope.map(|t| t.value),
+            sigma_slope_deg: slope.and_then(|t| t.sigma),
+            streamwise_twist_deg: streamwise.map(|t| t.value),
+            sigma_streamwise_twist_deg: streamwise.and_then(|t| t.sigma),
+        },
     })
 }
 

@@ -16,6 +16,7 @@ mod effect_kinds;
 mod flight;
 mod flight_effect_cases;
 mod identification;
+mod joint_shape;
 mod learning;
 mod live;
 mod live_start;

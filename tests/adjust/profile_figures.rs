@@ -52,6 +52,7 @@ impl Case {
             projection_centre_sigma_m: 0.0001,
             mount_repeatability_px: 10.0,
             span_direction: Vector2::new(1.0, 0.0),
+            flow_direction: None,
             configured_side: None,
             root_offset_m: 0.0,
             axis_chord_offset_m: None,

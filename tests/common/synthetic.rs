@@ -368,6 +368,7 @@ fn setup(wing: &Wing, lens: Lens, centre: Vector3<f64>, span: Vector2<f64>, mark
         projection_centre_sigma_m: 0.002,
         mount_repeatability_px: 10.0,
         span_direction: span,
+        flow_direction: None,
         configured_side: None,
         root_offset_m: wing.root_x,
         axis_chord_offset_m: Some(wing.z_axis),

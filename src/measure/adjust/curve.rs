@@ -1,4 +1,4 @@
-//! Bending axis along the span, on the ground and in flight, evaluated at a frame's unknowns.
+//! Motion of the wing's sections along the bending axis, from the ground into flight, evaluated at a frame's unknowns.
 
 use nalgebra::Vector3;
 
@@ -9,51 +9,81 @@ use super::values::UnknownValues;
 /// Number of intervals of the curves along the span.
 const CURVE_INTERVALS: usize = 40;
 
-/// Bending axis from the root to the outermost marker.
+/// Motion of a section, or its derivative with respect to an unknown, wing frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SectionMotion {
+    /// Displacement of the bending axis, m.
+    pub displacement_m: Vector3<f64>,
+    /// Rotation vector without the twist, rad.
+    pub rotation_rad: Vector3<f64>,
+    /// Twist about the bending axis, nose up positive, rad.
+    pub twist_rad: f64,
+}
+
+impl SectionMotion {
+    /// Displacement without rotation.
+    pub fn displacement(displacement_m: Vector3<f64>) -> Self {
+        Self { displacement_m, ..Self::default() }
+    }
+
+    /// Twist alone.
+    pub fn twist(twist_rad: f64) -> Self {
+        Self { twist_rad, ..Self::default() }
+    }
+}
+
+/// Bending axis on the ground and in flight.
 pub struct AxisCurve<'a> {
     pub scene: &'a WingScene,
     /// Values of the frame's unknowns.
     pub values: &'a UnknownValues,
     /// Arc lengths from the bending root, m.
     pub arcs_m: Vec<f64>,
-    /// Sections in flight, one per arc length.
+    /// Sections in flight, one per arc length, without the root's motion.
     pub bent: Vec<BeamSection>,
-    /// Heights on the ground, wing frame, m.
-    pub ground_y_m: Vec<f64>,
+    /// Sections on the ground.
+    pub flat: Vec<BeamSection>,
     /// Bending root, wing frame, m.
     pub root_m: Vector3<f64>,
 }
 
 impl<'a> AxisCurve<'a> {
-    /// Evaluates the axis for a frame's unknowns.
-    pub fn new(scene: &'a WingScene, values: &'a UnknownValues) -> Self {
-        let reach = scene.ground.stations.iter().fold(0.0, |a: f64, s| a.max(s.arc_m));
-        let arcs_m: Vec<f64> = (0..=CURVE_INTERVALS).map(|k| reach * k as f64 / CURVE_INTERVALS as f64).collect();
+    /// Evaluates the axis at arc lengths (m from the bending root) for a frame's unknowns.
+    pub fn new(scene: &'a WingScene, values: &'a UnknownValues, arcs_m: Vec<f64>) -> Self {
         let grid = BeamGrid::new(&scene.ground, &arcs_m);
-        let (bent, ground_y_m) = bent_sections_and_ground_heights(&grid, values);
+        let (bent, flat) = bent_and_flat_sections(&grid, values);
         let root_m = grid.root_m() + Vector3::y() * values.raise_m[0];
-        Self { scene, values, arcs_m, bent, ground_y_m, root_m }
+        Self { scene, values, arcs_m, bent, flat, root_m }
     }
 
-    /// Deflections of the axis, one per arc length, m.
-    pub fn deflections_m(&self) -> Vec<f64> {
-        let deflection = |(bent, ground): (&BeamSection, &f64)| self.height_with_root(bent) - ground;
-        self.bent.iter().zip(&self.ground_y_m).map(deflection).collect()
+    /// Arc lengths from the root to the outermost marker at equal distances, m.
+    pub fn standard_arcs_m(scene: &WingScene) -> Vec<f64> {
+        let reach = scene.ground.stations.iter().fold(0.0, |a: f64, s| a.max(s.arc_m));
+        (0..=CURVE_INTERVALS).map(|k| reach * k as f64 / CURVE_INTERVALS as f64).collect()
     }
 
-    /// Height of the axis in flight including the root's motion, m.
-    fn height_with_root(&self, bent: &BeamSection) -> f64 {
-        bent.axis_m.y + self.values.root_displacement_m(&(bent.axis_m - self.root_m)).y
+    /// Motions of the sections by bending, twist, temperature and the motion of the root.
+    pub fn motions(&self) -> Vec<SectionMotion> {
+        self.motions_between(&self.bent, &self.flat)
     }
 
-    /// Deflections of the axis on another grid with this wing's bending, m.
-    pub fn deflections_on(&self, grid: &BeamGrid) -> Vec<f64> {
-        let (bent, ground) = bent_sections_and_ground_heights(grid, self.values);
-        bent.iter().zip(ground).map(|(bent, ground)| self.height_with_root(bent) - ground).collect()
+    /// Motions of the sections of another grid with this wing's bending.
+    pub fn motions_on(&self, grid: &BeamGrid) -> Vec<SectionMotion> {
+        let (bent, flat) = bent_and_flat_sections(grid, self.values);
+        self.motions_between(&bent, &flat)
+    }
+
+    fn motions_between(&self, bent: &[BeamSection], flat: &[BeamSection]) -> Vec<SectionMotion> {
+        let motion = |(bent, flat): (&BeamSection, &BeamSection)| SectionMotion {
+            displacement_m: bent.axis_m + self.values.root_displacement_m(&(bent.axis_m - self.root_m)) - flat.axis_m,
+            rotation_rad: Vector3::z() * (bent.slope_rad - flat.slope_rad) + self.values.root_rotation_rad,
+            twist_rad: bent.twist_rad,
+        };
+        bent.iter().zip(flat).map(motion).collect()
     }
 }
 
-fn bent_sections_and_ground_heights(grid: &BeamGrid, values: &UnknownValues) -> (Vec<BeamSection>, Vec<f64>) {
+fn bent_and_flat_sections(grid: &BeamGrid, values: &UnknownValues) -> (Vec<BeamSection>, Vec<BeamSection>) {
     let flat = grid.bend(&Bending { raise_m: values.raise_m, ..Bending::UNBENT });
-    (grid.bend(&values.bending()), flat.iter().map(|section| section.axis_m.y).collect())
+    (grid.bend(&values.bending()), flat)
 }

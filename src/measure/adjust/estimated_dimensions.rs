@@ -9,6 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::AdjustResult;
 use super::beam::{BeamGrid, BeamSection, Bending, MarkerArm};
+use super::curve::SectionMotion;
 use super::ground::GroundShape;
 use super::marker_state::{ESTIMATED_DIMENSIONS, MarkerState};
 use crate::setup::{Setup, SetupUncertainty, Width};
@@ -69,6 +70,16 @@ impl NeighbourWing {
             nominal.frame.wing_from_survey.matrix() * ground.frame.wing_from_survey.matrix().transpose();
         let root_m = if which == 0 { step } else { 0.0 };
         Ok(Self { ground, step, grid, arms: mounts, wing_from_own, root_m })
+    }
+
+    /// Derivative of a section's motion with respect to the dimension. `there`: motion in this wing, in its own wing frame.
+    /// The twist belongs to the section and does not change.
+    pub fn motion_derivative(&self, there: &SectionMotion, here: &SectionMotion) -> SectionMotion {
+        SectionMotion {
+            displacement_m: (self.wing_from_own * there.displacement_m - here.displacement_m) / self.step,
+            rotation_rad: (self.wing_from_own * there.rotation_rad - here.rotation_rad) / self.step,
+            twist_rad: 0.0,
+        }
     }
 
     /// Computes a marker's state in flight from its position on the ground, both in the nominal wing frame, m.

@@ -30,6 +30,7 @@ pub fn setup() -> Setup {
         projection_centre_sigma_m: 0.002,
         mount_repeatability_px: 10.0,
         span_direction: Vector2::new(1.0, 0.0),
+        flow_direction: None,
         configured_side: Some(WingSide::Right),
         root_offset_m: 0.5,
         axis_chord_offset_m: Some(0.1),

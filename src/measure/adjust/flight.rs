@@ -16,6 +16,7 @@
 //! | result of a frame | `frame_solution.rs` |
 //! | live mode, frame by frame | `live.rs` |
 //! | information for later flights | `flight_information.rs` |
+//! | joint covariance of the shapes | `joint_shape.rs` |
 
 mod flight_information;
 mod flight_problem;
@@ -23,6 +24,7 @@ mod frame_solution;
 mod frames;
 mod hyperparameters;
 mod joint;
+mod joint_shape;
 mod live;
 mod mountings;
 mod outliers;
@@ -41,7 +43,7 @@ use self::hyperparameters::FlightHyperparameters;
 use self::joint::JointSolution;
 use self::mountings::FrameMountings;
 use super::input::AdjustmentInput;
-use super::outcome::with_prior_if_consistent;
+use super::outcome::{FrameOutcome, with_prior_if_consistent};
 use super::scene::WingScene;
 use super::terms::MIN_DRIFT_RAD;
 use super::{AdjustResult, Observation, Options, Solution};
@@ -60,16 +62,32 @@ pub fn solve_flight(
     if frames.is_empty() {
         return Ok(vec![]);
     }
+    solve_flight_with(setup, orientation, frames, options, |_| ()).map(|(solutions, ())| solutions)
+}
+
+/// Adjusts all frames of a flight, at least one, and derives something else from the joint solution.
+pub fn solve_flight_with<T>(
+    setup: &Setup,
+    orientation: &Orientation,
+    frames: &[Vec<Observation>],
+    options: &Options,
+    derive: impl Fn(&JointSolution) -> T,
+) -> AdjustResult<(Vec<Solution>, T)> {
     let scene = WingScene::new(setup, orientation)?;
     let solve = |options: &Options| {
         let joint = JointSolution::new(AdjustmentInput { setup, orientation, scene: &scene, options }, frames)?;
-        Ok(joint.frame_solutions())
+        Ok((joint.frame_solutions(), derive(&joint)))
     };
-    with_prior_if_consistent(options, solve, |solutions| solutions)
+    with_prior_if_consistent(options, solve, |(solutions, _)| solutions)
 }
 
-/// Adjusts one frame with the prior from earlier flights, as a flight of one frame.
-pub fn solve_frame_with_prior(input: &AdjustmentInput, frame: &[Observation]) -> AdjustResult<Solution> {
+/// Adjusts one frame with the prior from earlier flights, as a flight of one frame, and derives something else from the
+/// outcome.
+pub fn solve_frame_with_prior<T>(
+    input: &AdjustmentInput,
+    frame: &[Observation],
+    derive: &dyn Fn(&FrameOutcome) -> T,
+) -> AdjustResult<(Solution, T)> {
     let frames = [frame.to_vec()];
     let solve = |options: &Options| {
         let input = AdjustmentInput { options, ..*input };
@@ -79,9 +97,9 @@ pub fn solve_frame_with_prior(input: &AdjustmentInput, frame: &[Observation]) ->
         let mut hyperparameters = FlightHyperparameters::initial(&input, 1, mountings);
         hyperparameters.drift_rad = MIN_DRIFT_RAD;
         let joint = JointSolution::for_single_frame(Flight::new(input, &frames, hyperparameters)?)?;
-        Ok(joint.first_solution(false))
+        Ok((joint.first_solution(false), derive(&joint.solved.frame_outcome(&joint.flight.input, 0))))
     };
-    with_prior_if_consistent(input.options, solve, std::slice::from_mut)
+    with_prior_if_consistent(input.options, solve, |(solution, _)| std::slice::from_mut(solution))
 }
 
 #[cfg(test)]

@@ -71,7 +71,7 @@ pub struct FlightPrior {
 }
 
 /// Parameters that consist of a repeating part and a part specific to each flight.
-struct RepeatingParameters {
+pub(super) struct RepeatingParameters {
     columns: Vec<usize>,
     /// Inverse covariance of the repeating part.
     repeated: DMatrix<f64>,
@@ -80,7 +80,11 @@ struct RepeatingParameters {
 }
 
 impl RepeatingParameters {
-    fn new(unknowns: &[InvariantParameter], setup: &Setup) -> AdjustResult<Self> {
+    /// Selects the repeating parameters among the invariant ones.
+    ///
+    /// # Errors
+    /// Returns an error if a prior covariance is not positive definite.
+    pub fn new(unknowns: &[InvariantParameter], setup: &Setup) -> AdjustResult<Self> {
         let columns_of =
             |unknown| -> Vec<usize> { (0..unknowns.len()).filter(|k| unknowns[*k].unknown == unknown).collect() };
         let [shape, skin, targets] = [Unknown::Shape, Unknown::SkinMotion, Unknown::FixedTargetMotion].map(columns_of);
@@ -101,6 +105,14 @@ impl RepeatingParameters {
             own[at] = (1.0 - REPEATED_FRACTION) * variance;
         }
         Ok(Self { columns, repeated, own })
+    }
+
+    /// Covariance of the part specific to a flight, for some of the invariant parameters.
+    pub fn flight_covariance(&self, at: &[usize]) -> DMatrix<f64> {
+        let position = |k: usize| self.columns.iter().position(|column| *column == at[k]);
+        DMatrix::from_fn(at.len(), at.len(), |i, j| {
+            position(i).zip(position(j)).map_or(0.0, |position| self.own[position])
+        })
     }
 
     /// Marginalizes the part specific to a flight: adds its variance to the prior of the sum. Used once per contributing

@@ -13,6 +13,7 @@ mod flight;
 pub mod flight_prior;
 pub mod ground;
 mod input;
+mod joint_shape;
 mod layout;
 mod marker_state;
 mod outcome;
@@ -29,6 +30,9 @@ mod values;
 pub use super::estimation::{GlobalTest, SigmaKind, VarianceComponent};
 pub use super::observation::{Estimate, Observation};
 pub use flight::{LiveAdjustment, learn_from_flight, solve_flight};
+pub use joint_shape::{
+    FrameShape, JointShape, STATION_FUNCTIONS, StationChoice, solve_flight_shape, solve_frame_shape,
+};
 pub use profile::solve_profile;
 pub use spatial::solve_spatial;
 
@@ -237,13 +241,18 @@ pub struct VarianceBudget {
 }
 
 /// Torsion measured by one marker pair.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PairTorsion {
     pub name: String,
     /// Change of the angle of attack as defined in the paper, nose up positive, rad.
     pub angle_rad: Option<Estimate>,
+    /// Change of the slope along the span, tip up positive, rad; `None` with the profile method.
+    pub slope_rad: Option<Estimate>,
     /// Twist without the effect of bending, rad; `None` with the profile method.
     pub twist_rad: Option<Estimate>,
+    /// Change of the incidence in the flow's vertical plane, nose up positive, rad; `None` if the direction of the flow or the
+    /// side of the wing is unknown.
+    pub streamwise_twist_rad: Option<Estimate>,
 }
 
 /// A point of the deflection or twist curve along the span.
@@ -255,12 +264,17 @@ pub struct CurvePoint {
     pub span_m: f64,
     /// Deflection of the bending axis, m.
     pub deflection_m: Estimate,
+    /// Change of the slope along the span, tip up positive, rad; `None` with the profile method.
+    pub slope_rad: Option<Estimate>,
     /// Twist of the section, nose up positive, rad; `None` with the profile method.
     pub twist_rad: Option<Estimate>,
+    /// Change of the incidence in the flow's vertical plane, nose up positive, rad; `None` if the direction of the flow or the
+    /// side of the wing is unknown.
+    pub streamwise_twist_rad: Option<Estimate>,
 }
 
 /// Result of an adjustment.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Solution {
     /// A-posteriori variance factor; `None` at redundancy 0.
     pub variance_factor: Option<f64>,

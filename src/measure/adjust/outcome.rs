@@ -4,10 +4,12 @@
 mod deflections;
 mod global_test;
 mod prior_conflict;
+mod sections;
 mod torsion;
 
 use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 pub use prior_conflict::with_prior_if_consistent;
+pub use sections::{MovedSection, SectionFunction};
 
 use super::beam::RAISE_TERMS;
 use super::curve::AxisCurve;
@@ -90,7 +92,7 @@ impl<'a> FrameOutcome<'a> {
     }
 
     /// Creates an empty gradient for functions of the frame's unknowns and of some markers' positions on the ground.
-    fn empty_gradient(&self, functions: usize, markers: &[usize]) -> Gradient {
+    pub fn empty_gradient(&self, functions: usize, markers: &[usize]) -> Gradient {
         Gradient::empty(self.layout.block_columns(markers), self.layout.local, functions)
     }
 
@@ -125,7 +127,8 @@ impl<'a> FrameOutcome<'a> {
         self.layout.ground_position(marker, &self.solved.fit.global, &observed)
     }
 
-    fn ground_position_and_flight_state(&self, marker: usize) -> (Vector3<f64>, MarkerState) {
+    /// Adjusted position of a marker on the ground, wing frame, m, and its state in flight.
+    pub fn ground_position_and_flight_state(&self, marker: usize) -> (Vector3<f64>, MarkerState) {
         let ground = self.adjusted_ground_position(marker);
         let moved = self.layout.moved_position(marker, &ground, &self.solved.fit.global);
         (ground, self.solved.input.scene.marker_in_flight(marker, &self.bent, &moved, &self.values))
@@ -133,7 +136,7 @@ impl<'a> FrameOutcome<'a> {
 
     /// Adds `directions * d(position in flight) + ground * d(position on the ground)` to a gradient, one function per
     /// direction. The gradient must have been created for the marker.
-    fn add_position(
+    pub fn add_position(
         &self,
         gradient: &mut Gradient,
         state: &MarkerState,
@@ -226,31 +229,33 @@ impl<'a> FrameOutcome<'a> {
         solution
     }
 
-    /// Computes deflection and twist of the axis from the root to the outermost marker, and fits `a_per_m` to the
-    /// deflection.
+    /// Computes the motion of the sections from the root to the outermost marker, and fits `a_per_m` to the deflection.
     fn deflection_curve(&self) -> (Vec<CurvePoint>, Gradient, f64) {
-        let curve = AxisCurve::new(self.solved.input.scene, &self.values);
-        let deflections_m = curve.deflections_m();
-        let count = deflections_m.len();
-        let gradient = self.curve_gradient(&curve);
-        let mut by_deflection = DVector::zeros(2 * count);
+        let curve = self.axis_curve(AxisCurve::standard_arcs_m(self.solved.input.scene));
+        let sections = self.moved_sections(&curve);
+        let count = sections.len();
+        let functions = self.reported_functions(&sections);
+        let mut gradient = self.empty_gradient(functions.len() * count, &[]);
+        self.add_section_functions(&mut gradient, &curve, &sections, &functions);
+        let mut by_deflection = DVector::zeros(functions.len() * count);
         let (mut moment, mut fourth) = (0.0, 0.0);
-        for (k, (section, deflection_m)) in curve.bent.iter().zip(&deflections_m).enumerate() {
+        for (k, (section, moved)) in curve.bent.iter().zip(&functions[0]).enumerate() {
             let x2 = (section.axis_m.x - curve.root_m.x).powi(2);
             by_deflection[k] = x2;
-            moment += deflection_m * x2;
+            moment += moved.value * x2;
             fourth += x2 * x2;
         }
         by_deflection /= fourth;
-        let sigmas = self.function_sigmas(&gradient);
-        let sigma = |k: usize| sigmas.get(k).copied();
+        let all = self.section_estimates(&gradient, &functions);
         // The sign of a nose-up twist depends on the side.
         let side = self.solved.input.setup.side();
         let point = |k: usize| CurvePoint {
             arc_length_m: curve.arcs_m[k],
             span_m: curve.bent[k].axis_m.x,
-            deflection_m: Estimate { value: deflections_m[k], sigma: sigma(k) },
-            twist_rad: side.map(|_| Estimate { value: curve.bent[k].twist_rad, sigma: sigma(count + k) }),
+            deflection_m: all[0][k],
+            slope_rad: Some(all[1][k]),
+            twist_rad: side.map(|_| all[2][k]),
+            streamwise_twist_rad: all.get(3).map(|of_all| of_all[k]),
         };
         let parabola = Gradient {
             global: DMatrix::from_columns(&[&gradient.global * &by_deflection]),
@@ -258,19 +263,6 @@ impl<'a> FrameOutcome<'a> {
             ..gradient
         };
         ((0..count).map(point).collect(), parabola, moment / fourth)
-    }
-
-    /// Gradient of the deflections, followed by the twists, of the curve's points.
-    fn curve_gradient(&self, curve: &AxisCurve) -> Gradient {
-        let count = curve.bent.len();
-        let mut gradient = self.empty_gradient(2 * count, &[]);
-        for (placed, k) in self.layout.unknowns() {
-            let mut put = |function, by| self.layout.add_derivative(&mut gradient, placed.scope, k, function, by);
-            placed.term.deflection_derivatives(k, curve).into_iter().enumerate().for_each(|(at, by)| put(at, by));
-            let twists = curve.bent.iter().map(|section| placed.term.twist_derivative(k, section));
-            twists.enumerate().for_each(|(at, by)| put(count + at, by));
-        }
-        gradient
     }
 
     /// Mean height of the bending axis above its nominal position, m.

@@ -312,7 +312,9 @@ impl ProfileAdjustment<'_> {
                 arc_length_m: ground,
                 span_m: self.geometry.setup.root_offset_m + self.parabola_span_m(ground),
                 deflection_m: self.parabola_deflection(ground, scale),
+                slope_rad: None,
                 twist_rad: None,
+                streamwise_twist_rad: None,
             }
         };
         (0..=CURVE_INTERVALS).map(point).collect()

@@ -182,6 +182,17 @@ pub fn solve_spatial(
     observations: &[Observation],
     options: &Options,
 ) -> AdjustResult<Solution> {
+    solve_spatial_with(setup, orientation, observations, options, &|_| ()).map(|(solution, ())| solution)
+}
+
+/// Adjusts one frame and derives something else from the outcome.
+pub fn solve_spatial_with<T>(
+    setup: &Setup,
+    orientation: &Orientation,
+    observations: &[Observation],
+    options: &Options,
+    derive: &dyn Fn(&FrameOutcome) -> T,
+) -> AdjustResult<(Solution, T)> {
     let scene = WingScene::new(setup, orientation)?;
     let frame_observations = order_by_marker(setup, observations)?;
     let found = count_wing_markers(setup, &frame_observations);
@@ -190,7 +201,7 @@ pub fn solve_spatial(
     }
     let input = AdjustmentInput { setup, orientation, scene: &scene, options };
     if options.flight_prior.is_some() && !options.variance_components {
-        return flight::solve_frame_with_prior(&input, observations);
+        return flight::solve_frame_with_prior(&input, observations, derive);
     }
     let terms = options.curvature_terms.map_or(DEFAULT_ORDER, |t| t.clamp(1, MAX_CURVATURE_TERMS));
     let usage = flight::FlightUsage::all_used(1, setup.markers.len());
@@ -218,6 +229,7 @@ pub fn solve_spatial(
     let blocks = BlockMembers { members: std::slice::from_ref(&frame.members), ground: &[] };
     let solution =
         with_variance_sources(blocks, &frame.problem, fit, None, |sources| outcome.solution(removed.iter(), sources));
+    let derived = derive(&outcome);
     remarks.extend(solution.remarks);
     remarks.extend(snooping::fixed_target_remark(single.prior_scales.fixed_targets));
     remarks.extend(
@@ -231,7 +243,7 @@ pub fn solve_spatial(
     }
     let is_weak = solution.pitch_bending_correlation.is_some_and(|c| c.abs() > 0.9);
     remarks.extend((is_weak && !scene.has_ground_observations()).then(|| SEPARATION_REMARK.into()));
-    Ok(Solution { variance_components: components, remarks, ..solution })
+    Ok((Solution { variance_components: components, remarks, ..solution }, derived))
 }
 
 #[cfg(test)]

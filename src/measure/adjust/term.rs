@@ -4,8 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::{DVector, Vector2, Vector3};
 
-use super::beam::BeamSection;
-use super::curve::AxisCurve;
+use super::curve::{AxisCurve, SectionMotion};
 use super::marker_state::MarkerState;
 use super::scene::PredictedPixel;
 use super::values::UnknownValues;
@@ -41,10 +40,8 @@ pub enum TermEffect {
     Wing {
         /// d position of a marker, wing frame, m per unit.
         position: fn(&MarkerState, usize) -> Vector3<f64>,
-        /// d deflection of the axis along the curve, m per unit; empty if the axis is not affected.
-        deflections: fn(&AxisCurve, usize) -> Vec<f64>,
-        /// d twist of a section, rad per unit.
-        twist: fn(&BeamSection, usize) -> f64,
+        /// d motion of the sections along the curve, per unit; empty if they are not affected.
+        sections: fn(&AxisCurve, usize) -> Vec<SectionMotion>,
     },
     /// Effect on the camera image.
     Image {
@@ -61,6 +58,8 @@ pub enum TermEffect {
         deflection: fn(&Vector3<f64>, usize) -> f64,
         /// d position of a marker, wing frame, m per unit.
         position: fn(&MarkerState, usize) -> Vector3<f64>,
+        /// d motion of the sections along the curve, per unit.
+        sections: fn(&AxisCurve, usize) -> Vec<SectionMotion>,
     },
 }
 
@@ -81,6 +80,8 @@ pub struct Displacement {
     pub epoch: DisplacementEpoch,
     /// Displacements per column and marker.
     pub fields: Vec<Vec<Vector3<f64>>>,
+    /// d motion of the section at a fraction of a length (m), per unit of a column, if the whole wing moves.
+    pub of_section: Option<fn(usize, f64, f64) -> SectionMotion>,
 }
 
 impl Displacement {
@@ -133,20 +134,24 @@ impl ParameterTerm {
         }
     }
 
-    /// d deflection of the axis along the curve, m per unit of the unknown; empty if the axis is not affected.
-    pub fn deflection_derivatives(&self, k: usize, curve: &AxisCurve) -> Vec<f64> {
+    /// d motion of the sections along the curve, per unit of the unknown; empty if they are not affected.
+    pub fn section_derivatives(&self, k: usize, curve: &AxisCurve) -> Vec<SectionMotion> {
         match &self.effect {
-            TermEffect::Wing { deflections, .. } => deflections(curve, k),
+            TermEffect::Wing { sections, .. } | TermEffect::Vertical { sections, .. } => sections(curve, k),
+            TermEffect::Displacement(Displacement {
+                epoch: DisplacementEpoch::InFlight, of_section: Some(of), ..
+            }) => {
+                let length_m = curve.scene.ground.axis.length_m;
+                curve.arcs_m.iter().map(|arc_m| of(k, arc_m / length_m, length_m)).collect()
+            }
             _ => vec![],
         }
     }
 
-    /// d twist of a section, rad per unit of the unknown.
-    pub fn twist_derivative(&self, k: usize, section: &BeamSection) -> f64 {
-        match &self.effect {
-            TermEffect::Wing { twist, .. } => twist(section, k),
-            _ => 0.0,
-        }
+    /// Returns whether the values of the model omit the term's effect on the sections, which is linear.
+    pub fn is_added_to_sections(&self) -> bool {
+        let is_dimension = matches!(self.unknown, Unknown::RootOffset | Unknown::ChordOffset | Unknown::SpanDirection);
+        is_dimension || !matches!(self.effect, TermEffect::Wing { .. })
     }
 
     /// d pixel in flight, px per unit of the unknown.
@@ -191,13 +196,22 @@ pub struct PlacedTerm {
 }
 
 impl PlacedTerm {
-    /// Adds the term's values to the model's.
-    pub fn add_values(&self, global: &DVector<f64>, local: &DVector<f64>, values: &mut UnknownValues) {
+    fn values<'x>(&self, global: &'x DVector<f64>, local: &'x DVector<f64>) -> &'x [f64] {
         let (vector, first) = match self.scope {
             ParameterScope::Global(first) => (global, first),
             ParameterScope::Local(first) => (local, first),
         };
-        let x = &vector.as_slice()[first..first + self.term.size];
+        &vector.as_slice()[first..first + self.term.size]
+    }
+
+    /// Value of the term's `k`-th column.
+    pub fn value(&self, k: usize, global: &DVector<f64>, local: &DVector<f64>) -> f64 {
+        self.values(global, local)[k]
+    }
+
+    /// Adds the term's values to the model's.
+    pub fn add_values(&self, global: &DVector<f64>, local: &DVector<f64>, values: &mut UnknownValues) {
+        let x = self.values(global, local);
         (self.term.add_values)(x, values);
         if let TermEffect::Displacement(moves) = &self.term.effect {
             moves.add_displacements_to(x, values);

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::linear::{add_scaled, dot_product};
 use super::problem::{InformationPrior, Linearised};
@@ -171,6 +171,25 @@ impl Fit {
         PropagatedCovariance { total, own }
     }
 
+    /// Returns a factor `F` of the covariance of functions of one group for given global parameters: `own = F F'` of
+    /// [`Fit::propagate`] (functions x any number of independent sources). Also returns the total derivative with respect
+    /// to the global parameters.
+    pub fn propagate_factors(&self, group: usize, gradient: &Gradient) -> (DMatrix<f64>, DMatrix<f64>) {
+        let (by, _) = self.eliminate_observations(group, gradient);
+        let total = self.propagate(group, gradient).total;
+        let fit = &self.groups[group];
+        let mut parts = vec![by.local.tr_mul(&symmetric_root(&fit.conditional))];
+        for (index, derivative) in &gradient.observed {
+            parts.push(derivative.tr_mul(&symmetric_root(&fit.blocks[*index].conditional)));
+        }
+        let columns: Vec<_> = parts.iter().flat_map(|part| part.column_iter()).collect();
+        let own = match columns.is_empty() {
+            true => DMatrix::zeros(gradient.function_count(), 0),
+            false => DMatrix::from_columns(&columns),
+        };
+        (total, own)
+    }
+
     /// Returns the covariance of functions of one group.
     pub fn function_covariance(&self, group: usize, gradient: &Gradient) -> DMatrix<f64> {
         let (by, mut covariance) = self.eliminate_observations(group, gradient);
@@ -212,6 +231,15 @@ impl Fit {
         };
         self.function_covariance(group, &by) + &block.conditional
     }
+}
+
+/// Computes the symmetric root of a positive semidefinite matrix.
+pub fn symmetric_root(matrix: &DMatrix<f64>) -> DMatrix<f64> {
+    if matrix.is_empty() {
+        return matrix.clone();
+    }
+    let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(matrix.clone());
+    &eigenvectors * DMatrix::from_diagonal(&eigenvalues.map(|l| l.max(0.0).sqrt())) * eigenvectors.transpose()
 }
 
 /// Covariance of functions through the parameters that they share.

@@ -290,6 +290,7 @@ fn setup_without_markers(
         projection_centre_sigma_m: options.survey_sigma_m,
         mount_repeatability_px: 10.0,
         span_direction: span,
+        flow_direction: None,
         configured_side: Some(match wing.side {
             SceneSide::Left => setup::WingSide::Left,
             SceneSide::Right => setup::WingSide::Right,

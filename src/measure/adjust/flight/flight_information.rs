@@ -97,7 +97,7 @@ fn invariant_sigmas(flight_problem: &FlightProblem, fit: &Fit) -> DVector<f64> {
 }
 
 /// Adds a frame's normal equations, reduced by its own unknowns, and the gradient of half its sum of squares.
-fn add_frame_normals(
+pub(super) fn add_frame_normals(
     group: &Group,
     solved: &GroupFit,
     normal: &mut DMatrix<f64>,

@@ -5,7 +5,6 @@ use super::solving::SolvedFlight;
 use super::tuning::STEADY_ROTATION_RAD;
 use super::usage::RemovedObservation;
 use crate::adjust::budget;
-use crate::adjust::outcome::FrameOutcome;
 use crate::adjust::snooping::{SuspectTarget, fixed_target_remark};
 use crate::adjust::terms::mount_drift_rad;
 use crate::adjust::{Estimate, Parameter, Solution};
@@ -25,9 +24,8 @@ pub fn frame_solution(
     mut remarks: Vec<String>,
     sources: &VarianceSources,
 ) -> Solution {
-    let SolvedFlight { flight_problem, fit, tested_sum } = solved;
-    let outcome = FrameOutcome::new(solved.group(&flight.input, frame), &flight_problem.layouts[frame])
-        .judged_before_removal(*tested_sum);
+    let SolvedFlight { flight_problem, fit, .. } = solved;
+    let outcome = solved.frame_outcome(&flight.input, frame);
     let of_frame = removed.iter().filter(|r| r.group == frame || r.suspect.target == SuspectTarget::Survey);
     let mut solution = outcome.solution(of_frame.map(|r| &r.suspect), sources);
     if of_flight {

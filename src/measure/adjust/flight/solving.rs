@@ -4,6 +4,7 @@ use super::flight_problem::FlightProblem;
 use super::frames::Flight;
 use crate::adjust::AdjustResult;
 use crate::adjust::input::AdjustmentInput;
+use crate::adjust::outcome::FrameOutcome;
 use crate::adjust::snooping::{ResidualSum, SolvedGroup};
 use crate::estimation::{Fit, SolveOptions};
 
@@ -21,6 +22,12 @@ impl SolvedFlight {
     pub fn group<'a>(&'a self, input: &'a AdjustmentInput, group: usize) -> SolvedGroup<'a> {
         let Self { flight_problem: FlightProblem { problem, members, ground_members, .. }, fit, .. } = self;
         SolvedGroup { input, problem, fit, group, members: members.get(group).unwrap_or(ground_members) }
+    }
+
+    /// Evaluates a frame's part of the solution.
+    pub fn frame_outcome<'a>(&'a self, input: &'a AdjustmentInput, frame: usize) -> FrameOutcome<'a> {
+        FrameOutcome::new(self.group(input, frame), &self.flight_problem.layouts[frame])
+            .judged_before_removal(self.tested_sum)
     }
 }
 

@@ -3,17 +3,17 @@
 use nalgebra::Vector3;
 
 use super::FrameOutcome;
-use crate::adjust::beam::BeamGrid;
 use crate::adjust::{Estimate, PairTorsion};
 use crate::setup::TorsionPair;
 
 impl FrameOutcome<'_> {
     /// Torsion of all pairs.
     pub(super) fn torsions(&self) -> Vec<PairTorsion> {
-        let one = |pair: &TorsionPair| PairTorsion {
-            name: pair.name.clone(),
-            angle_rad: self.torsion_angle(pair),
-            twist_rad: self.section_twist(pair),
+        let one = |pair: &TorsionPair| {
+            let mut of_section = self.pair_section(pair).into_iter().flatten();
+            let (slope_rad, twist_rad) = (of_section.next(), of_section.next());
+            let (name, angle_rad) = (pair.name.clone(), self.torsion_angle(pair));
+            PairTorsion { name, angle_rad, slope_rad, twist_rad, streamwise_twist_rad: of_section.next() }
         };
         self.solved.input.setup.torsion.iter().map(one).collect()
     }
@@ -38,16 +38,14 @@ impl FrameOutcome<'_> {
         Some(Estimate { value: difference.atan2(base), sigma })
     }
 
-    /// Twist of the section midway between the two stations.
-    fn section_twist(&self, pair: &TorsionPair) -> Option<Estimate> {
+    /// Slope, twist and, if the flow's direction is known, streamwise twist of the section midway between the two stations.
+    fn pair_section(&self, pair: &TorsionPair) -> Option<Vec<Estimate>> {
         let station = |m: usize| self.solved.input.scene.ground.stations.get(m).map(|s| s.arc_m);
-        let arc = 0.5 * (station(pair.leading)? + station(pair.trailing)?);
-        let grid = BeamGrid::new(&self.solved.input.scene.ground, &[arc]);
-        let section = grid.bend(&self.values.bending()).pop()?;
-        let mut gradient = self.empty_gradient(1, &[]);
-        for (placed, k) in self.layout.unknowns() {
-            self.layout.add_derivative(&mut gradient, placed.scope, k, 0, placed.term.twist_derivative(k, &section));
-        }
-        Some(Estimate { value: section.twist_rad, sigma: self.function_sigmas(&gradient).first().copied() })
+        let curve = self.axis_curve(vec![0.5 * (station(pair.leading)? + station(pair.trailing)?)]);
+        let sections = self.moved_sections(&curve);
+        let functions = self.reported_functions(&sections).split_off(1);
+        let mut gradient = self.empty_gradient(functions.len(), &[]);
+        self.add_section_functions(&mut gradient, &curve, &sections, &functions);
+        Some(self.section_estimates(&gradient, &functions).concat())
     }
 }

@@ -23,6 +23,6 @@ impl ProfileAdjustment<'_> {
             Some(Estimate { value: difference.atan2(base), sigma })
         };
         let pairs = self.geometry.setup.torsion.iter();
-        pairs.map(|p| PairTorsion { name: p.name.clone(), angle_rad: pair(p), twist_rad: None }).collect()
+        pairs.map(|p| PairTorsion { name: p.name.clone(), angle_rad: pair(p), ..PairTorsion::default() }).collect()
     }
 }

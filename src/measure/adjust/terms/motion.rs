@@ -4,7 +4,8 @@
 use nalgebra::Vector3;
 
 use super::wing::torque_term;
-use crate::adjust::beam::Bending;
+use crate::adjust::beam::{BeamSection, Bending};
+use crate::adjust::curve::SectionMotion;
 use crate::adjust::input::{AdjustmentInput, FrameObservations};
 use crate::adjust::prior_scales::PriorScales;
 use crate::adjust::scene::WingScene;
@@ -30,7 +31,7 @@ fn displacement_term(
         size: fields.len(),
         priors: sigmas.iter().enumerate().map(prior).collect(),
         add_values: |_, _| (),
-        effect: TermEffect::Displacement(Displacement { epoch: instant, fields }),
+        effect: TermEffect::Displacement(Displacement { epoch: instant, fields, of_section: None }),
     }
 }
 
@@ -116,6 +117,13 @@ fn skin_bulges(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
 /// Prior standard deviation of the second unknown of in-plane bending relative to the first.
 const SECOND_IN_PLANE_RATIO: f64 = 0.4;
 
+/// Motion of the section at a fraction of the length by in-plane bending with a displacement of 1 m at the tip.
+fn in_plane_motion(k: usize, eta: f64, length_m: f64) -> SectionMotion {
+    let (deflection, slope) = if k == 0 { first_mode(eta) } else { (eta.powi(4), 4.0 * eta.powi(3)) };
+    let rotation_rad = Vector3::y() * (-slope / length_m);
+    SectionMotion { displacement_m: Vector3::z() * deflection, rotation_rad, twist_rad: 0.0 }
+}
+
 /// Bending in the wing's plane, at the tip, aft on a right wing, m: the first mode, and a part that is larger outboard.
 /// Sections rotate with it.
 fn in_plane(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
@@ -123,15 +131,18 @@ fn in_plane(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
         return None;
     }
     let mut fields = vec![zero_displacements(scene); 2];
-    let length_m = scene.ground.axis.length_m;
     for WingPoint { marker, eta, arm_m } in markers_on_wing(scene) {
-        let shapes = [first_mode(eta), (eta.powi(4), 4.0 * eta.powi(3))];
-        for (field, (deflection, slope)) in fields.iter_mut().zip(shapes) {
-            field[marker] = Vector3::new(-arm_m * slope / length_m, 0.0, deflection);
+        for (k, field) in fields.iter_mut().enumerate() {
+            let motion = in_plane_motion(k, eta, scene.ground.axis.length_m);
+            field[marker] = motion.displacement_m + motion.rotation_rad.cross(&(Vector3::z() * arm_m));
         }
     }
     let sigmas = [sigma_m, SECOND_IN_PLANE_RATIO * sigma_m];
-    Some(displacement_term(Unknown::InPlane, DisplacementEpoch::InFlight, fields, &sigmas))
+    let mut term = displacement_term(Unknown::InPlane, DisplacementEpoch::InFlight, fields, &sigmas);
+    if let TermEffect::Displacement(displacement) = &mut term.effect {
+        displacement.of_section = Some(in_plane_motion);
+    }
+    Some(term)
 }
 
 /// Prior standard deviations of a moving part's deflection, rad, of its hinge's height, m, and along the chord, m: a part
@@ -285,11 +296,15 @@ fn root_rotation(sigma_rad: f64) -> ParameterTerm {
             position: |state, k| {
                 state.from_root_m.map_or_else(Vector3::zeros, |from| Vector3::ith(k, 1.0).cross(&from))
             },
-            deflections: |curve, k| {
-                let deflection = |from_root_m: Vector3<f64>| Vector3::ith(k, 1.0).cross(&from_root_m).y;
-                curve.bent.iter().map(|section| deflection(section.axis_m - curve.root_m)).collect()
+            sections: |curve, k| {
+                let rotation_rad = Vector3::ith(k, 1.0);
+                let motion = |section: &BeamSection| SectionMotion {
+                    displacement_m: rotation_rad.cross(&(section.axis_m - curve.root_m)),
+                    rotation_rad,
+                    twist_rad: 0.0,
+                };
+                curve.bent.iter().map(motion).collect()
             },
-            twist: |_, _| 0.0,
         },
     }
 }
@@ -304,8 +319,7 @@ fn root_shift(sigma_m: f64) -> ParameterTerm {
         add_values: |x, values| values.root_translation_m += Vector3::from_column_slice(x),
         effect: TermEffect::Wing {
             position: |state, k| state.from_root_m.map_or_else(Vector3::zeros, |_| Vector3::ith(k, 1.0)),
-            deflections: |curve, k| vec![f64::from(u8::from(k == 1)); curve.bent.len()],
-            twist: |_, _| 0.0,
+            sections: |curve, k| vec![SectionMotion::displacement(Vector3::ith(k, 1.0)); curve.bent.len()],
         },
     }
 }
@@ -336,6 +350,15 @@ fn survey_vertical(sigma_rad: f64) -> ParameterTerm {
         effect: TermEffect::Vertical {
             deflection: |displaced_m, k| if k == 0 { displaced_m.z } else { -displaced_m.x },
             position: |state, k| if k == 0 { state.by_plane } else { Vector3::zeros() },
+            sections: |curve, k| {
+                let about_span = |v: &Vector3<f64>| if k == 0 { Vector3::x().cross(v) } else { Vector3::zeros() };
+                let tilt = |motion: SectionMotion| SectionMotion {
+                    displacement_m: about_span(&motion.displacement_m),
+                    rotation_rad: about_span(&motion.rotation_rad),
+                    twist_rad: 0.0,
+                };
+                curve.motions().into_iter().map(tilt).collect()
+            },
         },
     }
 }

@@ -1,8 +1,9 @@
 //! Wing terms: deformation in flight, and dimensions from drawings.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Vector3};
 
-use crate::adjust::beam::{BeamGrid, MAX_TWIST_TERMS, RAISE_TERMS, TORQUE_POSITIONS};
+use crate::adjust::beam::{BeamGrid, BeamSection, MAX_TWIST_TERMS, RAISE_TERMS, TORQUE_POSITIONS};
+use crate::adjust::curve::{AxisCurve, SectionMotion};
 use crate::adjust::estimated_dimensions::dimension_sigmas;
 use crate::adjust::ground::GroundShape;
 use crate::adjust::shapes::shape_covariance;
@@ -22,8 +23,14 @@ pub fn curvature_term(terms: usize, amplitude_per_m: Option<f64>) -> ParameterTe
         add_values: |x, values| values.curvature_per_m = x.to_vec(),
         effect: TermEffect::Wing {
             position: |state, k| state.by_curvature[k],
-            deflections: |curve, k| curve.bent.iter().map(|section| section.axis_by_curvature[k].y).collect(),
-            twist: |_, _| 0.0,
+            sections: |curve, k| {
+                let motion = |section: &BeamSection| SectionMotion {
+                    displacement_m: section.axis_by_curvature[k],
+                    rotation_rad: Vector3::z() * section.slope_by_curvature[k],
+                    twist_rad: 0.0,
+                };
+                curve.bent.iter().map(motion).collect()
+            },
         },
     }
 }
@@ -32,6 +39,11 @@ pub fn curvature_term(terms: usize, amplitude_per_m: Option<f64>) -> ParameterTe
 const TWIST_SIGMA_RAD: f64 = 0.1;
 /// Standard deviation of the further terms of the twist, rad.
 const TWIST_DETAIL_SIGMA_RAD: f64 = 0.02;
+
+/// Motions of the sections by one function of the twist.
+fn twist_motions(curve: &AxisCurve, function: usize) -> Vec<SectionMotion> {
+    curve.bent.iter().map(|section| SectionMotion::twist(section.twist_by_terms[function])).collect()
+}
 
 /// Coefficients of the twist, rad; they precede the torques.
 pub fn twist_term(terms: usize) -> ParameterTerm {
@@ -44,8 +56,7 @@ pub fn twist_term(terms: usize) -> ParameterTerm {
         add_values: |x, values| values.twist_rad = x.to_vec(),
         effect: TermEffect::Wing {
             position: |state, k| state.by_twist[k],
-            deflections: |_, _| vec![],
-            twist: |section, k| section.twist_by_terms[k],
+            sections: |curve, k| twist_motions(curve, k),
         },
     }
 }
@@ -63,8 +74,7 @@ pub fn torque_term(sigma_rad: f64) -> Option<ParameterTerm> {
         },
         effect: TermEffect::Wing {
             position: |state, k| state.by_twist[MAX_TWIST_TERMS + k],
-            deflections: |_, _| vec![],
-            twist: |section, k| section.twist_by_terms[MAX_TWIST_TERMS + k],
+            sections: |curve, k| twist_motions(curve, MAX_TWIST_TERMS + k),
         },
     })
 }
@@ -94,10 +104,10 @@ pub fn axis_height(ground: &GroundShape) -> ParameterTerm {
         add_values: |x, values| values.raise_m.iter_mut().zip(x).for_each(|(raise, x)| *raise += x),
         effect: TermEffect::Wing {
             position: |state, k| state.by_raise[k],
-            deflections: |curve, k| {
-                curve.bent.iter().map(|section| section.axis_by_raise[k].y - section.raise_by_terms[k]).collect()
+            sections: |curve, k| {
+                let moved = |section: &BeamSection| section.axis_by_raise[k] - Vector3::y() * section.raise_by_terms[k];
+                curve.bent.iter().map(|section| SectionMotion::displacement(moved(section))).collect()
             },
-            twist: |_, _| 0.0,
         },
     }
 }
@@ -113,11 +123,10 @@ pub fn thermal_scale(thermal: Option<&Thermal>) -> Option<ParameterTerm> {
         add_values: |x, values| values.scale += x[0],
         effect: TermEffect::Wing {
             position: |state, _| state.by_scale,
-            deflections: |curve, _| {
-                let above_root = curve.bent.iter().map(|section| section.axis_m.y - curve.root_m.y);
-                above_root.map(|y| y / curve.values.scale).collect()
+            sections: |curve, _| {
+                let moved = |section: &BeamSection| (section.axis_m - curve.root_m) / curve.values.scale;
+                curve.bent.iter().map(|section| SectionMotion::displacement(moved(section))).collect()
             },
-            twist: |_, _| 0.0,
         },
     })
 }
@@ -136,8 +145,8 @@ pub fn dimension_terms(uncertainty: &SetupUncertainty) -> impl Iterator<Item = P
     all.into_iter().zip(dimension_sigmas(uncertainty)).filter_map(known)
 }
 
-/// Estimated dimension with the index `WHICH` in [`dimension_sigmas`]. Deflections are compared with those of a wing with
-/// another value, at the same positions.
+/// Estimated dimension with the index `WHICH` in [`dimension_sigmas`]. Motions are compared with those of a wing with another
+/// value, at the same positions.
 fn dimension_term<const WHICH: usize>(unknown: Unknown) -> ParameterTerm {
     ParameterTerm {
         unknown,
@@ -147,13 +156,12 @@ fn dimension_term<const WHICH: usize>(unknown: Unknown) -> ParameterTerm {
         add_values: |x, values| values.estimated[WHICH] += x[0],
         effect: TermEffect::Wing {
             position: |state, _| state.by_estimated[WHICH],
-            deflections: |curve, _| {
+            sections: |curve, _| {
                 let Some(neighbour) = &curve.scene.neighbours[WHICH] else { return vec![] };
                 let own: Vec<f64> = curve.arcs_m.iter().map(|arc| (arc - neighbour.root_m).max(0.0)).collect();
-                let there = curve.deflections_on(&BeamGrid::new(&neighbour.ground, &own)).into_iter();
-                there.zip(curve.deflections_m()).map(|(there, here)| (there - here) / neighbour.step).collect()
+                let there = curve.motions_on(&BeamGrid::new(&neighbour.ground, &own)).into_iter();
+                there.zip(curve.motions()).map(|(there, here)| neighbour.motion_derivative(&there, &here)).collect()
             },
-            twist: |_, _| 0.0,
         },
     }
 }

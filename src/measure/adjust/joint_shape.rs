@@ -1,0 +1,242 @@
+//! Joint shape of the frames of a flight: motions of the wing's stations and markers with the covariance of all of them.
+//!
+//! The covariance is given as factors of independent sources with standard deviation 1, `value = true value + lasting u +
+//! shared s + own e`: `u` is common to all flights of an installation, `s` to the frames of a flight, `e` belongs to one
+//! frame. The matrix itself is of no use: a few combinations hold nearly all of the variance, and its inverse is noise.
+
+use nalgebra::{DMatrix, DVector, SymmetricEigen, Vector3};
+
+use super::curve::AxisCurve;
+use super::flight;
+use super::outcome::{FrameOutcome, MovedSection, SectionFunction};
+use super::spatial::solve_spatial_with;
+use super::{AdjustError, AdjustResult, Observation, Options, Solution};
+use crate::estimation::symmetric_root;
+use crate::setup::{Orientation, Setup};
+
+/// Functions of each station, in order: displacement of the bending axis in the survey frame, changes of slope and incidence
+/// (tip up and nose up positive), and the rotation vector of the section in the survey frame.
+pub const STATION_FUNCTIONS: [&str; 9] = [
+    "displacement_x_m",
+    "displacement_y_m",
+    "displacement_z_m",
+    "slope_rad",
+    "twist_rad",
+    "streamwise_twist_rad",
+    "rotation_x_rad",
+    "rotation_y_rad",
+    "rotation_z_rad",
+];
+
+/// Largest part of a variance that a reduced factor may lose.
+const LOST_VARIANCE: f64 = 1e-7;
+
+/// Stations along the bending axis.
+#[derive(Clone, Debug, PartialEq)]
+pub enum StationChoice {
+    /// Stations of the curves in the results, from the root to the outermost marker, and the tip of the model.
+    Standard,
+    /// Arc lengths from the bending root on the ground, m.
+    ArcLengths(Vec<f64>),
+    /// Arc lengths as fractions of the length from the bending root to the tip of the model.
+    Fractions(Vec<f64>),
+}
+
+/// Motions of stations and markers in all frames of a flight, with their joint covariance.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JointShape {
+    /// Arc lengths of the stations from the bending root on the ground, m.
+    pub arcs_m: Vec<f64>,
+    /// Arc length from the bending root to the tip of the model, m.
+    pub length_m: f64,
+    /// Arc length of the outermost marker, m.
+    pub reach_m: f64,
+    /// Bending axis on the ground at the stations, survey frame, m.
+    pub ground_m: Vec<Vector3<f64>>,
+    /// Indices in the survey of the markers on the wing, in order.
+    pub markers: Vec<usize>,
+    /// Frames, in order.
+    pub frames: Vec<FrameShape>,
+}
+
+/// Shape in one frame. Functions are ordered by [`JointShape::station_function`] and [`JointShape::marker_function`]; a
+/// value that does not exist is NaN, and its rows of the factors are 0.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameShape {
+    /// Values of the functions.
+    pub values: DVector<f64>,
+    /// Factor of the errors that all flights of the installation share (functions x sources).
+    pub lasting: DMatrix<f64>,
+    /// Factor of the errors that all frames of the flight share.
+    pub shared: DMatrix<f64>,
+    /// Factor of the frame's own errors.
+    pub own: DMatrix<f64>,
+    /// Result of the frame.
+    pub solution: Solution,
+}
+
+impl JointShape {
+    /// Returns the index of a station's function; see [`STATION_FUNCTIONS`].
+    pub fn station_function(&self, function: usize, station: usize) -> usize {
+        function * self.arcs_m.len() + station
+    }
+
+    /// Returns the index of the first of the three components of a marker's displacement, survey frame, m.
+    pub fn marker_function(&self, marker: usize) -> usize {
+        STATION_FUNCTIONS.len() * self.arcs_m.len() + 3 * marker
+    }
+}
+
+impl FrameShape {
+    /// Returns the variance of each function.
+    pub fn variances(&self) -> DVector<f64> {
+        let mut all = DVector::zeros(self.values.len());
+        for factor in [&self.lasting, &self.shared, &self.own] {
+            factor.column_iter().for_each(|column| all += column.component_mul(&column));
+        }
+        all
+    }
+}
+
+/// Functions of a frame before the covariance of the shared parameters is known.
+pub(super) struct ShapeFunctions {
+    pub values: DVector<f64>,
+    /// Derivatives with respect to the global parameters (functions x parameters).
+    pub by_global: DMatrix<f64>,
+    /// Factor of the frame's own errors.
+    pub own: DMatrix<f64>,
+}
+
+/// Stations of a scene, wing markers, and the axis on the ground.
+pub(super) fn empty_shape(outcome: &FrameOutcome, choice: &StationChoice) -> AdjustResult<JointShape> {
+    let scene = outcome.solved.input.scene;
+    let (ground, length_m) = (&scene.ground, scene.ground.axis.length_m);
+    let standard = AxisCurve::standard_arcs_m(scene);
+    let reach_m = standard.last().copied().unwrap_or_default();
+    let arcs_m = match choice {
+        StationChoice::Standard => [&standard[..], &[length_m]].concat(),
+        StationChoice::ArcLengths(list) => list.clone(),
+        StationChoice::Fractions(list) => list.iter().map(|eta| eta * length_m).collect(),
+    };
+    if let Some(outside) = arcs_m.iter().find(|arc_m| !(0.0..=length_m + 1e-9).contains(*arc_m)) {
+        return Err(AdjustError::Input(format!(
+            "station {outside} m is not on the wing; give arc lengths from the bending root, 0 to {length_m:.3} m"
+        )));
+    }
+    let curve = outcome.axis_curve(arcs_m);
+    let ground_m = curve.flat.iter().map(|section| ground.frame.survey_point(&section.axis_m)).collect();
+    let markers = (0..ground.stations.len()).filter(|k| !scene.is_fixed(*k)).collect();
+    Ok(JointShape { arcs_m: curve.arcs_m, length_m, reach_m, ground_m, markers, frames: vec![] })
+}
+
+impl FrameOutcome<'_> {
+    /// Evaluates the functions of a shape's stations and markers in this frame.
+    pub(super) fn shape_functions(&self, shape: &JointShape) -> ShapeFunctions {
+        let curve = self.axis_curve(shape.arcs_m.clone());
+        let sections = self.moved_sections(&curve);
+        let survey_from_wing = self.solved.input.scene.ground.frame.wing_from_survey.inverse();
+        let axes: [Vector3<f64>; 3] = std::array::from_fn(|k| survey_from_wing.inverse() * Vector3::ith(k, 1.0));
+        let flow = self.flow_in_wing();
+        let functions: Vec<Vec<SectionFunction>> = (0..STATION_FUNCTIONS.len())
+            .map(|f| {
+                let of_section = |section: &MovedSection| match f {
+                    0..3 => section.displacement(&axes[f]),
+                    3 => section.slope(),
+                    4 => section.twist(),
+                    5 => flow.map_or(SectionFunction::UNKNOWN, |aft| section.streamwise_twist(&aft)),
+                    _ => section.rotation(&axes[f - 6]),
+                };
+                sections.iter().map(of_section).collect()
+            })
+            .collect();
+        let count = functions.len() * sections.len() + 3 * shape.markers.len();
+        let mut gradient = self.empty_gradient(count, &shape.markers);
+        self.add_section_functions(&mut gradient, &curve, &sections, &functions);
+        let mut values: Vec<f64> = functions.iter().flatten().map(|f| f.value).collect();
+        for &marker in &shape.markers {
+            let (ground, state) = self.ground_position_and_flight_state(marker);
+            let mut directions = vec![Vector3::zeros(); count];
+            directions[values.len()..values.len() + 3].copy_from_slice(&axes);
+            let on_ground: Vec<_> = directions.iter().map(|d| -d).collect();
+            self.add_position(&mut gradient, &state, &directions, &on_ground);
+            values.extend(axes.map(|axis| axis.dot(&(state.carried.position_m - ground))));
+        }
+        let (by_global, own) = self.solved.fit.propagate_factors(self.solved.group, &gradient);
+        let scale = self.scale();
+        ShapeFunctions { values: values.into(), by_global: by_global * scale, own: own * scale }
+    }
+}
+
+/// Reduces factors of several frames with common sources to fewer common sources.
+pub(super) fn reduce_factors(factors: Vec<DMatrix<f64>>) -> Vec<DMatrix<f64>> {
+    let sources = factors.first().map_or(0, DMatrix::ncols);
+    if sources == 0 {
+        return factors;
+    }
+    let mut normal = DMatrix::zeros(sources, sources);
+    for factor in &factors {
+        let mut scaled = factor.clone();
+        for mut row in scaled.row_iter_mut() {
+            let sigma = row.norm();
+            row /= if sigma > 0.0 { sigma } else { 1.0 };
+        }
+        normal.gemm_tr(1.0, &scaled, &scaled, 1.0);
+    }
+    let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(normal);
+    let mut order: Vec<usize> = (0..sources).collect();
+    order.sort_by(|a, b| eigenvalues[*a].total_cmp(&eigenvalues[*b]));
+    let mut lost = 0.0;
+    order.retain(|k| {
+        lost += eigenvalues[*k].max(0.0);
+        lost > LOST_VARIANCE
+    });
+    order.reverse();
+    let basis = eigenvectors.select_columns(&order);
+    factors.into_iter().map(|factor| factor * &basis).collect()
+}
+
+/// Adjusts one frame and returns its shape; all of its errors are its own.
+///
+/// # Errors
+/// Returns an error if the frame has no solution or a station is not on the wing.
+pub fn solve_frame_shape(
+    setup: &Setup,
+    orientation: &Orientation,
+    observations: &[Observation],
+    options: &Options,
+    stations: &StationChoice,
+) -> AdjustResult<JointShape> {
+    type FrameParts = (JointShape, DVector<f64>, Vec<DMatrix<f64>>);
+    let derive = |outcome: &FrameOutcome| -> AdjustResult<FrameParts> {
+        let shape = empty_shape(outcome, stations)?;
+        let ShapeFunctions { values, by_global, own } = outcome.shape_functions(&shape);
+        let global = by_global * symmetric_root(&outcome.solved.fit.covariance);
+        let columns: Vec<_> = global.column_iter().chain(own.column_iter()).collect();
+        Ok((shape, values, reduce_factors(vec![DMatrix::from_columns(&columns)])))
+    };
+    let (solution, derived) = solve_spatial_with(setup, orientation, observations, options, &derive)?;
+    let (mut shape, values, factors) = derived?;
+    let none = DMatrix::zeros(values.len(), 0);
+    let own = factors.into_iter().next().unwrap_or_else(|| none.clone());
+    shape.frames.push(FrameShape { values, lasting: none.clone(), shared: none, own, solution });
+    Ok(shape)
+}
+
+/// Adjusts the frames of a flight jointly and returns their joint shape.
+///
+/// # Errors
+/// Returns an error if the flight has no solution or a station is not on the wing.
+pub fn solve_flight_shape(
+    setup: &Setup,
+    orientation: &Orientation,
+    frames: &[Vec<Observation>],
+    options: &Options,
+    stations: &StationChoice,
+) -> AdjustResult<JointShape> {
+    let (solutions, derived) =
+        flight::solve_flight_with(setup, orientation, frames, options, |joint| joint.joint_shape(stations))?;
+    let (mut shape, of_frames) = derived?;
+    shape.frames =
+        solutions.into_iter().zip(of_frames).map(|(solution, frame)| FrameShape { solution, ..frame }).collect();
+    Ok(shape)
+}
