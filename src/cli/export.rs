@@ -1,6 +1,8 @@
 //! `wingd export` writes a store's results for other tools.
 
 mod live;
+#[cfg(feature = "shapes")]
+mod shape;
 mod sink;
 
 use std::fs;
@@ -21,7 +23,7 @@ use crate::report::source::{self, ResultChoice};
 use crate::report::{GroundMarker, ReportData, ReportSite, SeriesData, distinct_values, summary};
 use crate::store::{FlightRef, RealDisk, catalogue, layout, result_sets, result_summary};
 
-#[derive(Clone, Copy, ValueEnum)]
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum FormatName {
     /// Table with a header line
     Csv,
@@ -31,6 +33,10 @@ enum FormatName {
     Vtk,
     /// A JSON object per shot, with its complete record
     Jsonl,
+    /// Arrays of the joint shape with its covariance (xarray, MATLAB, ParaView)
+    Netcdf,
+    /// The same arrays for NumPy
+    Npz,
 }
 
 /// Export a store's results for other tools.
@@ -42,8 +48,15 @@ pub struct ExportArgs {
     #[arg(long, value_enum)]
     format: FormatName,
     /// Rows of csv and parquet output
-    #[arg(long, value_enum, default_value = "markers")]
+    #[arg(long, value_enum, default_value = "markers", default_value_ifs = [("format", "netcdf", "shape"), ("format", "npz", "shape")])]
     table: ResultTable,
+    /// Stations of the shape, CSV with a column arc_length_m: from the bending root along the axis [default: those of the
+    /// curves, and the tip]
+    #[arg(long, value_name = "FILE")]
+    stations: Option<PathBuf>,
+    /// Stations of the shape as fractions of the length to the tip
+    #[arg(long, value_name = "ETA,ETA", value_delimiter = ',', conflicts_with = "stations")]
+    eta: Option<Vec<f64>>,
     /// Flight, for example f0001 [default: all flights]
     #[arg(long)]
     flight: Option<String>,
@@ -67,7 +80,17 @@ impl ExportArgs {
 
 /// Exports results of a flight, of all flights or of live mode as a file of the chosen format.
 pub(super) fn run(args: &ExportArgs) -> TaskResult<Completion> {
+    let is_array = matches!(args.format, FormatName::Netcdf | FormatName::Npz);
+    if is_array != (args.table == ResultTable::Shape) {
+        return Err(Failure::Usage(
+            "--table shape is for --format netcdf or npz, and these are for no other table".into(),
+        ));
+    }
+    if !is_array && (args.stations.is_some() || args.eta.is_some()) {
+        return Err(Failure::Usage("--stations and --eta are for --table shape".into()));
+    }
     let data = match args.format {
+        FormatName::Netcdf | FormatName::Npz => return export_shapes(args),
         _ if args.table == ResultTable::Live => return live::export_live_results(args),
         FormatName::Csv | FormatName::Parquet => export_rows(args)?,
         FormatName::Vtk => export_vtk(args)?,
@@ -75,6 +98,14 @@ pub(super) fn run(args: &ExportArgs) -> TaskResult<Completion> {
     };
     print_notes(data.warnings.iter().chain(&data.notes));
     Ok(Completion::from_success(data.notes.is_empty()))
+}
+
+#[cfg(feature = "shapes")]
+use shape::export_shapes;
+
+#[cfg(not(feature = "shapes"))]
+fn export_shapes(_: &ExportArgs) -> TaskResult<Completion> {
+    Err(Failure::Usage("this wingd was built without NetCDF and NumPy; use --format csv --table span".into()))
 }
 
 /// Collects the facts common to all rows. The names of torsion pairs need a first pass through the results.

@@ -60,6 +60,8 @@ mod diagnose;
 mod export;
 #[cfg(feature = "desk")]
 mod fetch;
+#[cfg(feature = "shapes")]
+mod flight_shape;
 pub mod help;
 #[cfg(feature = "desk")]
 mod import;

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use serde_json::{Map, Value};
+
 use super::flight_marks::FlightMarks;
 use super::stored_flights;
 use crate::aircraft::AircraftTrack;
@@ -10,7 +12,7 @@ use crate::camera::Format;
 use crate::installation::Installation;
 use crate::measure::adjust::Mounting;
 use crate::measure::setup::Orientation;
-use crate::pipeline::{ProcessedFrame, stages};
+use crate::pipeline::{self, ProcessedFrame, SolveJob, stages};
 use crate::record::Reason;
 use crate::report::aircraft;
 use crate::store::manifest::SeriesCause;
@@ -30,6 +32,19 @@ pub struct FlightInputs<'a> {
 }
 
 impl FlightInputs<'_> {
+    /// Returns the inputs of results from these frames, which are adjusted jointly or each alone.
+    pub fn provenance(&self, job: &SolveJob, jointly: Option<&[FrameRef]>) -> Map<String, Value> {
+        let mut provenance = pipeline::provenance_map(self.installation, job);
+        if let Some(frames) = jointly {
+            let digests: String = frames.iter().map(|frame| format!("{}\n", frame.entry.sha256)).collect();
+            provenance.insert("frames_together".into(), store::sha256_hex(digests.as_bytes()).into());
+        }
+        let named = [("aircraft_data", &self.aircraft.digest), ("marks", &self.marks.digest)];
+        let there = named.into_iter().filter_map(|(name, digest)| Some((name, digest.clone()?)));
+        provenance.extend(there.map(|(name, digest)| (name.to_owned(), digest.into())));
+        provenance
+    }
+
     /// Detects and identifies the markers of a frame, and adds its manual marks, its aircraft data and its mounting.
     pub fn process_frame(&self, frame: &FrameRef, bytes: Result<&[u8], Reason>) -> ProcessedFrame {
         let name = stored_flights::frame_name(frame);

@@ -35,6 +35,7 @@ mod plausible;
 mod reader;
 mod rows;
 mod section;
+mod stations;
 mod structure;
 mod survey;
 mod tables;
@@ -61,6 +62,7 @@ pub use orientation::write_orientation;
 pub(crate) use reader::Reader;
 pub use rows::{Row, RowsError, parse_rows, separator_line};
 pub(crate) use rows::{TableLine, read_table};
+pub use stations::{PredictedStation, STATION_COLUMNS, read_stations};
 pub use structure::{Structure, read_stiffness};
 pub use tables::OpticsTable;
 pub use text::{cell_text, decode_text, printable_path, printable_text, text_cell};
@@ -185,11 +187,21 @@ fn read_installation(directory: &Path, with_orientation: bool) -> Result<Install
 
 /// Writes a file atomically; it is durable before its name appears.
 pub fn write_atomically(file: &Path, text: &str) -> std::io::Result<()> {
-    use std::io::Write;
+    write_file_atomically(file, |output| std::io::Write::write_all(output, text.as_bytes()))
+}
+
+/// Writes a file with `write` beside its name and gives it its name when it is complete and on the disk.
+///
+/// # Errors
+/// Returns the error of `write` or of the file system; the old file is unchanged then.
+pub fn write_file_atomically(
+    file: &Path,
+    write: impl FnOnce(&mut std::fs::File) -> std::io::Result<()>,
+) -> std::io::Result<()> {
     use std::os::unix::fs::PermissionsExt;
     let directory = file.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut temporary = tempfile::NamedTempFile::new_in(directory)?;
-    temporary.write_all(text.as_bytes())?;
+    write(temporary.as_file_mut())?;
     temporary.as_file().set_permissions(std::fs::Permissions::from_mode(0o644))?;
     temporary.as_file().sync_all()?;
     temporary.persist(file).map_err(|e| e.error)?;

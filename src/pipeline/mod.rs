@@ -7,6 +7,7 @@
 //! | adjust | identified markers | solution | [`crate::measure::adjust`] |
 //! | orient | ground frames | orientation | [`orienting`] |
 //! | mark | image, manual marks | solution with the marks | [`marking`] |
+//! | shape | identified markers of a flight | joint shape with covariance (`shapes.rs`) |
 //! | live | frames as they arrive | one solution per frame | [`live`] |
 //! | record | solution | line of the results | [`recording`] |
 //!
@@ -21,6 +22,8 @@ pub mod marking;
 pub mod orienting;
 mod pane_shifts;
 pub mod recording;
+#[cfg(feature = "desk")]
+mod shapes;
 pub mod shrink;
 pub mod stages;
 
@@ -42,6 +45,8 @@ use guard::{PANIC_REASON, catch_panic};
 use flight_priors::PreparedFlight;
 
 pub use flight_priors::learn_flight;
+#[cfg(feature = "desk")]
+pub use shapes::{SolvedShape, solve_shapes};
 pub use stages::{ProcessedFrame, StageTime, Work};
 
 /// Method and options of a computation.
@@ -94,9 +99,7 @@ pub fn solve_processed_frame(
     let started = Instant::now();
     let installation = &*with_frame_conditions(processed, installation);
     let corrected = correct_refraction(processed, installation, orientation);
-    let mountings = processed.mounting.map(|m| vec![m]);
-    let options = Options { mountings, ..job.options.clone() };
-    let (options, remarks) = flight_priors::with_flight_prior(options, installation, std::slice::from_ref(processed));
+    let (options, remarks) = single_frame_options(processed, installation, job);
     let job = &SolveJob { options, ..job.clone() };
     let outcome = corrected.and_then(|(observations, report)| {
         let solution = adjust_single_frame(installation, orientation, &observations, job);
@@ -106,6 +109,17 @@ pub fn solve_processed_frame(
     add_diagnosis(&mut record, processed, installation, orientation);
     record.timing_ms.solve = Some(recording::round_ms(StageTime::since(Work::Solve, started).ms));
     record
+}
+
+/// Options of a frame that is adjusted alone, with its mounting and the prior from other flights; and remarks.
+fn single_frame_options(
+    processed: &ProcessedFrame,
+    installation: &Installation,
+    job: &SolveJob,
+) -> (Options, Vec<String>) {
+    let mountings = processed.mounting.map(|m| vec![m]);
+    let options = Options { mountings, ..job.options.clone() };
+    flight_priors::with_flight_prior(options, installation, std::slice::from_ref(processed))
 }
 
 /// Number of standard deviations of the markers' size beyond which scales of image and survey are tested: half of the sound

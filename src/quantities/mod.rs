@@ -41,6 +41,8 @@ pub enum ResultTable {
     Shots,
     /// Row per result of live mode; also as jsonl
     Live,
+    /// Joint shape of stations and markers with its covariance; as netcdf or npz
+    Shape,
 }
 
 /// Thing that a quantity belongs to. A row of a table may have several: then each has a column of its own.

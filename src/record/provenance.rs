@@ -67,6 +67,21 @@ impl Parameters {
     }
 }
 
+impl Parameters {
+    /// Returns the options of an adjustment with these parameters.
+    pub fn options(&self) -> Options {
+        Options {
+            curvature_terms: self.curvature_terms,
+            twist_terms: self.twist_terms,
+            variance_components: self.variance_components,
+            global_alpha: self.global_alpha,
+            snooping_alpha: self.snooping_alpha,
+            sigma: self.sigma,
+            ..Options::default()
+        }
+    }
+}
+
 impl Default for Parameters {
     fn default() -> Self {
         Self::new(None, &Options::default())

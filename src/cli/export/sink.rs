@@ -86,7 +86,7 @@ impl RowSink {
                 drop(notes);
                 Err(Failure::Usage("this wingd was built without Parquet; use --format csv".into()).into())
             }
-            FormatName::Csv | FormatName::Vtk => {
+            FormatName::Csv | FormatName::Vtk | FormatName::Netcdf | FormatName::Npz => {
                 Ok(Self::Csv(Box::new(CsvWriter::begin(args.text_output()?, &columns).map_err(io_error_from_csv)?)))
             }
         }

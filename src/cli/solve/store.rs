@@ -14,7 +14,7 @@ use crate::installation;
 use crate::measure::adjust::AdjustmentMethod;
 use crate::pipeline::{self, SolveJob};
 use crate::record::{ImageRecord, Reason};
-use crate::store::{self, FlightRef, FrameRef, Inputs, Store, result_sets};
+use crate::store::{FlightRef, FrameRef, Inputs, Store, result_sets};
 
 pub(super) fn solve_store(args: &SolveArgs, root: &Path, report: Option<ReportFile>) -> TaskResult<Completion> {
     // Checked first, because opening would create a missing store.
@@ -71,7 +71,7 @@ struct FlightSolver<'a> {
 impl FlightSolver<'_> {
     fn solve_frames_singly(&self, output: &mut ResultOutput) -> TaskResult<()> {
         let FlightInputs { installation, orientation, .. } = self.known;
-        let (inputs, frames) = self.unsolved_frames(pipeline::provenance_map(installation, self.job))?;
+        let (inputs, frames) = self.unsolved_frames(self.known.provenance(self.job, None))?;
         let solve = |frame: &FrameRef, bytes: Result<&[u8], Reason>| {
             let processed = self.known.process_frame(frame, bytes);
             (frame.clone(), pipeline::solve_processed_frame(&processed, installation, orientation, self.job))
@@ -85,10 +85,7 @@ impl FlightSolver<'_> {
         let FlightInputs { installation, orientation, .. } = self.known;
         let frames = stored_flights::flight_frames(self.store.disk(), self.flight, None)?;
         let job = SolveJob { method: AdjustmentMethod::Spatial, ..self.job.clone() };
-        let mut provenance = pipeline::provenance_map(installation, &job);
-        let digests: String = frames.iter().map(|frame| format!("{}\n", frame.entry.sha256)).collect();
-        provenance.insert("frames_together".into(), store::sha256_hex(digests.as_bytes()).into());
-        let (inputs, left) = self.unsolved_frames(provenance)?;
+        let (inputs, left) = self.unsolved_frames(self.known.provenance(&job, Some(&frames)))?;
         if left.is_empty() {
             return Ok(());
         }
@@ -101,11 +98,8 @@ impl FlightSolver<'_> {
         pairs.try_for_each(|(frame, record)| self.add_result(frame, &inputs, record, output))
     }
 
-    /// Adds the digests of aircraft data and manual marks to the inputs, and finds the frames without a result from them.
-    fn unsolved_frames(&self, mut provenance: Map<String, Value>) -> TaskResult<(Inputs, Vec<FrameRef>)> {
-        let named = [("aircraft_data", &self.known.aircraft.digest), ("marks", &self.known.marks.digest)];
-        let there = named.into_iter().filter_map(|(name, digest)| Some((name, digest.clone()?)));
-        provenance.extend(there.map(|(name, digest)| (name.to_owned(), digest.into())));
+    /// Finds the frames without a result from these inputs.
+    fn unsolved_frames(&self, provenance: Map<String, Value>) -> TaskResult<(Inputs, Vec<FrameRef>)> {
         let inputs = Inputs::new(provenance);
         let frames = self.store.unsolved_in_flight(self.flight, &inputs)?;
         let flight = &self.flight.id;

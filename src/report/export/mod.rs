@@ -1,10 +1,14 @@
 //! Export of results as CSV or Parquet tables, JSON Lines and VTK shapes.
 
 mod columns;
+#[cfg(feature = "shapes")]
+mod dataset;
 mod lines;
 mod live;
 #[cfg(feature = "parquet")]
 mod parquet_file;
+#[cfg(feature = "shapes")]
+mod shape;
 mod vtk;
 
 use std::io::Write;
@@ -16,6 +20,8 @@ pub use lines::write_json_lines;
 pub use live::{LiveColumns, write_json_rows};
 #[cfg(feature = "parquet")]
 pub use parquet_file::ParquetFile;
+#[cfg(feature = "shapes")]
+pub use shape::{ShapeFrame, shape_dataset};
 pub use vtk::{VtkShape, frame_shape, ground_shape, series_shape, time_collection};
 
 /// Writer of a table as CSV; a missing value is an empty field.
