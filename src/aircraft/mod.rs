@@ -12,6 +12,8 @@
 //! | `air` | state | air on both sides of the window, temperature of the wing |
 
 mod air;
+#[cfg(feature = "shapes")]
+mod condition;
 mod icartt;
 mod interpolate;
 mod iwg1;
@@ -25,6 +27,8 @@ mod times;
 mod units;
 
 pub use air::{flight_conditions, pressure_contradiction};
+#[cfg(feature = "shapes")]
+pub use condition::FlightCondition;
 pub use interpolate::MAX_NEAREST_S;
 pub use join::{AircraftState, AircraftTrack, JoinedValue, ReceivedLine, UnusedLines, state_to_json};
 pub use layout::{Cell, Layout, LineFormat, QuantityColumn, Sample};

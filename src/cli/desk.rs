@@ -12,6 +12,8 @@ use super::{
     Completion, Failure, aircraft_data, compare, convert, demo, export, fetch, import, learn, mark, plan, report,
     simulate, stress, time_check,
 };
+#[cfg(feature = "shapes")]
+use super::{difference, mean};
 
 commands! {
     DeskCommand()
@@ -39,7 +41,13 @@ commands! {
     Fetch(fetch::FetchArgs) => fetch::run,
     /// Upload flights to an object store (not in the on-board build)
     Upload(upload::UploadArgs) => upload::run,
-    /// Export results as CSV, Parquet, VTK or JSON lines
+    /// Average measured shapes, also by conditions of the flight
+    #[cfg(feature = "shapes")]
+    Mean(mean::MeanArgs) => mean::run,
+    /// Compare measured shapes with each other or with a computation
+    #[cfg(feature = "shapes")]
+    Difference(difference::DifferenceArgs) => difference::run,
+    /// Export results as CSV, Parquet, VTK, JSON lines, NetCDF or NumPy arrays
     Export(export::ExportArgs) => export::run,
     /// Add a table of the aircraft's own data to a flight
     AircraftData(aircraft_data::AircraftDataArgs) => aircraft_data::run,

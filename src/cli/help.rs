@@ -22,24 +22,39 @@ const COMMAND_GROUPS: [(&str, &[&str]); 5] = [
     ("Record in flight", &["run", "status", "trigger"]),
     (
         "Evaluate",
-        &["import", "detect", "mark", "solve", "learn", "compare", "report", "export", "aircraft-data", "stress"],
+        &[
+            "import",
+            "detect",
+            "mark",
+            "solve",
+            "learn",
+            "compare",
+            "mean",
+            "difference",
+            "report",
+            "export",
+            "aircraft-data",
+            "stress",
+        ],
     ),
     ("Store and transfer", &["verify", "copy", "fetch", "serve", "upload", "prune"]),
     ("Demo and utilities", &["demo", "simulate", "completions", "man"]),
 ];
 
 /// Commands of the desk, which the on-board build lacks.
-pub const DESK_COMMANDS: [&str; 16] = [
+pub const DESK_COMMANDS: [&str; 18] = [
     "aircraft-data",
     "calibrate",
     "compare",
     "convert",
     "demo",
+    "difference",
     "export",
     "fetch",
     "import",
     "learn",
     "mark",
+    "mean",
     "plan",
     "report",
     "simulate",
@@ -83,12 +98,15 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
     ("mark", &["wingd mark store", "wingd mark --installation installation frames/flight-1.jpg"]),
     ("learn", &["wingd learn store --installation installation"]),
     ("compare", &["wingd compare store"]),
+    ("mean", &["wingd mean store:f0001/s000001/0001.jpg --eta 0.5,1"]),
+    ("difference", &["wingd difference store:f0001/s000001/0001.jpg --against fem.csv"]),
     ("report", &["wingd report store --output report.html"]),
     (
         "export",
         &[
             "wingd export store --format csv --table span --output span.csv",
             "wingd export store --format parquet --output markers.parquet",
+            "wingd export store --format netcdf --output shape.nc",
         ],
     ),
     (

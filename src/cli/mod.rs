@@ -56,6 +56,8 @@ mod demo;
 mod desk;
 mod detect;
 mod diagnose;
+#[cfg(feature = "shapes")]
+mod difference;
 #[cfg(feature = "desk")]
 mod export;
 #[cfg(feature = "desk")]
@@ -71,6 +73,8 @@ mod learn;
 mod logging;
 #[cfg(feature = "desk")]
 mod mark;
+#[cfg(feature = "shapes")]
+mod mean;
 mod mount_check;
 #[cfg(not(feature = "desk"))]
 mod on_board;

@@ -1,7 +1,7 @@
 //! The joint covariance of stations, frames and flights compared with sampled errors. Wings, loads, sides, mountings, survey
 //! and images are sampled again in every run.
 
-use crate::common::beam_truth::{Truth, normal, normal3, random_wing, remounted, rms, rng};
+use crate::common::beam_truth::{Truth, normal3, random_wing, remounted, rms, rng};
 use nalgebra::{DMatrix, DVector, SymmetricEigen, Vector3};
 use rand::Rng;
 use rand::rngs::StdRng;
@@ -88,6 +88,50 @@ impl Drawn {
     }
 }
 
+/// Fraction of the stiffness that a wrong computation has in excess outboard of 60 % of the length.
+const STIFFNESS_EXCESS: f64 = 0.2;
+const STIFF_FROM: f64 = 0.6;
+
+impl Drawn {
+    /// Displacement, slope and twist of the stations by a computation that is right, or too stiff outboard.
+    fn computation(&self, shape: &JointShape, (tip_m, fuel): (f64, f64), is_stiff: bool) -> DVector<f64> {
+        let count = 400;
+        let etas: Vec<f64> = (0..=count).map(|k| f64::from(k) / f64::from(count)).collect();
+        let motions = self.truth.section_motions(&etas, tip_m, fuel);
+        let bend = motions[(STIFF_FROM * f64::from(count)) as usize].1;
+        let missing = |k: usize| match is_stiff && etas[k] > STIFF_FROM {
+            true => (motions[k].1 - bend) * STIFFNESS_EXCESS / (1.0 + STIFFNESS_EXCESS),
+            false => 0.0,
+        };
+        let mut predicted = DVector::from_element(shape.marker_function(0), f64::NAN);
+        for (s, arc_m) in shape.arcs_m.iter().enumerate() {
+            let k = (arc_m / self.truth.length_m() * f64::from(count)).round() as usize;
+            let step_m = self.truth.length_m() / f64::from(count);
+            let lower_m: f64 = (0..k).map(|k| missing(k) * step_m).sum();
+            let (moved, slope, twist) = motions[k];
+            for (f, value) in [(2, moved.z - lower_m), (3, slope - missing(k)), (4, twist)] {
+                predicted[shape.station_function(f, s)] = value;
+            }
+        }
+        predicted
+    }
+
+    /// Probabilities of the test against a right computation and against one that is too stiff outboard.
+    fn tested(&self, shape: &JointShape, frame: usize, load: (f64, f64)) -> [f64; 2] {
+        [false, true].map(|is_stiff| {
+            let predicted = self.computation(shape, load, is_stiff);
+            let mean = shape.mean(&[frame]).first_functions(predicted.len());
+            let functions: Vec<usize> = (0..predicted.len()).filter(|k| !predicted[*k].is_nan()).collect();
+            mean.difference_from(&predicted).test(&functions).p
+        })
+    }
+}
+
+/// Fractions of the tests that reject at 5 %.
+fn rejection_rates(tests: &[[f64; 2]]) -> [f64; 2] {
+    [0, 1].map(|k| tests.iter().filter(|p| p[k] < 0.05).count() as f64 / tests.len() as f64)
+}
+
 /// Chi-square over degrees of freedom of errors with this factor of their covariance, over the combinations that it has.
 fn chi_square(errors: &DVector<f64>, factor: &DMatrix<f64>) -> (f64, usize) {
     let sigmas = DVector::from_iterator(factor.nrows(), factor.row_iter().map(|row| row.norm()));
@@ -118,7 +162,7 @@ fn joint_factor(frames: &[FrameShape], rows: &[usize]) -> DMatrix<f64> {
 fn the_shape_of_a_single_frame_has_an_honest_joint_covariance() {
     let mut rng = rng(401);
     let (mut sum, mut modes) = (0.0, 0);
-    let mut of_each = vec![];
+    let (mut of_each, mut tests) = (vec![], vec![]);
     for _ in 0..500 {
         let drawn = Drawn::new(&mut rng);
         let flight = drawn.fly(&mut rng, 1);
@@ -126,6 +170,7 @@ fn the_shape_of_a_single_frame_has_an_honest_joint_covariance() {
             adjust::solve_frame_shape(&drawn.setup, &drawn.orientation, &flight.frames[0], &options(), &stations())
                 .unwrap();
         let frame = &shape.frames[0];
+        tests.push(drawn.tested(&shape, 0, flight.loads[0]));
         let (errors, rows) = drawn.errors(&shape, frame, flight.loads[0]);
         let variances = frame.variances();
         of_each.extend(errors.iter().zip(&rows).map(|(e, row)| e / variances[*row].sqrt()));
@@ -136,13 +181,16 @@ fn the_shape_of_a_single_frame_has_an_honest_joint_covariance() {
     let normalised = sum / modes as f64;
     println!("single: chi-square per combination {normalised:.2} ({modes}), each function {:.2}", rms(&of_each));
     assert!((0.8..1.2).contains(&normalised), "{normalised}");
+    let [right, stiff] = rejection_rates(&tests);
+    println!("single: rejected at 5 %: a right computation {:.1} %, a stiff one {:.1} %", 1e2 * right, 1e2 * stiff);
+    assert!((0.01..0.065).contains(&right) && stiff > 0.95, "{right} {stiff}");
 }
 
 #[test]
 fn the_shapes_of_a_flight_have_an_honest_joint_covariance() {
     let mut rng = rng(402);
     let (mut sum, mut modes) = (0.0, 0);
-    let (mut within, mut between) = (vec![], vec![]);
+    let (mut within, mut between, mut tests) = (vec![], vec![], vec![]);
     for _ in 0..100 {
         let drawn = Drawn::new(&mut rng);
         let flights = [drawn.fly(&mut rng, 5), drawn.fly(&mut rng, 5)];
@@ -155,6 +203,7 @@ fn the_shapes_of_a_flight_have_an_honest_joint_covariance() {
             sum += chi2;
             modes += count;
             tips.push(of_frames);
+            tests.push(drawn.tested(shape, 2, flight.loads[2]));
         }
         let last = shapes[0].station_function(2, STATIONS.len() - 1);
         let error = |flight: usize, frame: usize| tips[flight][frame].0[tips[flight][frame].0.len() - 3];
@@ -176,6 +225,9 @@ fn the_shapes_of_a_flight_have_an_honest_joint_covariance() {
         rms(&between)
     );
     assert!((0.8..1.2).contains(&normalised), "{normalised}");
+    let [right, stiff] = rejection_rates(&tests);
+    println!("flight: rejected at 5 %: a right computation {:.1} %, a stiff one {:.1} %", 1e2 * right, 1e2 * stiff);
+    assert!((0.01..0.065).contains(&right) && stiff > 0.95, "{right} {stiff}");
     let ratio = rms(&between);
     assert!((1.0 / 1.15..1.0 / 0.85).contains(&ratio), "{ratio}");
     // The shapes of these wings vary less from frame to frame than the prior of shapes and fuel allows.

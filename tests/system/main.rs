@@ -28,6 +28,7 @@ mod in_seat_power;
 mod installation_changes;
 mod installation_faults;
 mod installation_geometry;
+mod joint_shape;
 mod json_schemas;
 mod kill9;
 mod learn_command;

@@ -106,6 +106,29 @@ pub struct BeamSection {
     pub axis_by_raise: [Vector3<f64>; RAISE_TERMS],
 }
 
+/// Motion of a section, or its derivative with respect to an unknown, wing frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SectionMotion {
+    /// Displacement of the bending axis, m.
+    pub displacement_m: Vector3<f64>,
+    /// Rotation vector without the twist, rad.
+    pub rotation_rad: Vector3<f64>,
+    /// Twist about the bending axis, nose up positive, rad.
+    pub twist_rad: f64,
+}
+
+impl SectionMotion {
+    /// Displacement without rotation.
+    pub fn displacement(displacement_m: Vector3<f64>) -> Self {
+        Self { displacement_m, ..Self::default() }
+    }
+
+    /// Twist alone.
+    pub fn twist(twist_rad: f64) -> Self {
+        Self { twist_rad, ..Self::default() }
+    }
+}
+
 /// Bending, twist and scale of a wing in flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bending<'a> {

@@ -2,35 +2,12 @@
 
 use nalgebra::Vector3;
 
-use super::beam::{BeamGrid, BeamSection, Bending};
+use super::beam::{BeamGrid, BeamSection, Bending, SectionMotion};
 use super::scene::WingScene;
 use super::values::UnknownValues;
 
 /// Number of intervals of the curves along the span.
 const CURVE_INTERVALS: usize = 40;
-
-/// Motion of a section, or its derivative with respect to an unknown, wing frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SectionMotion {
-    /// Displacement of the bending axis, m.
-    pub displacement_m: Vector3<f64>,
-    /// Rotation vector without the twist, rad.
-    pub rotation_rad: Vector3<f64>,
-    /// Twist about the bending axis, nose up positive, rad.
-    pub twist_rad: f64,
-}
-
-impl SectionMotion {
-    /// Displacement without rotation.
-    pub fn displacement(displacement_m: Vector3<f64>) -> Self {
-        Self { displacement_m, ..Self::default() }
-    }
-
-    /// Twist alone.
-    pub fn twist(twist_rad: f64) -> Self {
-        Self { twist_rad, ..Self::default() }
-    }
-}
 
 /// Bending axis on the ground and in flight.
 pub struct AxisCurve<'a> {

@@ -8,8 +8,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::AdjustResult;
-use super::beam::{BeamGrid, BeamSection, Bending, MarkerArm};
-use super::curve::SectionMotion;
+use super::beam::{BeamGrid, BeamSection, Bending, MarkerArm, SectionMotion};
 use super::ground::GroundShape;
 use super::marker_state::{ESTIMATED_DIMENSIONS, MarkerState};
 use crate::setup::{Setup, SetupUncertainty, Width};

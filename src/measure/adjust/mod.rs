@@ -20,6 +20,8 @@ mod outcome;
 mod prior_scales;
 pub mod profile;
 mod scene;
+mod shape_comparison;
+mod shape_solving;
 mod shapes;
 mod snooping;
 mod spatial;
@@ -30,10 +32,10 @@ mod values;
 pub use super::estimation::{GlobalTest, SigmaKind, VarianceComponent};
 pub use super::observation::{Estimate, Observation};
 pub use flight::{LiveAdjustment, learn_from_flight, solve_flight};
-pub use joint_shape::{
-    FrameShape, JointShape, STATION_FUNCTIONS, StationChoice, solve_flight_shape, solve_frame_shape,
-};
+pub use joint_shape::{FrameShape, JointShape, STATION_FUNCTIONS, StationChoice};
 pub use profile::solve_profile;
+pub use shape_comparison::{CommonErrors, ShapeDifference, ShapeMean, ShapeTest, TestedCombination};
+pub use shape_solving::{solve_flight_shape, solve_frame_shape};
 pub use spatial::solve_spatial;
 
 use std::borrow::Cow;

@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use nalgebra::{DVector, Vector2, Vector3};
 
-use super::curve::{AxisCurve, SectionMotion};
+use super::beam::SectionMotion;
+use super::curve::AxisCurve;
 use super::marker_state::MarkerState;
 use super::scene::PredictedPixel;
 use super::values::UnknownValues;

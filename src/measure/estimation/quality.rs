@@ -51,6 +51,12 @@ pub fn chi_square_limit(freedom: f64, alpha: f64) -> f64 {
     ChiSquared::new(freedom).map_or(f64::INFINITY, |law| law.inverse_cdf(1.0 - alpha))
 }
 
+/// Returns the probability that a chi-square variable of `freedom` degrees of freedom exceeds `value`; 1 without degrees of
+/// freedom.
+pub fn chi_square_tail(freedom: f64, value: f64) -> f64 {
+    ChiSquared::new(freedom).map_or(1.0, |law| law.sf(value))
+}
+
 /// Returns true if standard deviations are scaled by the root of the variance factor.
 pub fn is_posterior(kind: SigmaKind, test: Option<GlobalTest>) -> bool {
     match kind {

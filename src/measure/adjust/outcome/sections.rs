@@ -4,7 +4,8 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::FrameOutcome;
 use crate::adjust::Estimate;
-use crate::adjust::curve::{AxisCurve, SectionMotion};
+use crate::adjust::beam::SectionMotion;
+use crate::adjust::curve::AxisCurve;
 use crate::adjust::ground::wing_from_section;
 use crate::estimation::Gradient;
 

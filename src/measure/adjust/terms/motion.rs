@@ -4,8 +4,7 @@
 use nalgebra::Vector3;
 
 use super::wing::torque_term;
-use crate::adjust::beam::{BeamSection, Bending};
-use crate::adjust::curve::SectionMotion;
+use crate::adjust::beam::{BeamSection, Bending, SectionMotion};
 use crate::adjust::input::{AdjustmentInput, FrameObservations};
 use crate::adjust::prior_scales::PriorScales;
 use crate::adjust::scene::WingScene;

@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
-use crate::adjust::beam::{BeamGrid, BeamSection, MAX_TWIST_TERMS, RAISE_TERMS, TORQUE_POSITIONS};
-use crate::adjust::curve::{AxisCurve, SectionMotion};
+use crate::adjust::beam::{BeamGrid, BeamSection, MAX_TWIST_TERMS, RAISE_TERMS, SectionMotion, TORQUE_POSITIONS};
+use crate::adjust::curve::AxisCurve;
 use crate::adjust::estimated_dimensions::dimension_sigmas;
 use crate::adjust::ground::GroundShape;
 use crate::adjust::shapes::shape_covariance;
