@@ -18,6 +18,7 @@ pub mod simulation;
 pub mod stored_flights;
 pub mod stored_frames;
 pub mod stress;
+pub mod surface;
 pub mod time_check;
 pub mod time_list;
 

@@ -4,6 +4,7 @@
 
 pub mod adjust;
 pub mod calibrate;
+pub mod deformation;
 pub mod detect;
 pub mod environment;
 pub mod estimation;

@@ -10,6 +10,7 @@ mod budget;
 mod common;
 mod common_displacement;
 mod coverage;
+mod deformation;
 mod diagnosis;
 #[allow(dead_code)]
 mod effect_kinds;

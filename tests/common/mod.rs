@@ -9,6 +9,7 @@ pub mod drawn;
 pub mod fake_disk;
 pub mod random;
 pub mod report_store;
+pub mod section_truth;
 pub mod statistics;
 pub mod store_work;
 pub mod synthetic;

@@ -60,6 +60,7 @@ mod store_signed;
 mod store_speed;
 mod store_verify;
 mod stress_live;
+mod surface;
 mod survey_typo;
 mod table_mutations;
 mod table_statements;

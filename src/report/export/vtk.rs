@@ -1,4 +1,4 @@
-//! VTK XML files of shapes: `.vtp` per frame, `.pvd` over time, the ground shape, a mean `.vtu` per series.
+//! VTK XML files of shapes: `.vtp` per frame, `.pvd` over time, the ground shape, a mean `.vtu` per series, and surfaces.
 //!
 //! Arrays are base64 with a 64-bit length prefix: an unknown number is NaN, which the text form cannot represent.
 
@@ -11,47 +11,53 @@ use super::super::summary::{Mean, solved_records};
 use super::super::{GroundMarker, SeriesData, distinct_values};
 use crate::record::{ImageRecord, MarkerRecord};
 
-/// Points with their data arrays and marker ids.
+/// Points with their data arrays, marker ids and facets.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct VtkShape {
     points_m: Vec<[f64; 3]>,
+    /// Points of all facets, and the end of each facet in them; without facets the points are shown.
+    corners: Vec<usize>,
+    ends: Vec<usize>,
     /// Data arrays: name, number of components, values.
     arrays: Vec<(&'static str, usize, Vec<f64>)>,
     ids: Vec<String>,
 }
 
 impl VtkShape {
-    fn add_vector(&mut self, name: &'static str, values: Vec<[f64; 3]>) {
+    /// Creates the shape of a surface from its points, the indices of the corners of all facets, and the end of each facet.
+    pub fn from_surface(points_m: impl Iterator<Item = [f64; 3]>, corners: &[usize], ends: &[usize]) -> Self {
+        Self { points_m: points_m.collect(), corners: corners.into(), ends: ends.into(), ..Self::default() }
+    }
+
+    /// Adds a vector of each point.
+    pub fn add_vector(&mut self, name: &'static str, values: Vec<[f64; 3]>) {
         self.arrays.push((name, 3, values.into_iter().flatten().collect()));
     }
 
-    fn add_scalar(&mut self, name: &'static str, values: Vec<f64>) {
+    /// Adds a number of each point.
+    pub fn add_scalar(&mut self, name: &'static str, values: Vec<f64>) {
         self.arrays.push((name, 1, values));
     }
 
     /// Returns the shape as PolyData (`.vtp`); `time_s` is written to its field data.
     pub fn to_vtp(&self, time_s: Option<f64>) -> String {
-        let n = self.points_m.len();
-        let cells = format!(
-            "<Verts>{}{}</Verts>",
-            index_data_array("connectivity", 0..n),
-            index_data_array("offsets", 1..n + 1)
-        );
+        let (n, facets) = (self.points_m.len(), self.ends.len());
+        let (kind, vertices, indices) = if facets == 0 {
+            ("Verts", n, single_points(n))
+        } else {
+            ("Polys", 0, index_arrays(self.corners.iter().copied(), self.ends.iter().copied()))
+        };
         let head = format!(
-            "<Piece NumberOfPoints=\"{n}\" NumberOfVerts=\"{n}\" NumberOfLines=\"0\" NumberOfStrips=\"0\" NumberOfPolys=\"0\">"
+            "<Piece NumberOfPoints=\"{n}\" NumberOfVerts=\"{vertices}\" NumberOfLines=\"0\" NumberOfStrips=\"0\" NumberOfPolys=\"{facets}\">"
         );
-        self.to_xml("PolyData", &head, &cells, time_s)
+        self.to_xml("PolyData", &head, &format!("<{kind}>{indices}</{kind}>"), time_s)
     }
 
     /// Returns the shape as an unstructured grid of single points (`.vtu`), for readers without PolyData.
     pub fn to_vtu(&self) -> String {
         let n = self.points_m.len();
         let types = data_array("UInt8", "types", 1, &vec![1; n]);
-        let cells = format!(
-            "<Cells>{}{}{types}</Cells>",
-            index_data_array("connectivity", 0..n),
-            index_data_array("offsets", 1..n + 1)
-        );
+        let cells = format!("<Cells>{}{types}</Cells>", single_points(n));
         let head = format!("<Piece NumberOfPoints=\"{n}\" NumberOfCells=\"{n}\">");
         self.to_xml("UnstructuredGrid", &head, &cells, None)
     }
@@ -72,7 +78,7 @@ impl VtkShape {
         // A string is the codes of its letters, terminated by zero.
         let letters: Vec<u8> = self.ids.iter().flat_map(|id| id.bytes().chain([0])).collect();
         let codes: Vec<String> = letters.iter().map(u8::to_string).collect();
-        if kind == "PolyData" {
+        if kind == "PolyData" && self.ends.is_empty() {
             let _ = writeln!(
                 out,
                 "<Array type=\"String\" Name=\"marker\" NumberOfTuples=\"{}\" format=\"ascii\">{}</Array>",
@@ -91,9 +97,16 @@ fn little_endian_bytes(values: &[f64]) -> Vec<u8> {
     values.iter().flat_map(|v| v.to_le_bytes()).collect()
 }
 
-fn index_data_array(name: &str, range: std::ops::Range<usize>) -> String {
-    let values: Vec<u8> = range.flat_map(|i| (i as i64).to_le_bytes()).collect();
-    data_array("Int64", name, 1, &values)
+/// Cells of one point each.
+fn single_points(count: usize) -> String {
+    index_arrays(0..count, 1..count + 1)
+}
+
+/// Points of all cells, and the end of each cell in them.
+fn index_arrays(points: impl Iterator<Item = usize>, ends: impl Iterator<Item = usize>) -> String {
+    let array = |name: &str, values: Vec<u8>| data_array("Int64", name, 1, &values);
+    array("connectivity", points.flat_map(|i| (i as i64).to_le_bytes()).collect())
+        + &array("offsets", ends.flat_map(|i| (i as i64).to_le_bytes()).collect())
 }
 
 fn data_array(kind: &str, name: &str, components: usize, bytes: &[u8]) -> String {
