@@ -44,10 +44,10 @@ impl<'a> AxisCurve<'a> {
         self.motions_between(&self.bent, &self.flat)
     }
 
-    /// Motions of the sections of another grid with this wing's bending.
-    pub fn motions_on(&self, grid: &BeamGrid) -> Vec<SectionMotion> {
+    /// Motions of the sections of another grid with this wing's bending, and these sections on the ground.
+    pub fn motions_on(&self, grid: &BeamGrid) -> (Vec<SectionMotion>, Vec<BeamSection>) {
         let (bent, flat) = bent_and_flat_sections(grid, self.values);
-        self.motions_between(&bent, &flat)
+        (self.motions_between(&bent, &flat), flat)
     }
 
     fn motions_between(&self, bent: &[BeamSection], flat: &[BeamSection]) -> Vec<SectionMotion> {

@@ -5,11 +5,11 @@
 //! tip of a wing that bends by 3 m by 5 cm, and the nonlinear part is at most 1 mm. The derivative is therefore the
 //! difference from a neighbouring wing, computed once.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::AdjustResult;
 use super::beam::{BeamGrid, BeamSection, Bending, MarkerArm, SectionMotion};
-use super::ground::GroundShape;
+use super::ground::{GroundShape, wing_from_section};
 use super::marker_state::{ESTIMATED_DIMENSIONS, MarkerState};
 use crate::setup::{Setup, SetupUncertainty, Width};
 
@@ -71,11 +71,22 @@ impl NeighbourWing {
         Ok(Self { ground, step, grid, arms: mounts, wing_from_own, root_m })
     }
 
-    /// Derivative of a section's motion with respect to the dimension. `there`: motion in this wing, in its own wing frame.
-    /// The twist belongs to the section and does not change.
-    pub fn motion_derivative(&self, there: &SectionMotion, here: &SectionMotion) -> SectionMotion {
+    /// Derivative of a section's motion with respect to the dimension, from the motion in this wing, in its own wing frame.
+    /// The axis of this wing is elsewhere: its sections carry the points of the nominal axis. The twist belongs to the section.
+    /// `nominal` and `own`: the section on the ground in either wing; `scale`: length in flight over length on the ground.
+    pub fn motion_derivative(
+        &self,
+        (here, nominal): (&SectionMotion, &BeamSection),
+        (there, own): (&SectionMotion, &BeamSection),
+        scale: f64,
+    ) -> SectionMotion {
+        let arm_m = self.wing_from_own.transpose() * nominal.axis_m - own.axis_m;
+        let bent = Rotation3::new(there.rotation_rad);
+        let tangent = wing_from_section(own.slope_rad).column(0).into_owned();
+        let twist = Rotation3::new(bent * tangent * (self.ground.nose * there.twist_rad));
+        let carried_m = there.displacement_m + twist * bent * arm_m * scale - arm_m;
         SectionMotion {
-            displacement_m: (self.wing_from_own * there.displacement_m - here.displacement_m) / self.step,
+            displacement_m: (self.wing_from_own * carried_m - here.displacement_m) / self.step,
             rotation_rad: (self.wing_from_own * there.rotation_rad - here.rotation_rad) / self.step,
             twist_rad: 0.0,
         }

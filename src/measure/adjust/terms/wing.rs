@@ -146,7 +146,7 @@ pub fn dimension_terms(uncertainty: &SetupUncertainty) -> impl Iterator<Item = P
 }
 
 /// Estimated dimension with the index `WHICH` in [`dimension_sigmas`]. Motions are compared with those of a wing with another
-/// value, at the same positions.
+/// value, of the same points.
 fn dimension_term<const WHICH: usize>(unknown: Unknown) -> ParameterTerm {
     ParameterTerm {
         unknown,
@@ -159,8 +159,10 @@ fn dimension_term<const WHICH: usize>(unknown: Unknown) -> ParameterTerm {
             sections: |curve, _| {
                 let Some(neighbour) = &curve.scene.neighbours[WHICH] else { return vec![] };
                 let own: Vec<f64> = curve.arcs_m.iter().map(|arc| (arc - neighbour.root_m).max(0.0)).collect();
-                let there = curve.motions_on(&BeamGrid::new(&neighbour.ground, &own)).into_iter();
-                there.zip(curve.motions()).map(|(there, here)| neighbour.motion_derivative(&there, &here)).collect()
+                let (there, sections) = curve.motions_on(&BeamGrid::new(&neighbour.ground, &own));
+                let (here, scale) = (curve.motions(), curve.values.scale);
+                let pairs = here.iter().zip(&curve.flat).zip(there.iter().zip(&sections));
+                pairs.map(|(here, there)| neighbour.motion_derivative(here, there, scale)).collect()
             },
         },
     }
