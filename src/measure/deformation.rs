@@ -9,9 +9,11 @@
 //! [`BLEND_FRACTION`] of the axis, with slope and curvature 0 at both ends: a surface through the root has no kink there.
 //! Beyond the last section points move rigidly with it.
 
-use nalgebra::{Rotation3, SVector, Vector3};
+use nalgebra::{DMatrix, DVector, Rotation3, SVector, Vector3};
 
+use crate::adjust::{FrameShape, JointShape};
 use crate::geometry::Similarity;
+use crate::render::SeededRandom;
 
 /// Fraction of the axis over which the motion rises from the root. Without blending, a root that moves by 3 mm and 1 mrad
 /// within its priors would tear a surface of 4 m chord by 5 mm; over 5 % of 33 m this becomes a slope below 6 mrad. A wing
@@ -248,4 +250,55 @@ pub fn sample_sigma_m(samples: &[WingDeformation], ground_m: &Vector3<f64>) -> O
     let mean = moved.iter().sum::<Vector3<f64>>() / count;
     let squares = moved.iter().map(|m| (m - mean).component_mul(&(m - mean))).sum::<Vector3<f64>>();
     Some((squares / (count - 1.0)).map(f64::sqrt))
+}
+
+/// Poses of a wing's sections as measured, and random realisations of them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SampledPoses {
+    /// Most probable poses, root to tip.
+    pub mean: Vec<SectionPose>,
+    /// Realisations: each is the whole wing with one error of every source.
+    pub samples: Vec<Vec<SectionPose>>,
+}
+
+impl SampledPoses {
+    /// Samples the mean shape over frames of a flight, or the shape of one frame. Errors that the frames share do not
+    /// become smaller by averaging.
+    pub fn new(shape: &JointShape, frames: &[usize], count: usize, seed: u64) -> Self {
+        let chosen: Vec<&FrameShape> = frames.iter().filter_map(|k| shape.frames.get(*k)).collect();
+        let Some(first) = chosen.first() else { return Self { mean: vec![], samples: vec![] } };
+        let share = 1.0 / chosen.len() as f64;
+        let none = |factor: &DMatrix<f64>| DMatrix::zeros(factor.nrows(), factor.ncols());
+        let (mut values, mut lasting, mut shared) =
+            (DVector::zeros(first.values.len()), none(&first.lasting), none(&first.shared));
+        for frame in &chosen {
+            values += &frame.values * share;
+            lasting += &frame.lasting * share;
+            shared += &frame.shared * share;
+        }
+        let mut random = SeededRandom::new(seed, SAMPLING_STREAM);
+        let mut error = |factor: &DMatrix<f64>| factor * DVector::from_fn(factor.ncols(), |_, _| random.normal());
+        let sample = |_| {
+            let common = &values + error(&lasting) + error(&shared);
+            let own = chosen.iter().map(|frame| error(&frame.own) * share);
+            section_poses(shape, &own.fold(common, |sum, one| sum + one))
+        };
+        let samples = (0..count).map(sample).collect();
+        Self { mean: section_poses(shape, &values), samples }
+    }
+}
+
+/// Purpose of the random numbers, so that other samples with the seed are independent.
+const SAMPLING_STREAM: u64 = 31;
+
+/// Poses of the stations of a shape from values of its functions.
+fn section_poses(shape: &JointShape, values: &DVector<f64>) -> Vec<SectionPose> {
+    let vector = |first: usize, k: usize| Vector3::from_fn(|i, _| values[shape.station_function(first + i, k)]);
+    let pose = |(k, (&arc_m, &ground_m)): (usize, (&f64, &Vector3<f64>))| SectionPose {
+        arc_m,
+        ground_m,
+        displacement_m: vector(0, k),
+        rotation: Rotation3::new(vector(6, k)),
+    };
+    shape.arcs_m.iter().zip(&shape.ground_m).enumerate().map(pose).collect()
 }

@@ -22,6 +22,7 @@ mod learning;
 mod live;
 mod live_start;
 mod long_flights;
+mod measured_surface;
 #[allow(dead_code)]
 mod modes;
 mod mountings;
