@@ -129,6 +129,12 @@ impl Installation {
         Some(self.cad.as_ref()?.transform.rotation.inverse() * self.cad_model.as_ref()?.aft?)
     }
 
+    /// Takes the direction of the flow from the CAD model if the installation does not state it.
+    fn with_flow_from_cad(mut self) -> Self {
+        self.setup.flow_direction = self.setup.flow_direction.or_else(|| Some(self.aft_direction()?.xy()));
+        self
+    }
+
     /// Returns the orientation, or an error if there is none.
     pub fn require_orientation(&self) -> Result<&Orientation, Fault> {
         self.orientation.as_ref().ok_or_else(|| {
@@ -180,7 +186,8 @@ fn read_installation(directory: &Path, with_orientation: bool) -> Result<Install
             sources: parts.sources,
             flight_prior,
             accepted: parts.accepted,
-        }),
+        }
+        .with_flow_from_cad()),
         _ => Err(fold::fold_repeated(reader.faults)),
     }
 }
