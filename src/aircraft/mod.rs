@@ -12,7 +12,7 @@
 //! | `air` | state | air on both sides of the window, temperature of the wing |
 
 mod air;
-#[cfg(feature = "shapes")]
+#[cfg(feature = "desk")]
 mod condition;
 mod icartt;
 mod interpolate;
@@ -27,7 +27,7 @@ mod times;
 mod units;
 
 pub use air::{flight_conditions, pressure_contradiction};
-#[cfg(feature = "shapes")]
+#[cfg(feature = "desk")]
 pub use condition::FlightCondition;
 pub use interpolate::MAX_NEAREST_S;
 pub use join::{AircraftState, AircraftTrack, JoinedValue, ReceivedLine, UnusedLines, state_to_json};

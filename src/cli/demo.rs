@@ -149,7 +149,7 @@ fn verify_and_report(output: &Path, directory: &Path) -> TaskResult<Completion> 
     let setup = installation::load(directory)?.setup;
     let data = source::read_flight(&store, source::ResultChoice::default(), Some(&setup))?;
     let page = output.join("report.html");
-    write_output(&page, &html::report_page(&data), "free space")?;
+    write_output(&page, html::report_page(&data), "free space")?;
     print_line(table::series_text(&summary::summarise_series(&data.series), false).trim_end())?;
     print_notes(&checked.faults);
     let sound = if checked.is_sound() { "sound" } else { "NOT SOUND" };

@@ -9,11 +9,9 @@ use super::unavailable::upload;
 #[cfg(feature = "upload")]
 use super::upload;
 use super::{
-    Completion, Failure, aircraft_data, compare, convert, demo, export, fetch, import, learn, mark, plan, report,
-    simulate, stress, time_check,
+    Completion, Failure, aircraft_data, compare, convert, deform, demo, difference, export, fetch, import, learn, mark,
+    mean, plan, report, simulate, stress, time_check,
 };
-#[cfg(feature = "shapes")]
-use super::{difference, mean};
 
 commands! {
     DeskCommand()
@@ -42,13 +40,13 @@ commands! {
     /// Upload flights to an object store (not in the on-board build)
     Upload(upload::UploadArgs) => upload::run,
     /// Average measured shapes, also by conditions of the flight
-    #[cfg(feature = "shapes")]
     Mean(mean::MeanArgs) => mean::run,
     /// Compare measured shapes with each other or with a computation
-    #[cfg(feature = "shapes")]
     Difference(difference::DifferenceArgs) => difference::run,
     /// Export results as CSV, Parquet, VTK, JSON lines, NetCDF or NumPy arrays
     Export(export::ExportArgs) => export::run,
+    /// Move the nodes of a surface by the measured shape
+    Deform(deform::DeformArgs) => deform::run,
     /// Add a table of the aircraft's own data to a flight
     AircraftData(aircraft_data::AircraftDataArgs) => aircraft_data::run,
     /// Compute bending moments: extremes, load cycles, damage

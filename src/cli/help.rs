@@ -33,6 +33,7 @@ const COMMAND_GROUPS: [(&str, &[&str]); 5] = [
             "difference",
             "report",
             "export",
+            "deform",
             "aircraft-data",
             "stress",
         ],
@@ -42,11 +43,12 @@ const COMMAND_GROUPS: [(&str, &[&str]); 5] = [
 ];
 
 /// Commands of the desk, which the on-board build lacks.
-pub const DESK_COMMANDS: [&str; 18] = [
+pub const DESK_COMMANDS: [&str; 19] = [
     "aircraft-data",
     "calibrate",
     "compare",
     "convert",
+    "deform",
     "demo",
     "difference",
     "export",

@@ -51,18 +51,20 @@ mod convert;
 mod copy;
 mod default_paths;
 #[cfg(feature = "desk")]
+mod deform;
+#[cfg(feature = "desk")]
 mod demo;
 #[cfg(feature = "desk")]
 mod desk;
 mod detect;
 mod diagnose;
-#[cfg(feature = "shapes")]
+#[cfg(feature = "desk")]
 mod difference;
 #[cfg(feature = "desk")]
 mod export;
 #[cfg(feature = "desk")]
 mod fetch;
-#[cfg(feature = "shapes")]
+#[cfg(feature = "desk")]
 mod flight_shape;
 pub mod help;
 #[cfg(feature = "desk")]
@@ -73,7 +75,7 @@ mod learn;
 mod logging;
 #[cfg(feature = "desk")]
 mod mark;
-#[cfg(feature = "shapes")]
+#[cfg(feature = "desk")]
 mod mean;
 mod mount_check;
 #[cfg(not(feature = "desk"))]

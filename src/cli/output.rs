@@ -43,9 +43,9 @@ pub fn print_notes<T: Display>(notes: impl IntoIterator<Item = T>) {
 ///
 /// # Errors
 /// Returns an error with `remedy` if the file cannot be written.
-pub fn write_output(file: &Path, text: &str, remedy: &str) -> TaskResult<()> {
+pub fn write_output(file: &Path, content: impl AsRef<[u8]>, remedy: &str) -> TaskResult<()> {
     let in_place = file.symlink_metadata().is_ok_and(|there| !there.is_file());
-    let written = if in_place { std::fs::write(file, text) } else { installation::write_atomically(file, text) };
+    let written = if in_place { std::fs::write(file, content) } else { installation::write_atomically(file, content) };
     written.map_err(|error| match error.source() {
         // The error of the file beside it names that file, which nobody knows.
         Some(cause) => Failure::from_write_error(file, &cause, remedy),

@@ -48,7 +48,7 @@ pub(super) fn run(args: &ReportArgs) -> TaskResult<Completion> {
         source::read_flight_with_pictures(&args.store, choice, setup.as_ref(), args.pictures)
     })?;
     print_notes(data.warnings.iter().chain(&data.notes));
-    write_output(&args.output, &html::report_page(&data), OTHER_OUTPUT)?;
+    write_output(&args.output, html::report_page(&data), OTHER_OUTPUT)?;
     print_line(table::series_text(&summary::summarise_series(&data.series), args.wide).trim_end())?;
     print_line(&format!("\nReport: {}", args.output.display()))?;
     Ok(Completion::from_success(data.notes.is_empty()))
@@ -62,7 +62,7 @@ fn report_all_flights(args: &ReportArgs) -> TaskResult<Completion> {
     let read = flights.iter().map(|flight| overview::read_overview(&RealDisk, flight));
     let all = read.collect::<Result<Vec<_>, _>>()?;
     print_notes(all.iter().flat_map(|f| f.warning.iter().chain(&f.notes)));
-    write_output(&args.output, &html::flights_page(&all), OTHER_OUTPUT)?;
+    write_output(&args.output, html::flights_page(&all), OTHER_OUTPUT)?;
     print_line(&format!("Report of {}: {}", count_text(all.len(), "flight"), args.output.display()))?;
     Ok(Completion::from_success(all.iter().all(|f| f.notes.is_empty())))
 }

@@ -54,7 +54,7 @@ const LATENCY_RANGE_MS: f64 = 40.0;
 
 pub(super) fn run(args: &TimeCheckArgs) -> TaskResult<Completion> {
     if let Some(file) = &args.page {
-        write_output(file, &clock_page::clock_page(), CHECK_WRITE_ACCESS)?;
+        write_output(file, clock_page::clock_page(), CHECK_WRITE_ACCESS)?;
         print_line(&format!("{}: open it on the recorder's computer, full screen", file.display()))?;
         return Ok(Completion::All);
     }

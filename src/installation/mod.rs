@@ -193,8 +193,8 @@ fn read_installation(directory: &Path, with_orientation: bool) -> Result<Install
 }
 
 /// Writes a file atomically; it is durable before its name appears.
-pub fn write_atomically(file: &Path, text: &str) -> std::io::Result<()> {
-    write_file_atomically(file, |output| std::io::Write::write_all(output, text.as_bytes()))
+pub fn write_atomically(file: &Path, content: impl AsRef<[u8]>) -> std::io::Result<()> {
+    write_file_atomically(file, |output| std::io::Write::write_all(output, content.as_ref()))
 }
 
 /// Writes a file with `write` beside its name and gives it its name when it is complete and on the disk.

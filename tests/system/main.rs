@@ -12,6 +12,7 @@ mod common;
 mod consistent_faults;
 mod daemon_replay;
 mod daemon_socket;
+mod deform_command;
 mod diagnosis;
 mod first_hour;
 mod fixed_marks;

@@ -79,7 +79,7 @@ pub(super) fn run(args: &PlanArgs) -> TaskResult<Completion> {
     let (setup, orientation) = (&installation.setup, installation.orientation.as_ref());
     let plan = plan::plan_installation(setup, orientation, &options).map_err(plan_failure)?;
     if let Some(file) = &args.figure {
-        write_output(file, &plan_figure::plan_svg(&plan), CHECK_WRITE_ACCESS)?;
+        write_output(file, plan_figure::plan_svg(&plan), CHECK_WRITE_ACCESS)?;
     }
     let (mut joint, mut with_prior) = (None, None);
     if plan.prediction.is_some() {

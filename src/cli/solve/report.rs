@@ -100,7 +100,7 @@ fn shot_data(number: u32, picture: &DatedImage, name: String) -> ShotData {
 }
 
 fn write_page(page: &ReportFile, data: &ReportData) -> TaskResult<()> {
-    write_output(page.file, &(page.builder.page)(data), CHECK_WRITE_ACCESS)?;
+    write_output(page.file, (page.builder.page)(data), CHECK_WRITE_ACCESS)?;
     eprintln!("wingd: report: {}", page.file.display());
     Ok(())
 }

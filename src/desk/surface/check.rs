@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{LENGTH_UNITS, LengthUnit, Surface, surface_fault};
+use super::{LENGTH_UNITS, LengthUnit, Surface, SurfaceFormat, surface_fault};
 use crate::desk::TaskResult;
 use crate::measure::deformation::WingDeformation;
 
@@ -15,6 +15,8 @@ const END_FRACTION: f64 = 1.25;
 const MAX_FAR_FRACTION: f64 = 0.5;
 /// Largest such fraction in a unit or in axes that are named as the cause.
 const MAX_STRAY_FRACTION: f64 = 0.2;
+/// Arc length by which a node must be outboard of a marker, m: less is rounding.
+const SAME_STATION_M: f64 = 1e-3;
 /// Number of nodes that are tried with other units and axes.
 const TRIED_NODES: usize = 10_000;
 
@@ -43,7 +45,7 @@ impl NodeCounts {
             counts.all += 1;
             counts.inboard += usize::from(is_inboard);
             counts.far += usize::from(!is_inboard && is_far);
-            counts.beyond_marker += usize::from(!is_far && foot.arc_m > outermost_m);
+            counts.beyond_marker += usize::from(!is_far && foot.arc_m > outermost_m + SAME_STATION_M);
         }
         counts
     }
@@ -103,7 +105,13 @@ pub fn check_nodes(
         let best = LENGTH_UNITS.iter().max_by_key(|one| count_near(one, wing))?;
         (count_near(best, wing) > 0).then_some(best.name)
     };
-    let add_unit = |name: &str| format!("its coordinates are in {name}, not {unit}: add --unit {name}");
+    let add_unit = |name: &str| {
+        let remedy = match surface.format {
+            SurfaceFormat::Nodes => format!("write x_{name},y_{name},z_{name} in its header"),
+            _ => format!("add --unit {name}"),
+        };
+        format!("its coordinates are in {name}, not {unit}: {remedy}")
+    };
     let remedy = match (find_unit(wing), other.map(|other| (find_unit(other.wing), other.remedy))) {
         (Some(name), _) if name != unit => add_unit(name),
         (None, Some((Some(name), remedy))) if name == unit => remedy.to_owned(),
