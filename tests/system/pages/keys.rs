@@ -166,7 +166,6 @@ fn every_key_of_an_installation_is_on_its_page() {
     let ties = "id,x_m,y_m,z_m,cad_x_m,cad_y_m,cad_z_m\na,0,0,0,0,0,0\nb,1,0,0,1,0,0\nc,0,1,0,0,1,0\nd,0,0,1,0,0,1\n";
     std::fs::write(folder.path().join("tie_points.csv"), ties).unwrap();
     let beam = "s_m,ei_n_m2,sigma_ei_n_m2\n0,2e9,1e8\n30,1e8,1e7\n";
-    std::fs::write(folder.path().join("fem.csv"), "arc_length_m,displacement_z_m\n10,0.3\n20,1.2\n").unwrap();
     std::fs::write(folder.path().join("structure.csv"), beam).unwrap();
     let read = |table: &Table| {
         std::fs::write(folder.path().join("installation.toml"), table.to_string()).unwrap();
