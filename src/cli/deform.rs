@@ -35,7 +35,7 @@ pub struct DeformArgs {
     /// Flight, for example f0001 [default: the newest]
     #[arg(long)]
     flight: Option<String>,
-    /// Frame, named as in the results, for example s000001/r0001.jpg [default: the mean over the frames]
+    /// Frame, named as in the results, for example s000001/0001.jpg [default: the mean over the frames]
     #[arg(long, value_name = "NAME")]
     frame: Option<String>,
     /// Mean shape over the frames of the flight, which is the default

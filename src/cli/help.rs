@@ -100,8 +100,8 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
     ("mark", &["wingd mark store", "wingd mark --installation installation frames/flight-1.jpg"]),
     ("learn", &["wingd learn store --installation installation"]),
     ("compare", &["wingd compare store"]),
-    ("mean", &["wingd mean store:f0001/s000001/r0001.jpg --eta 0.5,1"]),
-    ("difference", &["wingd difference store:f0001/s000001/r0001.jpg --against fem.csv"]),
+    ("mean", &["wingd mean store:f0001/s000001/0001.jpg --eta 0.5,1"]),
+    ("difference", &["wingd difference store:f0001/s000001/0001.jpg --against fem.csv"]),
     ("report", &["wingd report store --output report.html"]),
     (
         "export",

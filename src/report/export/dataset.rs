@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::{self, Seek, Write};
 
-use netcdf3::{DataSet, FileWriter, Version};
+use netcdf3::{DataSet, FileWriter, InvalidDataSet, Version, WriteError};
 use zip::write::{SimpleFileOptions, ZipWriter};
 
 /// Values of an array, in row-major order.
@@ -55,10 +55,10 @@ impl ArrayDataset {
     pub fn write_netcdf(&self, file: File) -> io::Result<()> {
         let mut set = DataSet::new();
         for (name, size) in self.dimensions.iter().filter(|(_, size)| *size > 0) {
-            set.add_fixed_dim(name, *size).map_err(format_error)?;
+            set.add_fixed_dim(name, *size).map_err(definition_error)?;
         }
         for (name, text) in &self.attributes {
-            set.add_global_attr_string(name, text).map_err(format_error)?;
+            set.add_global_attr_string(name, text).map_err(definition_error)?;
         }
         let present = || self.arrays.iter().filter(|a| a.dimensions.iter().all(|d| self.size_of(d) > 0));
         for array in present() {
@@ -69,18 +69,18 @@ impl ArrayDataset {
                 ArrayValues::Flags(_) => set.add_var_i8(name, &dimensions),
                 ArrayValues::Texts(texts) => {
                     let length = format!("{name}_length");
-                    set.add_fixed_dim(&length, text_width(texts)).map_err(format_error)?;
+                    set.add_fixed_dim(&length, text_width(texts)).map_err(definition_error)?;
                     dimensions.push(length);
                     set.add_var_u8(name, &dimensions)
                 }
             }
-            .map_err(format_error)?;
+            .map_err(definition_error)?;
             for (attribute, text) in [("units", array.unit), ("long_name", array.meaning.as_str())] {
-                set.add_var_attr_string(name, attribute, text).map_err(format_error)?;
+                set.add_var_attr_string(name, attribute, text).map_err(definition_error)?;
             }
         }
-        let mut writer = FileWriter::open_seek_write("", Box::new(file)).map_err(format_error)?;
-        writer.set_def(&set, Version::Offset64Bit, 0).map_err(format_error)?;
+        let mut writer = FileWriter::open_seek_write("", Box::new(file)).map_err(write_error)?;
+        writer.set_def(&set, Version::Offset64Bit, 0).map_err(write_error)?;
         for array in present() {
             let name = &array.name;
             match &array.values {
@@ -90,9 +90,9 @@ impl ArrayDataset {
                 }
                 ArrayValues::Texts(texts) => writer.write_var_u8(name, &fixed_width(texts)),
             }
-            .map_err(format_error)?;
+            .map_err(write_error)?;
         }
-        writer.close().map_err(format_error)
+        writer.close().map_err(write_error)
     }
 
     /// Writes an archive of NumPy arrays; the array `description` holds attributes, dimensions, units and meanings as JSON.
@@ -158,6 +158,16 @@ fn fixed_width(texts: &[String]) -> Vec<u8> {
     texts.iter().flat_map(|text| text.bytes().chain(std::iter::repeat_n(0, width - text.len()))).collect()
 }
 
-fn format_error(error: impl std::fmt::Debug) -> io::Error {
-    io::Error::other(format!("{error:?}"))
+/// Reason for a name, a size or a value that NetCDF does not have.
+const NOT_POSSIBLE: &str = "NetCDF cannot hold these arrays; use --format npz";
+
+fn definition_error(_: InvalidDataSet) -> io::Error {
+    io::Error::other(NOT_POSSIBLE)
+}
+
+fn write_error(error: WriteError) -> io::Error {
+    match error {
+        WriteError::IOErrorKind(kind) => kind.into(),
+        _ => io::Error::other(NOT_POSSIBLE),
+    }
 }
