@@ -43,7 +43,7 @@ commands! {
     Mean(mean::MeanArgs) => mean::run,
     /// Compare measured shapes with each other or with a computation
     Difference(difference::DifferenceArgs) => difference::run,
-    /// Export results as CSV, Parquet, VTK, JSON lines, NetCDF or NumPy arrays
+    /// Export results as tables, VTK, JSON lines, NetCDF or NumPy
     Export(export::ExportArgs) => export::run,
     /// Move the nodes of a surface by the measured shape
     Deform(deform::DeformArgs) => deform::run,

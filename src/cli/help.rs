@@ -111,6 +111,7 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
             "wingd export store --format netcdf --output shape.nc",
         ],
     ),
+    ("deform", &["wingd deform store --frame s000001/0001.jpg --surface nodes.csv --output deformed"]),
     (
         "aircraft-data",
         &[

@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
 """Reads every export of a store back with the readers of the field.
 
-    pip install pandas pyarrow polars duckdb pyvista meshio
+    pip install pandas pyarrow polars duckdb pyvista meshio xarray scipy matplotlib
     tests/validation/exports.py target/release/wingd STORE
 """
 
 import json
+import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -18,6 +20,8 @@ import pandas as pd
 import polars as pl
 import pyarrow.parquet as pq
 import pyvista
+import scipy.io
+import xarray
 
 
 def main(wingd, store):
@@ -74,6 +78,51 @@ def main(wingd, store):
         assert np.allclose(mesh.point_data["displacement_m"], grid["displacement_m"], equal_nan=True)
     print(f"{len(frames)} .vtp, 1 .pvd, ground and displacement vectors by pyvista {pyvista.__version__}; "
           f"{len(list(folder.glob('*.vtu')))} .vtu by meshio {meshio.__version__} too")
+    read_shape(wingd, store, work, run, solved)
+
+
+def read_shape(wingd, store, work, run, solved):
+    """The joint shape by three readers, the program of docs/shapes.md, and a surface moved by it."""
+    flight = solved[0]["flight"]
+    files = [work / "shape.nc", work / "shape.npz"]
+    for file in files:
+        run("--format", "netcdf" if file.suffix == ".nc" else "npz", "--flight", flight, "--output", str(file))
+    data, arrays = xarray.open_dataset(files[0]), np.load(files[1])
+    with scipy.io.netcdf_file(files[0], "r", mmap=False) as plain:
+        for name, variable in plain.variables.items():
+            if variable.typecode() == "d":
+                assert np.array_equal(data[name].values, arrays[name], equal_nan=True), name
+                assert np.array_equal(variable.data, arrays[name], equal_nan=True), name
+    records = [line["record"] for line in solved if line["flight"] == flight]
+    for k, record in enumerate(records):
+        points = len(record["curve"])
+        for field, values in [("deflection_m", data.displacement[k, :points, 2]), ("sigma_deflection_m", data.sigma_displacement[k, :points, 2]),
+                              ("sigma_slope_deg", np.degrees(data.sigma_slope[k, :points])), ("sigma_twist_deg", np.degrees(data.sigma_twist[k, :points]))]:
+            assert np.allclose([point[field] for point in record["curve"]], values, rtol=0, atol=1e-9), field
+    parts = [part for part in ("lasting", "shared", "own") if f"displacement_{part}" in data]
+    factor = np.concatenate([data[f"displacement_{part}"].values for part in parts], axis=-1)
+    assert np.allclose(np.linalg.norm(factor, axis=-1), data.sigma_displacement.values, rtol=1e-9)
+    if len(parts) == 3:
+        page = (Path(__file__).parents[2] / "docs/shapes.md").read_text()
+        program = re.search("```python\n(.*?)```", page, re.S)[1]
+        np.savetxt(work / "fem.txt", data.displacement[0, :, 2].values + 0.001)
+        printed = subprocess.run([sys.executable, "-c", program], cwd=work, check=True, capture_output=True, text=True,
+                                 env={**os.environ, "MPLBACKEND": "Agg"}).stdout
+        print(f"docs/shapes.md: {printed.strip()}")
+    ground = data.ground_position.values
+    strip = np.concatenate([ground + [0, 0, 0.3], ground - [0, 0, 0.3]])
+    count = len(ground)
+    cells = [[i, i + 1, i + count] for i in range(count - 1)] + [[i + 1, i + 1 + count, i + count] for i in range(count - 1)]
+    meshio.write(work / "wing.stl", meshio.Mesh(strip, [("triangle", cells)]), binary=True)
+    frame = [] if len(parts) == 3 else ["--frame", f"{solved[0]['series']}/{solved[0]['image']}"]
+    subprocess.run([wingd, "deform", store, "--flight", flight, "--surface", str(work / "wing.stl"), *frame, "--output", str(work / "deformed")],
+                   check=True, capture_output=True)
+    moved, surface = meshio.read(work / "deformed/surface.stl"), pyvista.read(work / "deformed/surface.vtp")
+    assert len(moved.cells_dict["triangle"]) == len(cells) and surface.n_cells == len(cells)
+    largest = np.linalg.norm(surface["displacement_m"], axis=1).max()
+    assert np.isclose(moved.points[:, 2].max() - strip[:, 2].max(), largest, atol=0.3 * largest)
+    print(f"shape of {len(records)} frames, equal in xarray {xarray.__version__}, scipy and numpy; a surface of {len(cells)} facets moved by "
+          f"{largest:.2f} m, by meshio and pyvista")
 
 
 main(sys.argv[1], sys.argv[2])

@@ -119,6 +119,10 @@ fn record(folder: &Path) {
 fn follow_examples(folder: &Path) {
     std::fs::create_dir(folder.join("look")).unwrap();
     std::fs::write(folder.join("fem.csv"), "arc_length_m,displacement_z_m\n10,0.3\n20,1.2\n").unwrap();
+    let survey = std::fs::read_to_string(folder.join("installation/survey.csv")).unwrap();
+    let place = |line: &str| line.split(',').skip(3).take(3).collect::<Vec<_>>().join(",");
+    let places: Vec<String> = survey.lines().filter(|line| line.starts_with('M')).map(place).collect();
+    std::fs::write(folder.join("nodes.csv"), format!("x_m,y_m,z_m\n{}\n", places.join("\n"))).unwrap();
     let port = free_port();
     let serve = examples(|name| name == "serve").next().unwrap();
     let served = Running::serving(folder, &format!("{serve} --listen 127.0.0.1:{port}"), port);
