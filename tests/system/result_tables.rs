@@ -89,7 +89,7 @@ fn the_page_of_the_tables_lists_the_quantities() {
             Subject::Row | Subject::Pair | Subject::Aircraft => "",
         };
         let stored = section.quantities.iter().filter(move |quantity| {
-            let arc_length = section.subject == Subject::Station;
+            let arc_length = section.subject == Subject::Station && quantity.name == "arc_length";
             !label.is_empty() && (arc_length || quantity.stored_form().is_some())
         });
         stored.map(move |quantity| {

@@ -87,7 +87,7 @@ def read_shape(wingd, store, work, run, solved):
     files = [work / "shape.nc", work / "shape.npz"]
     for file in files:
         run("--format", "netcdf" if file.suffix == ".nc" else "npz", "--flight", flight, "--output", str(file))
-    data, arrays = xarray.open_dataset(files[0]), np.load(files[1])
+    data, arrays = xarray.open_dataset(files[0], decode_times=False), np.load(files[1])
     with scipy.io.netcdf_file(files[0], "r", mmap=False) as plain:
         for name, variable in plain.variables.items():
             if variable.typecode() == "d":
