@@ -10,6 +10,7 @@ pub struct FlightCondition {
     high: f64,
 }
 
+/// Remedy for a text that is no condition.
 const FORM: &str = "write conditions as `mach between 0.78 and 0.80 and weight_kg < 190000`";
 
 impl FlightCondition {

@@ -36,6 +36,7 @@ pub struct DifferenceArgs {
 /// Station functions of the columns of a table of stations after the first, in its order, and the factor of its unit.
 const COLUMN_UNITS: [(&str, f64); STATION_COLUMNS.len() - 1] =
     [("m", 1.0), ("m", 1.0), ("m", 1.0), ("deg", DEGREES), ("deg", DEGREES), ("deg", DEGREES)];
+/// Degrees in a radian.
 const DEGREES: f64 = 180.0 / std::f64::consts::PI;
 /// Functions that are compared between measurements: vertical displacement, slope, twist, streamwise twist.
 pub(super) const MEASURED: [usize; 4] = [2, 3, 4, 5];
@@ -81,12 +82,7 @@ fn subtract_measurement(args: &DifferenceArgs) -> TaskResult<Compared> {
         };
         return Err(Failure::Failed(what.into()));
     }
-    let common = ours.common_errors(&theirs).ok_or_else(|| {
-        Failure::Failed(
-            "the frames were adjusted singly, so the errors that they share are not known; run `wingd solve STORE --flight`"
-                .into(),
-        )
-    })?;
+    let common = ours.common_errors(&theirs)?;
     // The number of markers may differ: stations alone are compared.
     let rows = ours.shape.marker_function(0);
     let cut = |mean: &SelectedMean| mean.mean.first_functions(rows);
@@ -191,7 +187,8 @@ fn print_json_object(
     functions: &[usize],
     test: &ShapeTest,
 ) -> TaskResult<()> {
-    let stations = station_objects(shape, functions, &difference.values, &difference.sigmas());
+    let sigmas = difference.sigmas();
+    let stations = station_objects(shape, functions, &[("", &difference.values), ("sigma_", &sigmas)]);
     let combinations = test.combinations.iter().map(|c| {
         let (name, arc_m) = function_place(shape, c.function);
         json!({"sigmas": c.sigmas, "largest": name, "arc_length_m": arc_m})
@@ -205,23 +202,23 @@ fn print_json_object(
     }))
 }
 
-/// Objects of stations with values and standard deviations under the names of columns.
+/// Objects of stations with several kinds of values for each function, under the names of columns with the prefix of the kind;
+/// `null` if one of them does not exist.
 pub(super) fn station_objects(
     shape: &JointShape,
     functions: &[usize],
-    values: &DVector<f64>,
-    sigmas: &DVector<f64>,
+    kinds: &[(&str, &DVector<f64>)],
 ) -> Vec<serde_json::Map<String, serde_json::Value>> {
-    let number = |value: f64| Some(value).filter(|value| value.is_finite());
     let station = |s: usize| {
         let mut station = serde_json::Map::new();
         station.insert(STATION_COLUMNS[0].into(), json!(shape.arcs_m[s]));
         for &f in functions {
             let at = shape.station_function(f, s);
             let (name, unit) = (STATION_COLUMNS[f + 1], COLUMN_UNITS[f].1);
-            station.insert(name.into(), json!(number(values[at] * unit)));
-            let sigma = values[at].is_finite().then_some(sigmas[at] * unit);
-            station.insert(format!("sigma_{name}"), json!(sigma));
+            let is_known = kinds.iter().all(|(_, values)| values[at].is_finite());
+            for (prefix, values) in kinds {
+                station.insert(format!("{prefix}{name}"), json!(is_known.then_some(values[at] * unit)));
+            }
         }
         station
     };

@@ -154,15 +154,22 @@ pub(super) struct SelectedMean {
 }
 
 impl SelectedMean {
-    /// Returns the errors that two means have in common; `None` if they are of one installation, but frames were adjusted
-    /// singly, so that these errors are not known.
-    pub fn common_errors(&self, other: &Self) -> Option<CommonErrors> {
+    /// Returns the errors that two means have in common.
+    ///
+    /// # Errors
+    /// Returns an error if they are of one installation, but these errors are not known because frames were adjusted singly
+    /// or with other parameters.
+    pub fn common_errors(&self, other: &Self) -> TaskResult<CommonErrors> {
         if self.installation != other.installation {
-            return Some(CommonErrors::None);
+            return Ok(CommonErrors::None);
         }
-        let same_flight = self.flight.is_some() && self.flight == other.flight;
-        let common = if same_flight { CommonErrors::Flight } else { CommonErrors::Installation };
-        (self.jointly && other.jointly).then_some(common)
+        let has_same_sources = self.mean.lasting.ncols() == other.mean.lasting.ncols();
+        if !(self.jointly && other.jointly && has_same_sources) {
+            let what = "the errors that the frames share are not known, because frames were adjusted singly or with other \
+                        parameters; run `wingd solve STORE --flight` with the same options for all";
+            return Err(Failure::Failed(what.into()));
+        }
+        Ok(if self.flight == other.flight { CommonErrors::Flight } else { CommonErrors::Installation })
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use nalgebra::Vector3;
 
 use super::plausible::principal_axes;
-use super::{INSTALLATION_FILE, Reader, read_table, tables};
+use super::{INSTALLATION_FILE, LENGTH_UNITS, LengthUnit, Reader, read_table, tables};
 use crate::measure::geometry::{FitError, PointPair, TransformFit};
 use crate::measure::ordering::sort_by_value;
 use crate::measure::setup::{Setup, WingSide};
@@ -13,8 +13,6 @@ use crate::measure::setup::{Setup, WingSide};
 const COLUMNS: [&str; 7] = ["id", "x_m", "y_m", "z_m", "cad_x_m", "cad_y_m", "cad_z_m"];
 /// Default standard deviation of a tie point's coordinate, m.
 const DEFAULT_SIGMA_M: f64 = 0.005;
-/// Units of CAD coordinates, in metres.
-const CAD_UNITS: [(&str, f64); 5] = [("m", 1.0), ("ft", 0.3048), ("in", 0.0254), ("cm", 0.01), ("mm", 1e-3)];
 /// Largest relative difference of the scales of CAD model and survey: 20 times the expansion of aluminium by 10 K; a larger
 /// one is another unit or a gross error.
 const MAX_SCALE_CHANGE: f64 = 0.005;
@@ -59,10 +57,10 @@ pub(super) fn read_cad(reader: &mut Reader, cad: &tables::CadTable) -> Option<Ca
     let installation = reader.directory.join(INSTALLATION_FILE);
     reader.check_range(&installation, "cad.sigma_m", sigma_m, 1e-6..=10.0, "m");
     let before = reader.faults.len();
-    let unit = cad.unit.as_deref().unwrap_or(CAD_UNITS[0].0);
-    let unit_m = CAD_UNITS.iter().find(|(name, _)| *name == unit).map_or(f64::NAN, |(_, metres)| *metres);
+    let unit = cad.unit.as_deref().unwrap_or(LENGTH_UNITS[0].name);
+    let unit_m = LENGTH_UNITS.iter().find(|one| one.name == unit).map_or(f64::NAN, |one| one.metres);
     if unit_m.is_nan() {
-        let remedy = format!("give one of {}", CAD_UNITS.map(|(name, _)| name).join(", "));
+        let remedy = format!("give one of {}", LENGTH_UNITS.map(|one| one.name).join(", "));
         reader.fault(&installation, "cad.unit", format!("is \"{unit}\""), remedy);
     }
     let [up, aft] = [("cad.up", &cad.up), ("cad.aft", &cad.aft)]
@@ -158,8 +156,8 @@ impl CadModel {
         let scale = scaled.transform.scale;
         let change = (scale - 1.0).abs();
         let unit_of = |factor: f64, stated_m: f64| {
-            let is_unit = |(_, metres): &&(&str, f64)| (factor * metres).ln().abs() < MAX_UNIT_CHANGE;
-            CAD_UNITS.iter().find(is_unit).filter(|(_, metres)| *metres != stated_m).map(|(name, _)| name)
+            let is_unit = |one: &&LengthUnit| (factor * one.metres).ln().abs() < MAX_UNIT_CHANGE;
+            LENGTH_UNITS.iter().find(is_unit).filter(|one| one.metres != stated_m).map(|one| one.name)
         };
         let problem = format!("the CAD coordinates are {scale:.4} times as large as the survey's");
         let is_certain = change > SIGMAS * scaled.covariance[(6, 6)].sqrt() && passes(scaled);

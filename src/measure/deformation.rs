@@ -11,7 +11,7 @@
 
 use nalgebra::{DMatrix, DVector, Rotation3, SVector, Vector3};
 
-use crate::adjust::{FrameShape, JointShape};
+use crate::adjust::{JointShape, ShapeMean};
 use crate::geometry::Similarity;
 use crate::render::SeededRandom;
 
@@ -265,24 +265,13 @@ impl SampledPoses {
     /// Samples the mean shape over frames of a flight, or the shape of one frame. Errors that the frames share do not
     /// become smaller by averaging.
     pub fn new(shape: &JointShape, frames: &[usize], count: usize, seed: u64) -> Self {
-        let chosen: Vec<&FrameShape> = frames.iter().filter_map(|k| shape.frames.get(*k)).collect();
-        let Some(first) = chosen.first() else { return Self { mean: vec![], samples: vec![] } };
-        let share = 1.0 / chosen.len() as f64;
-        let none = |factor: &DMatrix<f64>| DMatrix::zeros(factor.nrows(), factor.ncols());
-        let (mut values, mut lasting, mut shared) =
-            (DVector::zeros(first.values.len()), none(&first.lasting), none(&first.shared));
-        for frame in &chosen {
-            values += &frame.values * share;
-            lasting += &frame.lasting * share;
-            shared += &frame.shared * share;
+        let ShapeMean { values, lasting, shared, own, .. } = shape.mean(frames);
+        if values.is_empty() {
+            return Self { mean: vec![], samples: vec![] };
         }
         let mut random = SeededRandom::new(seed, SAMPLING_STREAM);
         let mut error = |factor: &DMatrix<f64>| factor * DVector::from_fn(factor.ncols(), |_, _| random.normal());
-        let sample = |_| {
-            let common = &values + error(&lasting) + error(&shared);
-            let own = chosen.iter().map(|frame| error(&frame.own) * share);
-            section_poses(shape, &own.fold(common, |sum, one| sum + one))
-        };
+        let sample = |_| section_poses(shape, &(&values + error(&lasting) + error(&shared) + error(&own)));
         let samples = (0..count).map(sample).collect();
         Self { mean: section_poses(shape, &values), samples }
     }

@@ -10,6 +10,11 @@ use crate::program::{fixture, run, stdout};
 
 /// A store with the flight of the fixture, solved jointly, with the direction of the flow.
 fn solved_store(folder: &Path, jointly: bool) -> String {
+    solved_store_with(folder, jointly, "", 1..=3)
+}
+
+/// The same with another line of the wing's section, and with other frames.
+fn solved_store_with(folder: &Path, jointly: bool, line: &str, frames_of: std::ops::RangeInclusive<usize>) -> String {
     let installation = folder.join("installation");
     std::fs::create_dir(&installation).unwrap();
     for entry in std::fs::read_dir(fixture("dev/installation")).unwrap() {
@@ -17,14 +22,17 @@ fn solved_store(folder: &Path, jointly: bool) -> String {
         std::fs::copy(&from, installation.join(from.file_name().unwrap())).unwrap();
     }
     let toml = installation.join("installation.toml");
+    let key = line.split(' ').next().unwrap();
     let text = std::fs::read_to_string(&toml).unwrap();
+    let replaced = |old: &str| if !key.is_empty() && old.starts_with(key) { line.to_owned() } else { old.to_owned() };
+    let text = text.lines().map(replaced).collect::<Vec<_>>().join("\n");
     // The span is (0.390731, 0.920505): right wing, swept by 28 degrees.
     std::fs::write(&toml, text.replace("[wing]\n", "[wing]\nflow_direction = [0.996195, 0.087156]\n")).unwrap();
     let (installation, store) = (installation.to_str().unwrap(), folder.join("store"));
     let (frames, store) = (fixture("dev/frames"), store.to_str().unwrap().to_owned());
     stdout(&["orient", "--installation", installation, frames.join("ground.jpg").to_str().unwrap()]);
     let flight: Vec<String> =
-        (1..=3).map(|k| frames.join(format!("flight-{k}.jpg")).to_str().unwrap().to_owned()).collect();
+        frames_of.map(|k| frames.join(format!("flight-{k}.jpg")).to_str().unwrap().to_owned()).collect();
     let images: Vec<&str> = flight.iter().map(String::as_str).collect();
     stdout(&[&["import"], &images[..], &["--store", &store, "--installation", installation]].concat());
     let together: &[&str] = if jointly { &["--flight"] } else { &[] };
@@ -148,6 +156,21 @@ fn shapes_are_compared_with_each_other_and_with_a_computation() {
         let error = String::from_utf8(ended.stderr).unwrap();
         assert!(ended.status.code() != Some(0) && error.contains(text), "{error}");
     }
+    // Of a mean it must be known which errors do not become smaller.
+    let refused_mean = |others: &[&str], text: &str| {
+        let ended = run(&[&["mean", &frame(1)], others].concat());
+        let error = String::from_utf8(ended.stderr).unwrap();
+        assert!(ended.status.code() == Some(1) && error.contains(text), "{error}");
+    };
+    refused_mean(&[&frame(2)], "several names are of one flight");
+    refused_mean(&[&frame(1)], "a frame is named twice");
+    let other = tempfile::tempdir().unwrap();
+    let elsewhere = solved_store_with(other.path(), true, "root_offset_m = 0.56", 4..=5);
+    refused_mean(&[&elsewhere], "different installations");
+    let next = tempfile::tempdir().unwrap();
+    let next = solved_store_with(next.path(), true, "", 4..=5);
+    let both: Value = serde_json::from_str(&stdout(&["mean", &store, &next, "--eta", "0.9", "--json"])).unwrap();
+    assert_eq!(both["frames"], 5);
     let alone = tempfile::tempdir().unwrap();
     let singly = solved_store(alone.path(), false);
     let ended =

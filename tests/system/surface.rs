@@ -6,9 +6,8 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Rotation3, Vector3};
 use wingd::desk::Failure;
-use wingd::desk::surface::{
-    LENGTH_UNITS, LengthUnit, NodeCounts, NodeMotion, OtherAxes, Surface, SurfaceFormat, check_nodes,
-};
+use wingd::desk::surface::{NodeCounts, NodeMotion, OtherAxes, Surface, SurfaceFormat, check_nodes};
+use wingd::installation::{LENGTH_UNITS, LengthUnit};
 use wingd::measure::deformation::{SectionPose, WingDeformation};
 use wingd::measure::geometry::Similarity;
 

@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
-use super::{LENGTH_UNITS, LengthUnit, Surface, SurfaceFormat, surface_fault};
+use super::{Surface, SurfaceFormat, surface_fault};
 use crate::desk::TaskResult;
+use crate::installation::{LENGTH_UNITS, LengthUnit};
 use crate::measure::deformation::WingDeformation;
 
 /// Distance from the bending axis over its length beyond which a node belongs to another part: the longest chord of an

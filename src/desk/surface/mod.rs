@@ -16,29 +16,14 @@ use rayon::prelude::*;
 
 use self::lines::open_lines;
 use super::{Failure, TaskResult};
-use crate::installation::{Fault, KeyFault};
+use crate::installation::{Fault, KeyFault, LENGTH_UNITS, LengthUnit};
 use crate::measure::deformation::{WingDeformation, sample_sigma_m};
 
 pub use check::{NodeCounts, OtherAxes, check_nodes};
 pub use write::OutputFile;
 
-/// Unit of length of a file.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LengthUnit {
-    /// Symbol, as in names of columns and in `--unit`.
-    pub name: &'static str,
-    /// Length in metres.
-    pub metres: f64,
-}
-
-/// Units in which surfaces are given; the inch and the foot are the international ones.
-pub const LENGTH_UNITS: [LengthUnit; 5] = [
-    LengthUnit { name: "m", metres: 1.0 },
-    LengthUnit { name: "cm", metres: 0.01 },
-    LengthUnit { name: "mm", metres: 0.001 },
-    LengthUnit { name: "in", metres: 0.0254 },
-    LengthUnit { name: "ft", metres: 0.3048 },
-];
+/// Remedy for a file that its program wrote wrongly or that was cut.
+const EXPORT_REMEDY: &str = "export or copy the file again";
 
 /// Facets by the indices of their corners, in the order of the file.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -4,9 +4,10 @@ use std::collections::HashMap;
 use std::io::BufRead;
 
 use super::lines::TextLines;
-use super::{FacetList, LENGTH_UNITS, LengthUnit, Surface, SurfaceFormat, parse_point};
-use crate::installation::KeyFault;
+use super::{FacetList, Surface, SurfaceFormat, parse_point};
+use crate::installation::{KeyFault, LENGTH_UNITS, LengthUnit};
 
+/// Remedy for a header without the columns of a node.
 const HEADER_REMEDY: &str = "write the header id,x_m,y_m,z_m, or x_mm, x_cm, x_in, x_ft by the unit; id may be missing";
 
 /// Columns of a header: unit, coordinates, number of the node.

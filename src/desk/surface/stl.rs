@@ -9,14 +9,13 @@ use std::path::Path;
 use nalgebra::Vector3;
 
 use super::lines::TextLines;
-use super::{FacetList, LengthUnit, NodeIndex, Surface, SurfaceFormat, facet_normal, parse_point, unreadable};
-use crate::installation::KeyFault;
+use super::{EXPORT_REMEDY, FacetList, NodeIndex, Surface, SurfaceFormat, facet_normal, parse_point, unreadable};
+use crate::installation::{KeyFault, LengthUnit};
 
 /// Length of the header and the count of a binary file, and of each facet, bytes.
 const HEADER_BYTES: usize = 84;
+/// Bytes of a facet in binary STL: twelve numbers of 4 bytes and 2 bytes of attributes.
 const FACET_BYTES: usize = 50;
-
-const EXPORT_REMEDY: &str = "export or copy the file again";
 
 /// Reads an STL file: binary if its length follows from its number of facets, else text.
 pub(super) fn read_stl(file: &Path, unit: LengthUnit) -> Result<Surface, KeyFault> {

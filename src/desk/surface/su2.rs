@@ -6,14 +6,13 @@ use std::io::BufRead;
 use nalgebra::Vector3;
 
 use super::lines::TextLines;
-use super::{FacetList, LengthUnit, Surface, SurfaceFormat, parse_point};
-use crate::installation::KeyFault;
+use super::{EXPORT_REMEDY, FacetList, Surface, SurfaceFormat, parse_point};
+use crate::installation::{KeyFault, LengthUnit};
 
 /// VTK type and number of corners of the elements of a surface: triangle, quadrilateral.
 const SURFACE_ELEMENTS: [(&str, usize); 2] = [("5", 3), ("9", 4)];
 /// Number of tags that a message names.
 const MAX_NAMED: usize = 20;
-const EXPORT_REMEDY: &str = "export the mesh again";
 
 /// Mesh as far as it has been read.
 #[derive(Default)]

@@ -22,6 +22,8 @@ pub struct AxisCurve<'a> {
     pub flat: Vec<BeamSection>,
     /// Bending root, wing frame, m.
     pub root_m: Vector3<f64>,
+    /// Motions of the sections by bending, twist, temperature and the motion of the root.
+    pub motions: Vec<SectionMotion>,
 }
 
 impl<'a> AxisCurve<'a> {
@@ -30,18 +32,15 @@ impl<'a> AxisCurve<'a> {
         let grid = BeamGrid::new(&scene.ground, &arcs_m);
         let (bent, flat) = bent_and_flat_sections(&grid, values);
         let root_m = grid.root_m() + Vector3::y() * values.raise_m[0];
-        Self { scene, values, arcs_m, bent, flat, root_m }
+        let mut curve = Self { scene, values, arcs_m, bent, flat, root_m, motions: vec![] };
+        curve.motions = curve.motions_between(&curve.bent, &curve.flat);
+        curve
     }
 
     /// Arc lengths from the root to the outermost marker at equal distances, m.
     pub fn standard_arcs_m(scene: &WingScene) -> Vec<f64> {
         let reach = scene.ground.stations.iter().fold(0.0, |a: f64, s| a.max(s.arc_m));
         (0..=CURVE_INTERVALS).map(|k| reach * k as f64 / CURVE_INTERVALS as f64).collect()
-    }
-
-    /// Motions of the sections by bending, twist, temperature and the motion of the root.
-    pub fn motions(&self) -> Vec<SectionMotion> {
-        self.motions_between(&self.bent, &self.flat)
     }
 
     /// Motions of the sections of another grid with this wing's bending, and these sections on the ground.

@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector, SymmetricEigen, Vector3};
 
 use super::curve::AxisCurve;
-use super::outcome::{FrameOutcome, MovedSection, SectionFunction};
+use super::outcome::{FrameOutcome, MovedSection, MovedSections, SectionFunction};
 use super::{AdjustError, AdjustResult, Solution};
 
 /// Functions of each station, in order: displacement of the bending axis in the survey frame, changes of slope and incidence
@@ -119,7 +119,7 @@ pub(super) fn empty_shape(outcome: &FrameOutcome, choice: &StationChoice) -> Adj
             "station {outside} m is not on the wing; give arc lengths from the bending root, 0 to {length_m:.3} m"
         )));
     }
-    let curve = outcome.axis_curve(arcs_m);
+    let MovedSections { curve, .. } = outcome.moved_sections(arcs_m);
     let ground_m = curve.flat.iter().map(|section| ground.frame.survey_point(&section.axis_m)).collect();
     let markers = (0..ground.stations.len()).filter(|k| !scene.is_fixed(*k)).collect();
     Ok(JointShape { arcs_m: curve.arcs_m, length_m, reach_m, ground_m, markers, frames: vec![] })
@@ -128,8 +128,8 @@ pub(super) fn empty_shape(outcome: &FrameOutcome, choice: &StationChoice) -> Adj
 impl FrameOutcome<'_> {
     /// Evaluates the functions of a shape's stations and markers in this frame.
     pub(super) fn shape_functions(&self, shape: &JointShape) -> ShapeFunctions {
-        let curve = self.axis_curve(shape.arcs_m.clone());
-        let sections = self.moved_sections(&curve);
+        let moved = self.moved_sections(shape.arcs_m.clone());
+        let sections = &moved.sections;
         let survey_from_wing = self.solved.input.scene.ground.frame.wing_from_survey.inverse();
         let axes: [Vector3<f64>; 3] = std::array::from_fn(|k| survey_from_wing.inverse() * Vector3::ith(k, 1.0));
         let flow = self.flow_in_wing();
@@ -147,7 +147,7 @@ impl FrameOutcome<'_> {
             .collect();
         let count = functions.len() * sections.len() + 3 * shape.markers.len();
         let mut gradient = self.empty_gradient(count, &shape.markers);
-        self.add_section_functions(&mut gradient, &curve, &sections, &functions);
+        self.add_section_functions(&mut gradient, &moved, &functions);
         let mut values: Vec<f64> = functions.iter().flatten().map(|f| f.value).collect();
         for &marker in &shape.markers {
             let (ground, state) = self.ground_position_and_flight_state(marker);

@@ -9,7 +9,7 @@ mod torsion;
 
 use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 pub use prior_conflict::with_prior_if_consistent;
-pub use sections::{MovedSection, SectionFunction};
+pub use sections::{MovedSection, MovedSections, SectionFunction};
 
 use super::beam::RAISE_TERMS;
 use super::curve::AxisCurve;
@@ -231,18 +231,17 @@ impl<'a> FrameOutcome<'a> {
 
     /// Computes the motion of the sections from the root to the outermost marker, and fits `a_per_m` to the deflection.
     fn deflection_curve(&self) -> (Vec<CurvePoint>, Gradient, f64) {
-        let curve = self.axis_curve(AxisCurve::standard_arcs_m(self.solved.input.scene));
-        let sections = self.moved_sections(&curve);
-        let count = sections.len();
-        let functions = self.reported_functions(&sections);
+        let moved = self.moved_sections(AxisCurve::standard_arcs_m(self.solved.input.scene));
+        let (curve, count) = (&moved.curve, moved.sections.len());
+        let functions = self.reported_functions(&moved.sections);
         let mut gradient = self.empty_gradient(functions.len() * count, &[]);
-        self.add_section_functions(&mut gradient, &curve, &sections, &functions);
+        self.add_section_functions(&mut gradient, &moved, &functions);
         let mut by_deflection = DVector::zeros(functions.len() * count);
         let (mut moment, mut fourth) = (0.0, 0.0);
-        for (k, (section, moved)) in curve.bent.iter().zip(&functions[0]).enumerate() {
+        for (k, (section, deflection)) in curve.bent.iter().zip(&functions[0]).enumerate() {
             let x2 = (section.axis_m.x - curve.root_m.x).powi(2);
             by_deflection[k] = x2;
-            moment += moved.value * x2;
+            moment += deflection.value * x2;
             fourth += x2 * x2;
         }
         by_deflection /= fourth;

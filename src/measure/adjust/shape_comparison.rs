@@ -69,26 +69,25 @@ impl JointShape {
         let chosen: Vec<_> = frames.iter().filter_map(|k| self.frames.get(*k)).collect();
         let share = 1.0 / chosen.len().max(1) as f64;
         let functions = chosen.first().map_or(0, |frame| frame.values.len());
-        let none = || DMatrix::zeros(functions, 0);
-        let sum = |factors: Vec<&DMatrix<f64>>| {
-            let total = factors.into_iter().fold(None, |sum: Option<DMatrix<f64>>, factor| {
-                Some(sum.map_or_else(|| factor.clone(), |sum| sum + factor))
-            });
-            total.map_or_else(none, |total| total * share)
-        };
         let values = chosen.iter().fold(DVector::zeros(functions), |sum, frame| sum + &frame.values) * share;
         let squares = chosen
             .iter()
             .fold(DVector::zeros(functions), |sum, frame| sum + (&frame.values - &values).map(|off| off * off));
         let count = chosen.len();
         ShapeMean {
-            lasting: sum(chosen.iter().map(|frame| &frame.lasting).collect()),
-            shared: sum(chosen.iter().map(|frame| &frame.shared).collect()),
+            lasting: add_factors(functions, chosen.iter().map(|frame| &frame.lasting)) * share,
+            shared: add_factors(functions, chosen.iter().map(|frame| &frame.shared)) * share,
             own: join_columns(functions, chosen.iter().map(|frame| &frame.own * share)),
             scatter: (count > 1).then(|| squares.map(|square| (square / (count - 1) as f64).sqrt())),
             values,
         }
     }
+}
+
+/// Adds factors of the same sources.
+fn add_factors<'a>(rows: usize, factors: impl Iterator<Item = &'a DMatrix<f64>>) -> DMatrix<f64> {
+    let sum = factors.cloned().reduce(|sum, factor| sum + factor);
+    sum.unwrap_or_else(|| DMatrix::zeros(rows, 0))
 }
 
 /// Places factors side by side: their sources are independent.
@@ -115,30 +114,17 @@ impl ShapeMean {
         }
     }
 
-    /// Returns the mean of means of several flights, at least one, which count equally.
-    pub fn average(means: &[Self], common: CommonErrors) -> Self {
+    /// Returns the mean of means of several flights of one installation, at least one, which count equally.
+    pub fn average(means: &[Self]) -> Self {
         let share = 1.0 / means.len().max(1) as f64;
         let rows = means.first().map_or(0, |mean| mean.values.len());
         let join = |part: fn(&Self) -> &DMatrix<f64>| join_columns(rows, means.iter().map(|mean| part(mean) * share));
-        let same = means.windows(2).all(|two| two[0].lasting.shape() == two[1].lasting.shape());
-        let lasting = match common != CommonErrors::None && same {
-            true => {
-                means
-                    .iter()
-                    .skip(1)
-                    .fold(means.first().map_or_else(|| DMatrix::zeros(rows, 0), |m| m.lasting.clone()), |sum, m| {
-                        sum + &m.lasting
-                    })
-                    * share
-            }
-            false => join(|mean| &mean.lasting),
-        };
         let squares = means.iter().filter_map(|mean| mean.scatter.as_ref()).map(|scatter| scatter.map(|s| s * s));
         let scatters: Vec<DVector<f64>> = squares.collect();
         let pooled = scatters.iter().fold(DVector::zeros(rows), |sum, square| sum + square);
         Self {
             values: means.iter().fold(DVector::zeros(rows), |sum, mean| sum + &mean.values) * share,
-            lasting,
+            lasting: add_factors(rows, means.iter().map(|mean| &mean.lasting)) * share,
             shared: join(|mean| &mean.shared),
             own: join(|mean| &mean.own),
             scatter: (!scatters.is_empty()).then(|| pooled.map(|square| (square / scatters.len() as f64).sqrt())),
@@ -161,7 +147,7 @@ impl ShapeMean {
 
     /// Returns this mean minus another of the same functions, whose frames are others.
     pub fn minus(&self, other: &Self, common: CommonErrors) -> ShapeDifference {
-        let part = |a: &DMatrix<f64>, b: &DMatrix<f64>, is_common: bool| match is_common && a.shape() == b.shape() {
+        let part = |a: &DMatrix<f64>, b: &DMatrix<f64>, is_common: bool| match is_common {
             true => vec![a - b],
             false => vec![a.clone(), b.clone()],
         };

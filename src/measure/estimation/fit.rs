@@ -159,16 +159,22 @@ impl Fit {
     /// Splits functions of one group into their dependence on the global parameters and their own noise.
     pub fn propagate(&self, group: usize, gradient: &Gradient) -> PropagatedCovariance {
         let (by, mut own) = self.eliminate_observations(group, gradient);
-        let mut total = DMatrix::zeros(gradient.function_count(), self.global.len());
+        if by.local.nrows() > 0 {
+            own += by.local.transpose() * (&self.groups[group].conditional * &by.local);
+        }
+        PropagatedCovariance { total: self.total_derivative(group, &by), own }
+    }
+
+    /// Derivative of functions of parameters alone with respect to the global ones, on which the local ones depend.
+    fn total_derivative(&self, group: usize, by: &Gradient) -> DMatrix<f64> {
+        let mut total = DMatrix::zeros(by.function_count(), self.global.len());
         for (k, &column) in by.columns.iter().enumerate() {
             (0..by.function_count()).for_each(|f| total[(f, column)] += by.global[(k, f)]);
         }
         if by.local.nrows() > 0 {
-            let local = by.local.transpose();
-            total += &local * &self.groups[group].sensitivity;
-            own += &local * (&self.groups[group].conditional * &by.local);
+            total += by.local.transpose() * &self.groups[group].sensitivity;
         }
-        PropagatedCovariance { total, own }
+        total
     }
 
     /// Returns a factor `F` of the covariance of functions of one group for given global parameters: `own = F F'` of
@@ -176,7 +182,7 @@ impl Fit {
     /// to the global parameters.
     pub fn propagate_factors(&self, group: usize, gradient: &Gradient) -> (DMatrix<f64>, DMatrix<f64>) {
         let (by, _) = self.eliminate_observations(group, gradient);
-        let total = self.propagate(group, gradient).total;
+        let total = self.total_derivative(group, &by);
         let fit = &self.groups[group];
         let mut parts = vec![by.local.tr_mul(&symmetric_root(&fit.conditional))];
         for (index, derivative) in &gradient.observed {

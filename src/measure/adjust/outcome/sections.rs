@@ -4,7 +4,7 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::FrameOutcome;
 use crate::adjust::Estimate;
-use crate::adjust::beam::SectionMotion;
+use crate::adjust::beam::{BeamSection, SectionMotion};
 use crate::adjust::curve::AxisCurve;
 use crate::adjust::ground::wing_from_section;
 use crate::estimation::Gradient;
@@ -98,29 +98,38 @@ impl MovedSection {
     }
 }
 
-impl FrameOutcome<'_> {
-    /// Sections at arc lengths, m from the bending root.
-    pub fn axis_curve(&self, arcs_m: Vec<f64>) -> AxisCurve<'_> {
-        AxisCurve::new(self.solved.input.scene, &self.values, arcs_m)
-    }
+/// Sections of the bending axis at a frame's unknowns.
+pub struct MovedSections<'a> {
+    pub curve: AxisCurve<'a>,
+    /// Sections, one per arc length.
+    pub sections: Vec<MovedSection>,
+    /// Derivatives of their motions, for each unknown of the layout; empty if it does not move them.
+    derivatives: Vec<Vec<SectionMotion>>,
+}
 
-    /// Motions of the sections of a curve. Effects that the model of the axis omits are linear and are added.
-    pub fn moved_sections(&self, curve: &AxisCurve) -> Vec<MovedSection> {
-        let mut motions = curve.motions();
-        for (placed, k) in self.layout.unknowns().filter(|(placed, _)| placed.term.is_added_to_sections()) {
+impl FrameOutcome<'_> {
+    /// Evaluates the sections at arc lengths, m from the bending root. Effects that the model of the axis omits are linear and
+    /// are added.
+    pub fn moved_sections(&self, arcs_m: Vec<f64>) -> MovedSections<'_> {
+        let curve = AxisCurve::new(self.solved.input.scene, &self.values, arcs_m);
+        let derivatives: Vec<_> =
+            self.layout.unknowns().map(|(placed, k)| placed.term.section_derivatives(k, &curve)).collect();
+        let mut motions = curve.motions.clone();
+        for ((placed, k), by_section) in self.layout.unknowns().zip(&derivatives) {
+            if !placed.term.is_added_to_sections() {
+                continue;
+            }
             let x = placed.value(k, &self.solved.fit.global, &self.solved.fit.groups[self.solved.group].local);
-            for (motion, by) in motions.iter_mut().zip(placed.term.section_derivatives(k, curve)) {
+            for (motion, by) in motions.iter_mut().zip(by_section) {
                 motion.displacement_m += by.displacement_m * x;
                 motion.rotation_rad += by.rotation_rad * x;
                 motion.twist_rad += by.twist_rad * x;
             }
         }
         let nose = self.solved.input.scene.ground.nose;
-        motions
-            .into_iter()
-            .zip(&curve.flat)
-            .map(|(motion, flat)| MovedSection::new(motion, flat.slope_rad, nose))
-            .collect()
+        let moved = |(motion, flat): (SectionMotion, &BeamSection)| MovedSection::new(motion, flat.slope_rad, nose);
+        let sections = motions.into_iter().zip(&curve.flat).map(moved).collect();
+        MovedSections { curve, sections, derivatives }
     }
 
     /// Adds the derivatives of functions of each section: `functions` holds, per function, one value for each section, and
@@ -128,12 +137,11 @@ impl FrameOutcome<'_> {
     pub fn add_section_functions(
         &self,
         gradient: &mut Gradient,
-        curve: &AxisCurve,
-        sections: &[MovedSection],
+        MovedSections { sections, derivatives, .. }: &MovedSections,
         functions: &[Vec<SectionFunction>],
     ) {
-        for (placed, k) in self.layout.unknowns() {
-            for (s, (motion, section)) in placed.term.section_derivatives(k, curve).iter().zip(sections).enumerate() {
+        for ((placed, k), by_section) in self.layout.unknowns().zip(derivatives) {
+            for (s, (motion, section)) in by_section.iter().zip(sections).enumerate() {
                 for (f, of_sections) in functions.iter().enumerate() {
                     let by = of_sections[s].derivative(motion, &section.nose_axis);
                     self.layout.add_derivative(gradient, placed.scope, k, f * sections.len() + s, by);

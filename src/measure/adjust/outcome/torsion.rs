@@ -41,11 +41,10 @@ impl FrameOutcome<'_> {
     /// Slope, twist and, if the flow's direction is known, streamwise twist of the section midway between the two stations.
     fn pair_section(&self, pair: &TorsionPair) -> Option<Vec<Estimate>> {
         let station = |m: usize| self.solved.input.scene.ground.stations.get(m).map(|s| s.arc_m);
-        let curve = self.axis_curve(vec![0.5 * (station(pair.leading)? + station(pair.trailing)?)]);
-        let sections = self.moved_sections(&curve);
-        let functions = self.reported_functions(&sections).split_off(1);
+        let moved = self.moved_sections(vec![0.5 * (station(pair.leading)? + station(pair.trailing)?)]);
+        let functions = self.reported_functions(&moved.sections).split_off(1);
         let mut gradient = self.empty_gradient(functions.len(), &[]);
-        self.add_section_functions(&mut gradient, &curve, &sections, &functions);
+        self.add_section_functions(&mut gradient, &moved, &functions);
         Some(self.section_estimates(&gradient, &functions).concat())
     }
 }

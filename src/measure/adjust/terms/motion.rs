@@ -351,12 +351,12 @@ fn survey_vertical(sigma_rad: f64) -> ParameterTerm {
             position: |state, k| if k == 0 { state.by_plane } else { Vector3::zeros() },
             sections: |curve, k| {
                 let about_span = |v: &Vector3<f64>| if k == 0 { Vector3::x().cross(v) } else { Vector3::zeros() };
-                let tilt = |motion: SectionMotion| SectionMotion {
+                let tilt = |motion: &SectionMotion| SectionMotion {
                     displacement_m: about_span(&motion.displacement_m),
                     rotation_rad: about_span(&motion.rotation_rad),
                     twist_rad: 0.0,
                 };
-                curve.motions().into_iter().map(tilt).collect()
+                curve.motions.iter().map(tilt).collect()
             },
         },
     }

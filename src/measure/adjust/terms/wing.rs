@@ -160,8 +160,8 @@ fn dimension_term<const WHICH: usize>(unknown: Unknown) -> ParameterTerm {
                 let Some(neighbour) = &curve.scene.neighbours[WHICH] else { return vec![] };
                 let own: Vec<f64> = curve.arcs_m.iter().map(|arc| (arc - neighbour.root_m).max(0.0)).collect();
                 let (there, sections) = curve.motions_on(&BeamGrid::new(&neighbour.ground, &own));
-                let (here, scale) = (curve.motions(), curve.values.scale);
-                let pairs = here.iter().zip(&curve.flat).zip(there.iter().zip(&sections));
+                let scale = curve.values.scale;
+                let pairs = curve.motions.iter().zip(&curve.flat).zip(there.iter().zip(&sections));
                 pairs.map(|(here, there)| neighbour.motion_derivative(here, there, scale)).collect()
             },
         },
