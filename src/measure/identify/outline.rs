@@ -1,5 +1,8 @@
 //! The image of a disc: its ellipse, and the offset between the ellipse's centre and the image of the disc's centre.
 
+use std::f64::consts::TAU;
+use std::sync::LazyLock;
+
 use nalgebra::{Matrix2, Rotation3, SMatrix, SVector, SymmetricEigen, Unit, Vector2, Vector3};
 
 use crate::geometry::Lens;
@@ -32,14 +35,16 @@ pub(super) struct DiscOutline {
 
 /// Number of boundary points: five determine an ellipse, more average the lens distortion.
 const BOUNDARY_POINTS: usize = 24;
+/// Sines and cosines of the angles of the boundary points.
+static BOUNDARY: LazyLock<[(f64, f64); BOUNDARY_POINTS]> =
+    LazyLock::new(|| std::array::from_fn(|i| (TAU * i as f64 / BOUNDARY_POINTS as f64).sin_cos()));
 
 impl SkinDisc {
     /// Returns the outline; `None` if a part is behind the camera or the disc is seen edge-on.
     pub(super) fn outline(&self, lens: &Lens) -> Option<DiscOutline> {
         let outboard = self.normal.cross(&self.chord);
         let mut points = [Vector2::zeros(); BOUNDARY_POINTS];
-        for (i, point) in points.iter_mut().enumerate() {
-            let (sin, cos) = (std::f64::consts::TAU * i as f64 / BOUNDARY_POINTS as f64).sin_cos();
+        for (point, (sin, cos)) in points.iter_mut().zip(&*BOUNDARY) {
             let (along, across) = (self.radius_m * cos, self.radius_m * sin);
             let rise = self.normal * (self.warp_per_m * along * across);
             let p = self.centre_m + outboard * along + self.chord * across + rise;

@@ -87,10 +87,7 @@ pub(super) fn predict_outlines(
     let camera_from_survey = subject.turn * pose.camera_from_survey;
     let ground = orientation.map_or(vec![], |o| o.ground.clone());
     let attitude = Orientation { camera_from_survey, covariance_rad2: None, ground };
-    let view = match orientation {
-        Some(_) => WingView::in_flight(&subject.setup, &attitude),
-        None => WingView::on_ground(&subject.setup, &attitude),
-    };
+    let view = WingView::with_beam(&subject.setup, &attitude, orientation.is_some(), subject.beam(&attitude));
     let mut state = pose.state;
     state[0] += 3.0 * subject.bend_m / view.beam.length_m.powi(2);
     view.marker_outlines(&state)

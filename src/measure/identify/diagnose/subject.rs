@@ -1,12 +1,19 @@
 //! Setup and images that a cause modifies.
 
-use nalgebra::{Matrix2, Rotation3, Vector2};
+use std::cell::RefCell;
+use std::rc::Rc;
 
+use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
+
+use super::super::beam::CoarseBeam;
 use crate::observation::Observation;
-use crate::setup::{Setup, Shape};
+use crate::setup::{Orientation, Setup, Shape};
 
 /// Kind and, if measured, semi-major axis of an outline, px.
 pub type SizedShape = (Shape, Option<f64>);
+
+/// Projection centre and positions of the markers, survey frame, m, with the beam made for them.
+pub(super) type PlacedBeam = (Vec<Vector3<f64>>, CoarseBeam);
 
 /// Image of a marker with its name; its centre is free of the perspective bias.
 #[derive(Clone, Copy, Debug)]
@@ -34,12 +41,14 @@ pub(super) struct Subject {
     pub(super) bend_m: f64,
     /// Rotation of the camera relative to the ground frames.
     pub(super) turn: Rotation3<f64>,
+    /// Beam made last; modifications of the subject share it, because most keep the places.
+    pub(super) beam: Rc<RefCell<Option<PlacedBeam>>>,
 }
 
 impl Subject {
     /// Creates the subject of a setup as given.
     pub(super) fn new(setup: &Setup, images: Vec<NamedImage>) -> Self {
-        Self { setup: setup.clone(), images, bend_m: 0.0, turn: Rotation3::identity() }
+        Self { setup: setup.clone(), images, bend_m: 0.0, turn: Rotation3::identity(), beam: Rc::default() }
     }
 
     /// Creates the subject of observations with the outline of each; missing ones are manual marks.
@@ -55,6 +64,21 @@ impl Subject {
             outline: outlines.get(k).copied().flatten(),
         };
         Self::new(setup, observations.iter().enumerate().map(image).collect())
+    }
+
+    /// Returns the beam of the wing; `orientation`: the same in all calls for a subject and its modifications.
+    pub(super) fn beam(&self, orientation: &Orientation) -> CoarseBeam {
+        let markers = &self.setup.markers;
+        let places = std::iter::once(self.setup.projection_centre_m).chain(markers.iter().map(|m| m.position_m));
+        let mut known = self.beam.borrow_mut();
+        if known.as_ref().is_none_or(|(of, _)| !places.clone().eq(of.iter().copied())) {
+            *known = None;
+        }
+        let (_, beam) = known.get_or_insert_with(|| {
+            let shaping = orientation.shaping_markers(markers.len());
+            (places.collect(), CoarseBeam::new(&self.setup, &shaping))
+        });
+        beam.clone()
     }
 
     /// Replaces the pixel of each image; the map has the marker and the pixel.
