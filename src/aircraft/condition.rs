@@ -34,11 +34,11 @@ impl FlightCondition {
     fn parse_one<'a>(words: &mut impl Iterator<Item = &'a str>) -> Result<Self, String> {
         let mut next = || words.next().ok_or_else(|| format!("the condition is incomplete; {FORM}"));
         let name = next()?;
-        let quantity = Quantity::ALL.into_iter().find(|quantity| quantity.name() == name).ok_or_else(|| {
-            let known: Vec<&str> = Quantity::ALL.iter().map(|quantity| quantity.name()).collect();
-            format!("there is no quantity \"{name}\"; known are {}", known.join(", "))
-        })?;
-        let number = |word: &str| word.parse::<f64>().map_err(|_| format!("\"{word}\" is not a number; {FORM}"));
+        let (quantity, (scale, offset)) = Quantity::parse_with_unit(name)?;
+        let number = |word: &str| {
+            let parsed = word.parse::<f64>().map_err(|_| format!("\"{word}\" is not a number; {FORM}"));
+            parsed.map(|number| scale * number + offset)
+        };
         let (low, high) = match next()? {
             "between" => {
                 let low = number(next()?)?;
@@ -68,6 +68,8 @@ mod tests {
     fn conditions_are_read_or_refused_with_the_word() {
         let two = FlightCondition::parse_all("mach between 0.78 and 0.80 and weight_kg < 190000").unwrap();
         assert_eq!((two[0].low, two[0].high, two[1].high), (0.78, 0.8, 190_000.0));
+        let tonnes = FlightCondition::parse_all("weight_t < 190").unwrap();
+        assert_eq!((tonnes[0].quantity, tonnes[0].high), (Quantity::WeightKg, 190_000.0));
         for (text, part) in [
             ("match < 1", "there is no quantity \"match\""),
             ("mach less 1", "\"less\" is not understood"),

@@ -103,9 +103,12 @@ pub enum Cell {
 const M_PER_FOOT: f64 = 0.3048;
 
 /// Fields of IWG1 that are read (www.eol.ucar.edu/raf/Software/IWG1_Def.html), each with a word of its name there.
-pub(super) const IWG1: [(usize, Quantity, f64, &str); 6] = [
+pub(super) const IWG1: [(usize, Quantity, f64, &str); 9] = [
     (7, Quantity::PressureAltitudeM, M_PER_FOOT, "alt"),
+    (10, Quantity::TrueAirspeedMS, 1.0, "true"),
     (12, Quantity::Mach, 1.0, "mach"),
+    (19, Quantity::SideslipDeg, 1.0, "slip"),
+    (20, Quantity::AngleOfAttackDeg, 1.0, "att"),
     (21, Quantity::StaticTemperatureC, 1.0, "temp"),
     (23, Quantity::TotalTemperatureC, 1.0, "temp"),
     (24, Quantity::StaticPressureHpa, 1.0, "press"),

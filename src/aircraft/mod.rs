@@ -37,7 +37,11 @@ pub use table::{AircraftTable, ColumnTally, TableContents};
 pub use tags::impossible_delay_s;
 pub use times::{DAY_S, TimeFormat, format_time, guess_format};
 
+use std::ops::RangeInclusive;
+
 use serde::{Deserialize, Serialize};
+
+use self::units::Dimension;
 
 /// Quantity of the aircraft data; its name has the unit as its suffix.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -62,18 +66,35 @@ pub enum Quantity {
     LoadFactor,
     /// Flap setting, degrees.
     FlapDeg,
+    /// Angle of attack, degrees.
+    AngleOfAttackDeg,
+    /// Sideslip angle, degrees, positive with wind from the right.
+    SideslipDeg,
+    /// Calibrated airspeed, m/s.
+    CalibratedAirspeedMS,
+    /// True airspeed, m/s.
+    TrueAirspeedMS,
+    /// Centre of gravity, per cent of the mean aerodynamic chord.
+    CentreOfGravityPercent,
+    /// Aileron deflection of the measured wing, degrees, positive trailing edge down.
+    AileronDeg,
+    /// Spoiler deflection of the measured wing, degrees.
+    SpoilerDeg,
 }
 
 /// Number of quantities.
-pub const QUANTITY_COUNT: usize = 10;
+pub const QUANTITY_COUNT: usize = 17;
 
-/// Name, range and standard deviation of a quantity.
+/// Properties of a quantity.
 struct QuantityTraits {
+    quantity: Quantity,
     name: &'static str,
-    low: f64,
-    high: f64,
+    dimension: Dimension,
+    /// Possible range. Feeds write values outside it for missing ones (-9999 and the like).
+    range: RangeInclusive<f64>,
     /// Standard deviation: a constant and a fraction of the value.
     sigma: (f64, f64),
+    motion: Motion,
 }
 
 /// Typical change of a quantity on an aircraft in service, as standard deviations.
@@ -87,40 +108,69 @@ struct Motion {
     spread: f64,
 }
 
+const fn traits(
+    quantity: Quantity,
+    name: &'static str,
+    dimension: Dimension,
+    range: RangeInclusive<f64>,
+    sigma: (f64, f64),
+    (rate, acceleration, spread): (f64, f64, f64),
+) -> QuantityTraits {
+    QuantityTraits { quantity, name, dimension, range, sigma, motion: Motion { rate, acceleration, spread } }
+}
+
+/// Quantities in the order of exports, with name, dimension, range, standard deviation and motion.
+///
+/// The standard deviations are assumptions: the accuracy of air data computers, cabin pressure controllers, fuel gauges,
+/// flight management systems and position sensors in service, rounded up. The motions assume climbs of 3000 ft/min with
+/// level-offs of 0.05 g, accelerations of 1 m/s^2 and their effect on temperatures and pressures down to the ground, two
+/// large engines, turns and gusts, flaps and control surfaces in motion.
+static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
+    use Dimension::{Acceleration, Angle, Length, Mass, Percent, Pressure, Pure, Speed, Temperature};
+    use Quantity::*;
+    [
+        traits(Mach, "mach", Pure, 0.0..=3.0, (0.005, 0.0), (0.003, 0.001, 0.1)),
+        traits(PressureAltitudeM, "pressure_altitude_m", Length, -1e3..=3e4, (20.0, 0.002), (15.0, 0.5, 1000.0)),
+        traits(StaticTemperatureC, "static_temperature_c", Temperature, -110.0..=70.0, (1.0, 0.0), (0.1, 0.005, 10.0)),
+        traits(TotalTemperatureC, "total_temperature_c", Temperature, -110.0..=150.0, (0.5, 0.0), (0.3, 0.02, 10.0)),
+        traits(StaticPressureHpa, "static_pressure_hpa", Pressure, 10.0..=1100.0, (1.0, 0.0), (1.5, 0.06, 100.0)),
+        traits(CabinPressureHpa, "cabin_pressure_hpa", Pressure, 300.0..=1200.0, (5.0, 0.0), (0.3, 0.05, 20.0)),
+        traits(WeightKg, "weight_kg", Mass, 100.0..=1e6, (0.0, 0.01), (3.0, 0.3, 300.0)),
+        traits(FuelKg, "fuel_kg", Mass, 0.0..=5e5, (50.0, 0.02), (3.0, 0.3, 300.0)),
+        traits(LoadFactor, "load_factor", Acceleration, -5.0..=10.0, (0.02, 0.0), (0.1, 0.1, 0.2)),
+        traits(FlapDeg, "flap_deg", Angle, -20.0..=90.0, (0.5, 0.0), (2.0, 1.0, 15.0)),
+        traits(AngleOfAttackDeg, "angle_of_attack_deg", Angle, -30.0..=60.0, (0.3, 0.0), (1.0, 1.0, 3.0)),
+        traits(SideslipDeg, "sideslip_deg", Angle, -45.0..=45.0, (0.5, 0.0), (1.0, 1.0, 2.0)),
+        traits(CalibratedAirspeedMS, "calibrated_airspeed_m_s", Speed, 0.0..=600.0, (2.0, 0.0), (1.0, 0.3, 30.0)),
+        traits(TrueAirspeedMS, "true_airspeed_m_s", Speed, 0.0..=1000.0, (2.0, 0.005), (1.0, 0.3, 30.0)),
+        traits(
+            CentreOfGravityPercent,
+            "centre_of_gravity_percent",
+            Percent,
+            -50.0..=150.0,
+            (1.0, 0.0),
+            (0.01, 0.01, 2.0),
+        ),
+        traits(AileronDeg, "aileron_deg", Angle, -60.0..=60.0, (0.5, 0.0), (10.0, 30.0, 5.0)),
+        traits(SpoilerDeg, "spoiler_deg", Angle, -10.0..=90.0, (0.5, 0.0), (15.0, 30.0, 20.0)),
+    ]
+};
+
 impl Quantity {
     /// Quantities in the order of exports.
-    pub const ALL: [Self; QUANTITY_COUNT] = [
-        Self::Mach,
-        Self::PressureAltitudeM,
-        Self::StaticTemperatureC,
-        Self::TotalTemperatureC,
-        Self::StaticPressureHpa,
-        Self::CabinPressureHpa,
-        Self::WeightKg,
-        Self::FuelKg,
-        Self::LoadFactor,
-        Self::FlapDeg,
-    ];
+    pub const ALL: [Self; QUANTITY_COUNT] = {
+        let mut all = [Self::Mach; QUANTITY_COUNT];
+        let mut k = 0;
+        while k < QUANTITY_COUNT {
+            all[k] = QUANTITIES[k].quantity;
+            assert!(all[k] as usize == k, "the rows are in the order of the variants");
+            k += 1;
+        }
+        all
+    };
 
-    /// Returns name, range and standard deviation.
-    ///
-    /// The standard deviations are assumptions: the accuracy of air data computers, cabin pressure controllers, fuel gauges
-    /// and flight management systems in service, rounded up. Feeds write values outside the range for missing ones (-9999
-    /// and the like).
-    fn traits(self) -> QuantityTraits {
-        let (name, low, high, sigma) = match self {
-            Self::Mach => ("mach", 0.0, 3.0, (0.005, 0.0)),
-            Self::PressureAltitudeM => ("pressure_altitude_m", -1000.0, 30_000.0, (20.0, 0.002)),
-            Self::StaticTemperatureC => ("static_temperature_c", -110.0, 70.0, (1.0, 0.0)),
-            Self::TotalTemperatureC => ("total_temperature_c", -110.0, 150.0, (0.5, 0.0)),
-            Self::StaticPressureHpa => ("static_pressure_hpa", 10.0, 1100.0, (1.0, 0.0)),
-            Self::CabinPressureHpa => ("cabin_pressure_hpa", 300.0, 1200.0, (5.0, 0.0)),
-            Self::WeightKg => ("weight_kg", 100.0, 1e6, (0.0, 0.01)),
-            Self::FuelKg => ("fuel_kg", 0.0, 5e5, (50.0, 0.02)),
-            Self::LoadFactor => ("load_factor", -5.0, 10.0, (0.02, 0.0)),
-            Self::FlapDeg => ("flap_deg", -20.0, 90.0, (0.5, 0.0)),
-        };
-        QuantityTraits { name, low, high, sigma }
+    fn traits(self) -> &'static QuantityTraits {
+        &QUANTITIES[self as usize]
     }
 
     /// Returns the name used in files.
@@ -128,10 +178,34 @@ impl Quantity {
         self.traits().name
     }
 
+    /// Parses a name, with the unit of our files or another one: `weight_t`, `pressure_altitude_ft`. Returns the scale and
+    /// offset of values in that unit.
+    ///
+    /// # Errors
+    /// Returns a sentence with the known names.
+    pub fn parse_with_unit(name: &str) -> Result<(Self, (f64, f64)), String> {
+        let other_unit = |quantity: Self| {
+            let (base, unit) = name.rsplit_once('_')?;
+            let (known, _) = quantity.name().rsplit_once('_').filter(|(known, _)| *known == base)?;
+            (!known.is_empty()).then(|| units::find_unit(quantity, unit).conversion()).flatten()
+        };
+        let matches = |quantity: Self| {
+            let conversion = if quantity.name() == name { Some((1.0, 0.0)) } else { other_unit(quantity) };
+            Some((quantity, conversion?))
+        };
+        Self::ALL.into_iter().find_map(matches).ok_or_else(|| {
+            let known = Self::ALL.map(Self::name).join(", ");
+            format!("there is no quantity \"{name}\"; known are {known}")
+        })
+    }
+
+    fn dimension(self) -> Dimension {
+        self.traits().dimension
+    }
+
     /// Returns the value if it is in the possible range.
     fn plausible(self, value: f64) -> Option<f64> {
-        let belief = self.traits();
-        (belief.low..=belief.high).contains(&value).then_some(value)
+        self.traits().range.contains(&value).then_some(value)
     }
 
     /// Returns the standard deviation of a value in such feeds.
@@ -141,26 +215,12 @@ impl Quantity {
     }
 
     /// Returns the standard deviations of the quantity's rate, its change of rate, and its value.
-    ///
-    /// Assumptions: climbs of 3000 ft/min with level-offs of 0.05 g, accelerations of 1 m/s^2 and their effect on
-    /// temperatures and pressures down to the ground, two large engines, turns and gusts, flaps in motion.
     fn motion(self) -> Motion {
-        let (rate, bend, spread) = match self {
-            Self::Mach => (0.003, 0.001, 0.1),
-            Self::PressureAltitudeM => (15.0, 0.5, 1000.0),
-            Self::StaticTemperatureC => (0.1, 0.005, 10.0),
-            Self::TotalTemperatureC => (0.3, 0.02, 10.0),
-            Self::StaticPressureHpa => (1.5, 0.06, 100.0),
-            Self::CabinPressureHpa => (0.3, 0.05, 20.0),
-            Self::WeightKg | Self::FuelKg => (3.0, 0.3, 300.0),
-            Self::LoadFactor => (0.1, 0.1, 0.2),
-            Self::FlapDeg => (2.0, 1.0, 15.0),
-        };
-        Motion { rate, acceleration: bend, spread }
+        self.traits().motion
     }
 
     /// Returns the index in [`Quantity::ALL`].
     fn index(self) -> usize {
-        Self::ALL.iter().position(|q| *q == self).unwrap_or(0)
+        self as usize
     }
 }

@@ -4,22 +4,25 @@ use super::Quantity;
 
 /// Physical dimension of a unit.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Dimension {
+pub(super) enum Dimension {
     Length,
     Temperature,
     Pressure,
     Mass,
     Acceleration,
     Angle,
-    None,
+    Speed,
+    /// Number without a unit.
+    Pure,
+    Percent,
     /// Dimension of none of our quantities.
     Other,
 }
 
 /// Units by their names in lower case without blanks, points and underscores, with value = scale * number + offset in the
-/// unit of our quantities (m, degrees Celsius, hPa, kg, g, degrees): the international foot and pound, and the conventional
+/// unit of our quantities (m, degrees Celsius, hPa, kg, g, degrees, m/s): the international foot and pound, and the conventional
 /// inch of mercury.
-const UNITS: [(&str, Dimension, f64, f64); 31] = [
+const UNITS: [(&str, Dimension, f64, f64); 37] = [
     ("m meter meters metre metres", Dimension::Length, 1.0, 0.0),
     ("km", Dimension::Length, 1000.0, 0.0),
     ("ft foot feet", Dimension::Length, 0.3048, 0.0),
@@ -47,10 +50,16 @@ const UNITS: [(&str, Dimension, f64, f64); 31] = [
     ("deg degree degrees", Dimension::Angle, 1.0, 0.0),
     ("rad radian radians", Dimension::Angle, 57.295_78, 0.0),
     ("mrad", Dimension::Angle, 0.057_295_78, 0.0),
-    ("mach m", Dimension::None, 1.0, 0.0),
-    ("% percent", Dimension::None, 0.01, 0.0),
+    ("mach m", Dimension::Pure, 1.0, 0.0),
+    ("% percent", Dimension::Pure, 0.01, 0.0),
+    ("% percent %mac %rc mac", Dimension::Percent, 1.0, 0.0),
     ("gal gallon gallons usgal l liter liters litre litres", Dimension::Other, 1.0, 0.0),
-    ("kt kts knot knots m/s km/h mph s sec", Dimension::Other, 1.0, 0.0),
+    ("m/s ms-1", Dimension::Speed, 1.0, 0.0),
+    ("kt kts knot knots", Dimension::Speed, 1852.0 / 3600.0, 0.0),
+    ("km/h kph", Dimension::Speed, 1.0 / 3.6, 0.0),
+    ("mph", Dimension::Speed, 0.44704, 0.0),
+    ("ft/s fps", Dimension::Speed, 0.3048, 0.0),
+    ("s sec", Dimension::Other, 1.0, 0.0),
 ];
 
 /// Words behind a unit that give its reference, not another unit.
@@ -61,18 +70,6 @@ const REFERENCES: [&str; 12] =
 const SCALE_TOLERANCE: f64 = 0.01;
 /// Largest difference between offsets of the same unit, degrees.
 const OFFSET_TOLERANCE: f64 = 1.0;
-
-fn quantity_dimension(quantity: Quantity) -> Dimension {
-    match quantity {
-        Quantity::Mach => Dimension::None,
-        Quantity::PressureAltitudeM => Dimension::Length,
-        Quantity::StaticTemperatureC | Quantity::TotalTemperatureC => Dimension::Temperature,
-        Quantity::StaticPressureHpa | Quantity::CabinPressureHpa => Dimension::Pressure,
-        Quantity::WeightKg | Quantity::FuelKg => Dimension::Mass,
-        Quantity::LoadFactor => Dimension::Acceleration,
-        Quantity::FlapDeg => Dimension::Angle,
-    }
-}
 
 /// Meaning of a text as a unit of a quantity.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -111,7 +108,7 @@ pub(super) fn find_unit(quantity: Quantity, text: &str) -> UnitMeaning {
     if ["", "-", "1", "n/a", "none"].contains(&name.as_str()) {
         return UnitMeaning::Absent;
     }
-    let wanted = quantity_dimension(quantity);
+    let wanted = quantity.dimension();
     let mut known = UNITS.iter().filter(|(names, ..)| names.split(' ').any(|n| n == name)).peekable();
     let any = known.peek().is_some();
     match known.find(|(_, dimension, ..)| *dimension == wanted) {

@@ -1,16 +1,20 @@
 //! `wingd difference` compares two measured shapes, or a measured shape with a computation.
 
-use std::path::PathBuf;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use nalgebra::DVector;
 use serde_json::json;
 
 use super::flight_shape::{FrameSelection, MeanOptions, SelectedMean};
 use super::{Completion, Failure, TaskResult, print_json, print_line, print_notes};
-use crate::installation::{self, PredictedStation, STATION_COLUMNS};
-use crate::measure::adjust::{JointShape, ShapeDifference, ShapeTest, StationChoice};
+use crate::aircraft::Quantity;
+use crate::installation::{self, PREDICTED_COUNT, PredictedStation, STATION_COLUMNS};
+use crate::measure::adjust::{JointShape, ShapeDifference, ShapeTest, StationChoice, TestedCombination};
+use crate::measure::observation::Estimate;
 use crate::report::grid::{ColumnDefinition::One, Grid};
 use crate::report::number::format_fixed;
+use crate::report::{ComparedStation, ShapeComparison, ShapeQuantity};
 
 /// Compare two measured shapes, or a measured shape with a computation. Errors that both have in common cancel: those of a
 /// flight within it, those of the installation between its flights.
@@ -26,6 +30,10 @@ pub struct DifferenceArgs {
     /// twist_deg, streamwise_twist_deg, all as changes from the surveyed state
     #[arg(long, value_name = "FILE", conflicts_with = "other")]
     against: Option<PathBuf>,
+    /// Effect to subtract, so that loads are equal: a table as for --against, of the change per unit of a condition, and the
+    /// condition: FILE:weight_kg (its difference), FILE:weight_kg=60000 (of the computation), or FILE:DELTA,SIGMA
+    #[arg(long, value_name = "FILE:CONDITION")]
+    slope: Vec<String>,
     /// The frames are of the left and the right wing: compare what does not depend on the side
     #[arg(long, conflicts_with = "against")]
     mirror: bool,
@@ -34,7 +42,7 @@ pub struct DifferenceArgs {
 }
 
 /// Station functions of the columns of a table of stations after the first, in its order, and the factor of its unit.
-const COLUMN_UNITS: [(&str, f64); STATION_COLUMNS.len() - 1] =
+pub(super) const COLUMN_UNITS: [(&str, f64); PREDICTED_COUNT] =
     [("m", 1.0), ("m", 1.0), ("m", 1.0), ("deg", DEGREES), ("deg", DEGREES), ("deg", DEGREES)];
 /// Degrees in a radian.
 const DEGREES: f64 = 180.0 / std::f64::consts::PI;
@@ -46,17 +54,21 @@ const STREAMWISE: usize = 5;
 const ALPHA: f64 = 0.01;
 
 pub(super) fn run(args: &DifferenceArgs) -> TaskResult<Completion> {
-    let (shape, difference, functions, notes) = match &args.against {
-        Some(file) => subtract_computation(args, &installation::read_stations(file)?)?,
+    let (shape, mut difference, mut functions, notes, conditions) = match &args.against {
+        Some(file) => subtract_computation(&args.frames, &args.mean, file)?,
         None => subtract_measurement(args)?,
     };
     print_notes(notes);
-    let tested: Vec<usize> = functions
-        .iter()
-        .filter(|f| **f != STREAMWISE || !functions.contains(&(STREAMWISE - 1)))
-        .flat_map(|f| (0..shape.arcs_m.len()).map(|s| shape.station_function(*f, s)))
-        .collect();
-    let test = difference.test(&tested);
+    for slope in &args.slope {
+        let effect = LoadEffect::read(slope, &conditions)?;
+        let (values, sigmas) = station_values(&shape, difference.values.len(), &effect.stations, slope)?;
+        functions.retain(|f| !values[shape.station_function(*f, 0)].is_nan());
+        difference = difference.without_effect(&values, &sigmas, effect.amount);
+    }
+    if functions.is_empty() {
+        return Err(Failure::Failed("--slope: the tables have no quantity that is compared; add their columns".into()));
+    }
+    let test = test_functions(&shape, &difference, &functions);
     if args.mean.json {
         print_json_object(&shape, &difference, &functions, &test)
     } else {
@@ -65,8 +77,63 @@ pub(super) fn run(args: &DifferenceArgs) -> TaskResult<Completion> {
     Ok(Completion::All)
 }
 
-/// Difference of the stations' functions, with the functions that are compared, and notes.
-type Compared = (JointShape, ShapeDifference, Vec<usize>, Vec<String>);
+/// Tests the functions of a difference at all stations.
+fn test_functions(shape: &JointShape, difference: &ShapeDifference, functions: &[usize]) -> ShapeTest {
+    let tested = functions.iter().filter(|f| **f != STREAMWISE || !functions.contains(&(STREAMWISE - 1)));
+    let rows = tested.flat_map(|f| (0..shape.arcs_m.len()).map(|s| shape.station_function(*f, s)));
+    difference.test(&rows.collect::<Vec<_>>())
+}
+
+/// Compares the mean of frames with a computation, for a report; also returns notes.
+pub(super) fn compare_with_computation(
+    frames: &str,
+    inputs: Option<&str>,
+    file: &Path,
+) -> TaskResult<(ShapeComparison, Vec<String>)> {
+    let options = MeanOptions { inputs: inputs.map(str::to_owned), ..MeanOptions::default() };
+    let (shape, difference, functions, notes, _) = subtract_computation(frames, &options, file)?;
+    let stations = installation::read_stations(file)?;
+    let test = test_functions(&shape, &difference, &functions);
+    let sigmas = difference.sigmas();
+    let quantity = |f: &usize| {
+        let (unit, factor) = COLUMN_UNITS[*f];
+        let station = |(s, station): (usize, &PredictedStation)| {
+            let (at, computed) = (shape.station_function(*f, s), station.values[*f]?);
+            let computed_sigma = station.sigmas[*f];
+            // The difference has both errors; the band is that of the measurement.
+            let sigma = (sigmas[at] * factor).powi(2) - computed_sigma.unwrap_or(0.0).powi(2);
+            let measured = difference.values[at] * factor + computed;
+            let (arc_length_m, sigma) = (shape.arcs_m[s], Some(sigma.max(0.0).sqrt()));
+            measured.is_finite().then_some(ComparedStation { arc_length_m, measured, sigma, computed, computed_sigma })
+        };
+        let stations = stations.iter().enumerate().filter_map(station).collect();
+        ShapeQuantity { label: format!("{} / {unit}", column_name(*f).replace('_', " ")), stations }
+    };
+    let combination = |c: &TestedCombination| {
+        let (name, arc_m) = function_place(&shape, c.function);
+        format!("{:.1} sigma: mostly {name} at {arc_m:.2} m", c.sigmas)
+    };
+    let comparison = ShapeComparison {
+        measured: format!("mean of {frames}"),
+        computed: file.display().to_string(),
+        verdict: verdict_text(&test),
+        combinations: test.combinations.iter().map(combination).collect(),
+        quantities: functions.iter().map(quantity).collect(),
+    };
+    Ok((comparison, notes))
+}
+
+/// Describes a test with its verdict.
+fn verdict_text(test: &ShapeTest) -> String {
+    let verdict = if test.p >= ALPHA { "no significant difference" } else { "significant difference" };
+    let ShapeTest { chi_square, freedom, p, .. } = test;
+    format!("chi-square {chi_square:.1} of {freedom} combinations, p = {p:.3}: {verdict} at {:.0} %", 1e2 * ALPHA)
+}
+
+/// Difference of the stations' functions, with the functions that are compared, notes, and the conditions of both sides,
+/// without the second for a computation.
+type Compared = (JointShape, ShapeDifference, Vec<usize>, Vec<String>, Conditions);
+type Conditions = (BTreeMap<Quantity, Estimate>, Option<BTreeMap<Quantity, Estimate>>);
 
 fn subtract_measurement(args: &DifferenceArgs) -> TaskResult<Compared> {
     let stations = args.mean.stations()?;
@@ -91,7 +158,7 @@ fn subtract_measurement(args: &DifferenceArgs) -> TaskResult<Compared> {
     let notes = notes.into_iter().flat_map(|(mean, name)| rejection_note(mean, name)).collect();
     let known = |f: &usize| !difference.values[ours.shape.station_function(*f, 0)].is_nan();
     let functions = MEASURED.into_iter().filter(known).collect();
-    Ok((ours.shape, difference, functions, notes))
+    Ok((ours.shape, difference, functions, notes, (ours.conditions, Some(theirs.conditions))))
 }
 
 fn rejection_note(mean: &SelectedMean, name: &str) -> Option<String> {
@@ -99,8 +166,8 @@ fn rejection_note(mean: &SelectedMean, name: &str) -> Option<String> {
         .then(|| format!("{name}: the test of the adjustment rejects a frame; its standard deviations are scaled"))
 }
 
-fn subtract_computation(args: &DifferenceArgs, stations: &[PredictedStation]) -> TaskResult<Compared> {
-    let file = args.against.as_deref().unwrap_or(std::path::Path::new("")).display();
+fn subtract_computation(frames: &str, options: &MeanOptions, path: &Path) -> TaskResult<Compared> {
+    let (file, stations) = (path.display(), installation::read_stations(path)?);
     let functions: Vec<usize> =
         (0..COLUMN_UNITS.len()).filter(|f| stations.iter().any(|station| station.values[*f].is_some())).collect();
     if functions.is_empty() {
@@ -109,20 +176,95 @@ fn subtract_computation(args: &DifferenceArgs, stations: &[PredictedStation]) ->
     }
     let arcs = stations.iter().map(|station| station.arc_length_m).collect();
     let choice = StationChoice::ArcLengths(arcs);
-    let measured = FrameSelection::parse(&args.frames).solve(&args.mean, &choice)?;
-    let mut predicted = DVector::from_element(measured.mean.values.len(), f64::NAN);
-    for (s, station) in stations.iter().enumerate() {
-        for (f, value) in station.values.iter().enumerate() {
-            let at = measured.shape.station_function(f, s);
-            predicted[at] = value.map_or(f64::NAN, |value| value / COLUMN_UNITS[f].1);
-        }
-    }
-    let difference = measured.mean.difference_from(&predicted);
+    let measured = FrameSelection::parse(frames).solve(options, &choice)?;
+    let name = file.to_string();
+    let (predicted, sigmas) = station_values(&measured.shape, measured.mean.values.len(), &stations, &name)?;
+    let zero = DVector::zeros(predicted.len());
+    let certain = Estimate { value: 1.0, sigma: Some(0.0) };
+    let difference = measured.mean.difference_from(&zero).without_effect(&predicted, &sigmas, certain);
     let streamwise = measured.shape.station_function(STREAMWISE, 0);
     let unknown = functions.contains(&STREAMWISE) && measured.mean.values[streamwise].is_nan();
     let unknown = unknown.then(|| "streamwise_twist_deg is not compared: give wing.flow_direction".to_owned());
-    let notes = rejection_note(&measured, &args.frames).into_iter().chain(unknown).collect();
-    Ok((measured.shape, difference, functions, notes))
+    let notes = rejection_note(&measured, frames).into_iter().chain(unknown).collect();
+    Ok((measured.shape, difference, functions, notes, (measured.conditions, None)))
+}
+
+/// Effect of a condition on the shape.
+struct LoadEffect {
+    /// Change per unit of the condition.
+    stations: Vec<PredictedStation>,
+    /// Difference of the condition.
+    amount: Estimate,
+}
+
+impl LoadEffect {
+    /// Reads `FILE:QUANTITY`, `FILE:QUANTITY=VALUE` or `FILE:DELTA,SIGMA`.
+    fn read(text: &str, (ours, theirs): &Conditions) -> TaskResult<Self> {
+        let fail = |what: String| Failure::Usage(format!("--slope {text}: {what}"));
+        let form = "write FILE:QUANTITY, FILE:QUANTITY=VALUE or FILE:DELTA,SIGMA";
+        let (file, condition) = text.rsplit_once(':').ok_or_else(|| fail(form.into()))?;
+        let stations = installation::read_stations(Path::new(file))?;
+        if let Some((delta, sigma)) = condition.split_once(',') {
+            let numbers = delta.trim().parse().ok().zip(sigma.trim().parse().ok().filter(|sigma: &f64| *sigma >= 0.0));
+            let (value, sigma) = numbers.ok_or_else(|| fail(form.into()))?;
+            return Ok(Self { stations, amount: Estimate { value, sigma: Some(sigma) } });
+        }
+        let (name, reference) =
+            condition.split_once('=').map_or((condition, None), |(name, value)| (name, Some(value)));
+        let (quantity, (scale, offset)) = Quantity::parse_with_unit(name).map_err(fail)?;
+        let mean = |of: &BTreeMap<Quantity, Estimate>| {
+            of.get(&quantity)
+                .copied()
+                .ok_or_else(|| fail(format!("a frame has no {}; import aircraft data", quantity.name())))
+        };
+        let other = match (reference, theirs) {
+            (Some(value), None) => {
+                let value = value.parse::<f64>().map_err(|_| fail(form.into()))?;
+                Estimate { value: scale * value + offset, sigma: Some(0.0) }
+            }
+            (None, Some(theirs)) => mean(theirs)?,
+            (None, None) => return Err(fail(format!("give the computation's value: FILE:{name}=VALUE"))),
+            (Some(_), Some(_)) => return Err(fail("both sides have their own values; omit =VALUE".into())),
+        };
+        let one = mean(ours)?;
+        // Tables of a quantity in another unit give the change per that unit.
+        let sigma = one.sigma.unwrap_or(0.0).hypot(other.sigma.unwrap_or(0.0)) / scale;
+        Ok(Self { stations, amount: Estimate { value: (one.value - other.value) / scale, sigma: Some(sigma) } })
+    }
+}
+
+/// Functions of the stations of a shape by a table, interpolated along the span, with their standard deviations; NaN if the
+/// table does not have them.
+///
+/// # Errors
+/// Returns an error if a station is not between those of the table.
+fn station_values(
+    shape: &JointShape,
+    count: usize,
+    table: &[PredictedStation],
+    name: &str,
+) -> TaskResult<(DVector<f64>, DVector<f64>)> {
+    let (mut values, mut sigmas) = (DVector::from_element(count, f64::NAN), DVector::zeros(count));
+    for (s, arc_m) in shape.arcs_m.iter().enumerate() {
+        let after = table.partition_point(|station| station.arc_length_m < *arc_m - 1e-9);
+        let Some(next) = table.get(after).filter(|next| after > 0 || (next.arc_length_m - arc_m).abs() < 1e-9) else {
+            let what = format!("{name}: has no stations around {arc_m:.3} m; add them, or choose others with --eta");
+            return Err(Failure::Failed(what));
+        };
+        let before = &table[after.saturating_sub(1)];
+        let apart_m = next.arc_length_m - before.arc_length_m;
+        let share = if apart_m > 0.0 { (arc_m - before.arc_length_m) / apart_m } else { 1.0 };
+        for (f, (_, factor)) in COLUMN_UNITS.iter().enumerate() {
+            let between = |of: fn(&PredictedStation) -> &[Option<f64>; PREDICTED_COUNT]| {
+                let (low, high) = (of(before)[f]?, of(next)[f]?);
+                Some((low + (high - low) * share) / factor)
+            };
+            let at = shape.station_function(f, s);
+            values[at] = between(|station| &station.values).unwrap_or(f64::NAN);
+            sigmas[at] = between(|station| &station.sigmas).unwrap_or(0.0);
+        }
+    }
+    Ok((values, sigmas))
 }
 
 fn print_table(
@@ -135,13 +277,8 @@ fn print_table(
     let sigmas = difference.sigmas();
     let grid = station_grid(shape, functions, &[("", &difference.values), ("sigma", &sigmas)]);
     print_line(grid.text_with_width(args.mean.wide).trim_end())?;
-    let verdict = if test.p >= ALPHA { "no significant difference" } else { "significant difference" };
-    let ShapeTest { chi_square, freedom, p, combinations } = test;
-    print_line(&format!(
-        "chi-square {chi_square:.1} of {freedom} combinations, p = {p:.3}: {verdict} at {:.0} %",
-        1e2 * ALPHA
-    ))?;
-    for c in combinations {
+    print_line(&verdict_text(test))?;
+    for c in &test.combinations {
         let (name, arc_m) = function_place(shape, c.function);
         print_line(&format!("  {:.1} sigma: mostly {name} at {arc_m:.2} m", c.sigmas))?;
     }

@@ -6,13 +6,12 @@ mod shape;
 mod sink;
 
 use std::fs;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use serde_json::{Map, Value};
 
-use self::sink::{ExportEnd, FileMetadata, RowSink, finish_export, write_failure};
+use self::sink::{ExportEnd, FileMetadata, RowSink, end_output, finish_export, write_failure};
 use super::{Completion, Failure, TaskResult, print_line, print_notes};
 use crate::desk::stored_flights;
 use crate::installation;
@@ -33,7 +32,7 @@ enum FormatName {
     Vtk,
     /// A JSON object per shot, with its complete record
     Jsonl,
-    /// Arrays of the joint shape with its covariance (xarray, MATLAB, ParaView)
+    /// Arrays of the joint shape with its covariance (xarray, MATLAB)
     Netcdf,
     /// The same arrays for NumPy
     Npz,
@@ -48,7 +47,7 @@ pub struct ExportArgs {
     #[arg(long, value_enum)]
     format: FormatName,
     /// Rows of csv and parquet output
-    #[arg(long, value_enum, default_value = "markers", default_value_ifs = [("format", "netcdf", "shape"), ("format", "npz", "shape")])]
+    #[arg(long, value_enum, default_value = "markers", default_value_ifs = [("format", "csv", "summary"), ("format", "netcdf", "shape"), ("format", "npz", "shape")])]
     table: ResultTable,
     /// Stations of the shape, CSV with a column arc_length_m: from the bending root along the axis [default: those of the
     /// curves, and the tip]
@@ -81,16 +80,20 @@ impl ExportArgs {
 /// Exports results of a flight, of all flights or of live mode as a file of the chosen format.
 pub(super) fn run(args: &ExportArgs) -> TaskResult<Completion> {
     let is_array = matches!(args.format, FormatName::Netcdf | FormatName::Npz);
-    if is_array != (args.table == ResultTable::Shape) {
+    let is_table = matches!(args.format, FormatName::Csv | FormatName::Parquet);
+    let is_shape = matches!(args.table, ResultTable::Shape | ResultTable::Series);
+    if is_array != is_shape && !(is_table && args.table == ResultTable::Series) {
         return Err(Failure::Usage(
-            "--table shape is for --format netcdf or npz, and these are for no other table".into(),
+            "--format netcdf and npz are for --table shape and series, and of these series alone for csv and parquet"
+                .into(),
         ));
     }
-    if !is_array && (args.stations.is_some() || args.eta.is_some()) {
-        return Err(Failure::Usage("--stations and --eta are for --table shape".into()));
+    if !is_shape && (args.stations.is_some() || args.eta.is_some()) {
+        return Err(Failure::Usage("--stations and --eta are for --table shape and series".into()));
     }
     let data = match args.format {
         FormatName::Netcdf | FormatName::Npz => return export_shapes(args),
+        _ if is_shape => return export_shapes(args),
         _ if args.table == ResultTable::Live => return live::export_live_results(args),
         FormatName::Csv | FormatName::Parquet => export_rows(args)?,
         FormatName::Vtk => export_vtk(args)?,
@@ -144,11 +147,11 @@ fn export_rows(args: &ExportArgs) -> TaskResult<ReportData> {
 fn export_jsonl(args: &ExportArgs) -> TaskResult<ReportData> {
     let id = catalogue::store_id(&RealDisk, &args.store);
     let written = || {
-        let mut output = args.text_output()?;
+        let mut output = args.open_output()?;
         let data = source::for_each_series(&args.store, args.result_choice(), |series| {
             export::write_json_lines(&mut output, &series, id.as_deref()).map_err(ExportEnd::from)
         })?;
-        output.flush()?;
+        end_output(output)?;
         Ok::<_, ExportEnd>(data)
     };
     finish_export(args, written())
@@ -235,7 +238,8 @@ fn export_vtk_flight(args: &ExportArgs, flight: &FlightRef, folder: &Path) -> Ta
             let stem = record.image.split('.').next().unwrap_or_default();
             let file = format!("{}-{stem}.vtp", series.name);
             let shape = export::frame_shape(record, &ground);
-            fs::write(below.join(&file), shape.to_vtp(Some(time_s))).map_err(|e| write_failure(&below, &e))?;
+            installation::write_atomically(&below.join(&file), shape.to_vtp(Some(time_s)))
+                .map_err(|e| write_failure(&below, &e))?;
             files.push((time_s, format!("{}/{file}", flight.id)));
         }
         Result::<(), Failure>::Ok(())
@@ -246,6 +250,6 @@ fn export_vtk_flight(args: &ExportArgs, flight: &FlightRef, folder: &Path) -> Ta
 
 /// Writes a file and prints its path.
 fn write_file(file: &Path, text: &str) -> TaskResult<()> {
-    fs::write(file, text).map_err(|e| write_failure(file, &e))?;
+    installation::write_atomically(file, text).map_err(|e| write_failure(file, &e))?;
     print_line(&file.display().to_string())
 }

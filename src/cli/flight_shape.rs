@@ -6,12 +6,13 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value};
 
 use super::{Failure, TaskResult, batch, print_notes};
-use crate::aircraft::FlightCondition;
+use crate::aircraft::{FlightCondition, Quantity};
 use crate::desk::flight_marks::FlightMarks;
 use crate::desk::stored_flights;
 use crate::desk::stored_frames::{self, FlightAircraftData, FlightInputs};
 use crate::installation::{self, Installation};
 use crate::measure::adjust::{AdjustmentMethod, CommonErrors, GlobalTest, JointShape, ShapeMean, StationChoice};
+use crate::measure::observation::Estimate;
 use crate::measure::setup::WingSide;
 use crate::pipeline::{self, ProcessedFrame, SolveJob, SolvedShape};
 use crate::record::{Parameters, Reason};
@@ -31,18 +32,18 @@ pub(super) struct FlightShape {
 }
 
 /// Options of commands that average frames.
-#[derive(clap::Args)]
+#[derive(Default, clap::Args)]
 pub(super) struct MeanOptions {
     /// Frames to average by their aircraft data: `mach between 0.78 and 0.80 and weight_kg < 190000`
     #[arg(long = "where", value_name = "CONDITIONS")]
-    conditions: Option<String>,
+    pub conditions: Option<String>,
     /// Results to use if a flight was solved with several inputs: first characters of their key [default: newest complete
     /// solve]
     #[arg(long, value_name = "KEY")]
-    inputs: Option<String>,
+    pub inputs: Option<String>,
     /// Stations as fractions of the length to the tip [default: 0.1, 0.2, ... 1]
     #[arg(long, value_name = "ETA,ETA", value_delimiter = ',')]
-    eta: Option<Vec<f64>>,
+    pub eta: Option<Vec<f64>>,
     /// Print one JSON object
     #[arg(long)]
     pub json: bool,
@@ -131,9 +132,24 @@ impl FrameSelection {
             side: solved.installation.setup.side(),
             flight: solved.jointly.then(|| serde_json::to_string(&solved.provenance).unwrap_or_default()),
             installation: serde_json::to_string(&installation.collect::<BTreeMap<_, _>>()).unwrap_or_default(),
+            conditions: mean_conditions(chosen.iter().map(|k| &solved.processed[one.frames[*k]])),
             jointly: solved.jointly,
         })
     }
+}
+
+/// Returns the means of the aircraft data that all frames have, with the mean standard deviation: the errors of an instrument
+/// are common to the frames.
+pub(super) fn mean_conditions<'a>(
+    frames: impl Iterator<Item = &'a ProcessedFrame> + Clone,
+) -> BTreeMap<Quantity, Estimate> {
+    let count = frames.clone().count().max(1) as f64;
+    let mean = |quantity: Quantity| {
+        let values: Option<Vec<_>> = frames.clone().map(|frame| frame.aircraft.get(&quantity)).collect();
+        let sum = values?.iter().fold((0.0, 0.0), |sum, joined| (sum.0 + joined.value, sum.1 + joined.sigma));
+        Some((quantity, Estimate { value: sum.0 / count, sigma: Some(sum.1 / count) }))
+    };
+    Quantity::ALL.into_iter().filter_map(mean).collect()
 }
 
 /// Mean of selected frames of a flight.
@@ -146,6 +162,8 @@ pub(super) struct SelectedMean {
     /// Stations and markers, without frames.
     pub shape: JointShape,
     pub side: Option<WingSide>,
+    /// Means of the aircraft data.
+    pub conditions: BTreeMap<Quantity, Estimate>,
     /// Inputs of a joint adjustment: those of two means from one adjustment are equal.
     flight: Option<String>,
     /// Digests of the installation's files.

@@ -1,6 +1,5 @@
 //! Output of all commands: results to standard output, notes and progress to standard error, files.
 
-use std::error::Error;
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
 use std::path::Path;
@@ -10,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::{Failure, TaskResult};
-use crate::installation;
+use crate::installation::{self, PendingFile};
 
 /// Prints a line of results; a closed pipe (`| head`) is not an error.
 ///
@@ -44,13 +43,12 @@ pub fn print_notes<T: Display>(notes: impl IntoIterator<Item = T>) {
 /// # Errors
 /// Returns an error with `remedy` if the file cannot be written.
 pub fn write_output(file: &Path, content: impl AsRef<[u8]>, remedy: &str) -> TaskResult<()> {
-    let in_place = file.symlink_metadata().is_ok_and(|there| !there.is_file());
-    let written = if in_place { std::fs::write(file, content) } else { installation::write_atomically(file, content) };
-    written.map_err(|error| match error.source() {
-        // The error of the file beside it names that file, which nobody knows.
-        Some(cause) => Failure::from_write_error(file, &cause, remedy),
-        None => Failure::from_write_error(file, &error, remedy),
-    })
+    let write = || {
+        let mut pending = PendingFile::create_output(file)?;
+        pending.write_all(content.as_ref())?;
+        pending.commit()
+    };
+    write().map_err(|error| Failure::from_write_error(file, &error, remedy))
 }
 
 /// Creates a progress bar on standard error; invisible unless that is a terminal.

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::default_paths::load_setup;
+use super::difference::compare_with_computation;
 use super::{Completion, TaskResult, print_line, print_notes, show_busy, write_output};
 use crate::report::number::count_text;
 use crate::report::source::{self, ResultChoice};
@@ -30,6 +31,12 @@ pub struct ReportArgs {
     /// Number of frames shown as images, those with warnings first; each adds about 200 kB to the page
     #[arg(long, value_name = "COUNT", default_value_t = source::DEFAULT_PICTURES, conflicts_with = "all_flights")]
     pictures: usize,
+    /// Computation to compare the shape with, CSV as for `wingd difference --against`
+    #[arg(long, value_name = "FILE", conflicts_with = "all_flights")]
+    against: Option<PathBuf>,
+    /// Series or frame to compare with the computation [default: the mean of the flight's frames]
+    #[arg(long, value_name = "SERIES[/FRAME]", requires = "against")]
+    against_frames: Option<String>,
     /// Show all columns of the table [default: those that fit 80 characters]
     #[arg(long)]
     wide: bool,
@@ -44,9 +51,16 @@ pub(super) fn run(args: &ReportArgs) -> TaskResult<Completion> {
     }
     let setup = load_setup(args.installation.as_deref())?;
     let choice = ResultChoice { flight: args.flight.as_deref(), inputs: args.inputs.as_deref() };
-    let data = show_busy("reading the store", || {
+    let mut data = show_busy("reading the store", || {
         source::read_flight_with_pictures(&args.store, choice, setup.as_ref(), args.pictures)
     })?;
+    if let Some(file) = &args.against {
+        let flight = data.series.first().map_or("", |series| &series.flight);
+        let within = args.against_frames.as_ref().map_or(String::new(), |within| format!("/{within}"));
+        let frames = format!("{}:{flight}{within}", args.store.display());
+        let (comparison, notes) = compare_with_computation(&frames, args.inputs.as_deref(), file)?;
+        (data.comparison, _) = (Some(comparison), data.warnings.extend(notes));
+    }
     print_notes(data.warnings.iter().chain(&data.notes));
     write_output(&args.output, html::report_page(&data), OTHER_OUTPUT)?;
     print_line(table::series_text(&summary::summarise_series(&data.series), args.wide).trim_end())?;

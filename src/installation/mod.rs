@@ -32,6 +32,7 @@ mod length_unit;
 mod mountings;
 mod observations;
 mod orientation;
+mod pending_file;
 mod plausible;
 mod reader;
 mod rows;
@@ -61,10 +62,11 @@ pub use length_unit::{LENGTH_UNITS, LengthUnit};
 pub use mountings::{Mountings, read_mountings};
 pub use observations::{ManualObservation, ManualPosition, observations_text, read_observations};
 pub use orientation::write_orientation;
+pub use pending_file::{PendingFile, write_atomically};
 pub(crate) use reader::Reader;
 pub use rows::{Row, RowsError, parse_rows, separator_line};
 pub(crate) use rows::{TableLine, read_table};
-pub use stations::{PredictedStation, STATION_COLUMNS, read_stations};
+pub use stations::{PREDICTED_COUNT, PredictedStation, STATION_COLUMNS, read_stations};
 pub use structure::{Structure, read_stiffness};
 pub use tables::OpticsTable;
 pub use text::{cell_text, decode_text, printable_path, printable_text, text_cell};
@@ -192,27 +194,4 @@ fn read_installation(directory: &Path, with_orientation: bool) -> Result<Install
         .with_flow_from_cad()),
         _ => Err(fold::fold_repeated(reader.faults)),
     }
-}
-
-/// Writes a file atomically; it is durable before its name appears.
-pub fn write_atomically(file: &Path, content: impl AsRef<[u8]>) -> std::io::Result<()> {
-    write_file_atomically(file, |output| std::io::Write::write_all(output, content.as_ref()))
-}
-
-/// Writes a file with `write` beside its name and gives it its name when it is complete and on the disk.
-///
-/// # Errors
-/// Returns the error of `write` or of the file system; the old file is unchanged then.
-pub fn write_file_atomically(
-    file: &Path,
-    write: impl FnOnce(&mut std::fs::File) -> std::io::Result<()>,
-) -> std::io::Result<()> {
-    use std::os::unix::fs::PermissionsExt;
-    let directory = file.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut temporary = tempfile::NamedTempFile::new_in(directory)?;
-    write(temporary.as_file_mut())?;
-    temporary.as_file().set_permissions(std::fs::Permissions::from_mode(0o644))?;
-    temporary.as_file().sync_all()?;
-    temporary.persist(file).map_err(|e| e.error)?;
-    std::fs::File::open(directory)?.sync_all()
 }

@@ -14,6 +14,17 @@ pub const STATION_COLUMNS: [&str; 7] = [
     "twist_deg",
     "streamwise_twist_deg",
 ];
+/// Optional columns with the standard deviations of the predicted quantities, independent from station to station.
+const SIGMA_COLUMNS: [&str; 6] = [
+    "sigma_displacement_x_m",
+    "sigma_displacement_y_m",
+    "sigma_displacement_z_m",
+    "sigma_slope_deg",
+    "sigma_twist_deg",
+    "sigma_streamwise_twist_deg",
+];
+/// Number of predicted quantities.
+pub const PREDICTED_COUNT: usize = SIGMA_COLUMNS.len();
 /// Longest wing, m.
 const MAX_LENGTH_M: f64 = 100.0;
 
@@ -22,7 +33,9 @@ const MAX_LENGTH_M: f64 = 100.0;
 pub struct PredictedStation {
     /// Arc length from the bending root along the axis on the ground, m.
     pub arc_length_m: f64,
-    pub values: [Option<f64>; STATION_COLUMNS.len() - 1],
+    pub values: [Option<f64>; PREDICTED_COUNT],
+    /// Standard deviations of the quantities.
+    pub sigmas: [Option<f64>; PREDICTED_COUNT],
 }
 
 /// Reads a table of stations in any directory, from root to tip.
@@ -32,7 +45,10 @@ pub struct PredictedStation {
 pub fn read_stations(file: &Path) -> Result<Vec<PredictedStation>, Vec<Fault>> {
     Reader::read_file(file, |reader, name| {
         let remedy = format!("name a table with a column {}", STATION_COLUMNS[0]);
-        let (file, lines) = read_table(reader, name, &remedy, STATION_COLUMNS, &STATION_COLUMNS[1..])?;
+        let mut columns = [STATION_COLUMNS[0]; 1 + 2 * PREDICTED_COUNT];
+        columns[1..=PREDICTED_COUNT].copy_from_slice(&STATION_COLUMNS[1..]);
+        columns[1 + PREDICTED_COUNT..].copy_from_slice(&SIGMA_COLUMNS);
+        let (file, lines) = read_table(reader, name, &remedy, columns, &columns[1..])?;
         let before = reader.faults.len();
         if lines.is_empty() {
             reader.fault(&file, "file", "has no stations", "add one line per station along the span");
@@ -48,10 +64,18 @@ pub fn read_stations(file: &Path) -> Result<Vec<PredictedStation>, Vec<Fault>> {
                 let remedy = "order the stations from the root to the tip, each once";
                 line.cell_fault(reader, 0, format!("{arc_length_m} m is not outboard of the previous line"), remedy);
             }
-            let filled = |k: &usize| !line.cells[*k].is_empty();
-            let mut values = [None; STATION_COLUMNS.len() - 1];
-            (1..STATION_COLUMNS.len()).filter(filled).for_each(|k| values[k - 1] = line.parse_number(reader, k));
-            stations.push(PredictedStation { arc_length_m, values });
+            let mut read = |first: usize| {
+                std::array::from_fn(|k| match line.cells[first + k].is_empty() {
+                    true => None,
+                    false => line.parse_number(reader, first + k),
+                })
+            };
+            let (values, sigmas): (_, [Option<f64>; PREDICTED_COUNT]) = (read(1), read(1 + PREDICTED_COUNT));
+            if let Some(k) = sigmas.iter().position(|sigma| sigma.is_some_and(|sigma| sigma < 0.0)) {
+                let problem = "is a negative standard deviation".to_owned();
+                line.cell_fault(reader, 1 + PREDICTED_COUNT + k, problem, "give 0 or a positive number");
+            }
+            stations.push(PredictedStation { arc_length_m, values, sigmas });
         }
         (reader.faults.len() == before).then_some(stations)
     })

@@ -13,7 +13,7 @@ mod stored;
 
 pub use registry::{
     CLOCK_SIGMA, CURVATURE, CURVATURE_COVARIANCE, EXPOSURE_SIGMA, GLOBAL_TEST_PASSED, NUMBER, REASON, SECTIONS,
-    SINCE_BOOT, SOLVED, TIP_SIGMAS, UTC,
+    SINCE_BOOT, SOLVED, SUMMARY, TIP_SIGMAS, UTC,
 };
 pub use row::{ResultInputs, ResultRow};
 pub use stored::{LiveSource, StoredForm, StoredTimes, finite_value, stored_quantities};
@@ -30,6 +30,8 @@ pub const SCHEMA_VERSION: usize = 3;
 /// Table of exported results; the descriptions of the variants are the help of `wingd export`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum ResultTable {
+    /// Row per shot: time, tip deflection, twist, standard deviations, conditions
+    Summary,
     /// Row per marker and image
     #[default]
     Markers,
@@ -43,6 +45,8 @@ pub enum ResultTable {
     Live,
     /// Joint shape of stations and markers with its covariance; as netcdf or npz
     Shape,
+    /// Mean shape of each series, by the model; as csv, parquet, netcdf or npz
+    Series,
 }
 
 /// Thing that a quantity belongs to. A row of a table may have several: then each has a column of its own.
@@ -190,8 +194,17 @@ pub struct TableColumn {
 impl TableColumn {
     /// Lists the columns of a table of frames; `pairs` are the names of the torsion pairs.
     pub fn of_frames(table: ResultTable, pairs: &[String]) -> Vec<Self> {
-        let sections = SECTIONS.iter().filter(|section| section.tables.contains(&table));
-        sections.flat_map(|section| section.columns(pairs, |quantity| !quantity.only_live)).collect()
+        let is_summary = table == ResultTable::Summary;
+        let sections = SECTIONS.iter().filter(|section| is_summary || section.tables.contains(&table));
+        let chosen = |quantity: &ResultQuantity| match (is_summary, quantity.only_live) {
+            (_, true) => false,
+            (false, _) => true,
+            (true, _) => SUMMARY.contains(&quantity.name),
+        };
+        let of_frame = |section: &&QuantitySection| {
+            !is_summary || matches!(section.subject, Subject::Row | Subject::Pair | Subject::Aircraft)
+        };
+        sections.filter(of_frame).flat_map(|section| section.columns(pairs, chosen)).collect()
     }
 
     /// Lists the columns of live results that are not stored, those of the rows' identity or the others.

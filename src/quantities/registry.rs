@@ -99,8 +99,31 @@ pub const CURVATURE_COVARIANCE: ResultQuantity =
     })
     .stored(F64);
 
+/// Names of the quantities of a frame that the summary has; those of the aircraft data have none.
+pub const SUMMARY: [&str; 19] = [
+    "flight",
+    "series",
+    "image",
+    "utc",
+    "status",
+    "reason",
+    "global_test",
+    "tip_marker",
+    "tip_deflection",
+    "tip_sigma_deflection",
+    "tip_deflection_ground",
+    "tip_sigma_deflection_ground",
+    "tip_reference",
+    "twist",
+    "sigma_twist",
+    "streamwise_twist",
+    "sigma_streamwise_twist",
+    "",
+    "sigma_",
+];
+
 /// All quantities.
-pub static SECTIONS: [QuantitySection; 12] = [
+pub static SECTIONS: [QuantitySection; 13] = [
     QuantitySection {
         subject: Subject::Row,
         tables: &[Shots, Markers, Span, Parameters],
@@ -149,7 +172,7 @@ pub static SECTIONS: [QuantitySection; 12] = [
     },
     QuantitySection {
         subject: Subject::Row,
-        tables: &[Shots, Markers],
+        tables: &[Shots, Markers, Span],
         quantities: &[
             text("method", "`profile`, `spatial`, `live`", |r| {
                 r.method.map(str::to_owned).or_else(|| Some(variant_name(r.image?.method)))
@@ -163,6 +186,12 @@ pub static SECTIONS: [QuantitySection; 12] = [
             text("global_test", "`passed` or `rejected`", |r| r.image?.global_test.map(variant_name)).in_live(Derived),
             text("sigma_kind", "standard deviations `prior` or `posterior`", |r| r.image?.sigma_kind.map(variant_name))
                 .word_since(2, || words([SigmaKind::Prior, SigmaKind::Posterior])),
+        ],
+    },
+    QuantitySection {
+        subject: Subject::Row,
+        tables: &[Shots, Markers],
+        quantities: &[
             text("cad_global_test", "test of the CAD tie points", |r| {
                 r.image?.quality.cad.as_ref()?.global_test.map(variant_name)
             }),
@@ -282,7 +311,7 @@ pub static SECTIONS: [QuantitySection; 12] = [
     QuantitySection { subject: Subject::CurvatureTermPair, tables: &[], quantities: &[CURVATURE_COVARIANCE] },
     QuantitySection {
         subject: Subject::Aircraft,
-        tables: &[Shots],
+        tables: &[Shots, Markers, Span],
         quantities: &[
             number("", "", "[aircraft data](aircraft-data.md) at the exposure", |r| Some(r.joined()?.value))
                 .in_live(Derived),

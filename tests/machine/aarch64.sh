@@ -67,6 +67,6 @@ printf 'installation = "arm/input/installation"\n[camera]\nkind = "replay"\nfold
 [status]\nsocket = "wingd.sock"\n' >"$work/wingd.toml"
 alike 0 check --config "$work/wingd.toml"; verdict $? "wingd check of its store and installation finds no fault, as here"
 
-"$WINGD" export "$work/x86/store" --format csv >"$work/x86.csv" 2>"$log"
-"$WINGD" export "$work/arm/store" --format csv >"$work/arm.csv" 2>>"$log"
+"$WINGD" export "$work/x86/store" --format csv --table markers >"$work/x86.csv" 2>"$log"
+"$WINGD" export "$work/arm/store" --format csv --table markers >"$work/arm.csv" 2>>"$log"
 compared=$(awk -f "$MACHINE/compare.awk" "$work/x86.csv" "$work/arm.csv" 2>>"$log"); verdict $? "results: $compared"

@@ -1,11 +1,11 @@
 //! Output of an export: rows to a file or standard output, as CSV, JSON lines or Parquet.
 
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Stdout, Write};
 use std::path::Path;
 
 use super::{ExportArgs, FormatName};
 use crate::cli::{Failure, TaskResult, print_line};
+use crate::installation::PendingFile;
 use crate::report::export::{self, CsvWriter, ExportColumn};
 use crate::store::StoreError;
 
@@ -42,12 +42,43 @@ impl ExportArgs {
         self.output.as_deref().or(default)
     }
 
-    /// Opens the output of text.
-    pub(super) fn text_output(&self) -> io::Result<Box<dyn Write>> {
-        match self.output_file() {
-            Some(file) => Ok(Box::new(BufWriter::new(File::create(file)?))),
-            None => Ok(Box::new(BufWriter::new(io::stdout()))),
+    /// Opens the output.
+    pub(super) fn open_output(&self) -> io::Result<BufWriter<ExportOutput>> {
+        let output = match self.output_file() {
+            Some(file) => ExportOutput::File(PendingFile::create_output(file)?),
+            None => ExportOutput::Stdout(io::stdout()),
+        };
+        Ok(BufWriter::new(output))
+    }
+}
+
+/// Standard output or a file, which gets its name when it is complete.
+pub(super) enum ExportOutput {
+    Stdout(Stdout),
+    File(PendingFile),
+}
+
+impl Write for ExportOutput {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Self::Stdout(output) => output.write(bytes),
+            Self::File(file) => file.write(bytes),
         }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Self::Stdout(output) => output.flush(),
+            Self::File(file) => file.flush(),
+        }
+    }
+}
+
+/// Flushes the output and gives the file its name.
+pub(super) fn end_output(output: BufWriter<ExportOutput>) -> io::Result<()> {
+    match output.into_inner().map_err(io::IntoInnerError::into_error)? {
+        ExportOutput::Stdout(mut output) => output.flush(),
+        ExportOutput::File(file) => file.commit(),
     }
 }
 
@@ -60,10 +91,10 @@ pub(super) type FileMetadata = Vec<(String, String)>;
 
 /// Output of rows.
 pub(super) enum RowSink {
-    Csv(Box<CsvWriter<Box<dyn Write>>>),
-    Lines(Box<dyn Write>),
+    Csv(Box<CsvWriter<BufWriter<ExportOutput>>>),
+    Lines(BufWriter<ExportOutput>),
     #[cfg(feature = "parquet")]
-    Parquet(Box<export::ParquetFile<BufWriter<File>>>),
+    Parquet(Box<export::ParquetFile<BufWriter<ExportOutput>>>),
 }
 
 impl RowSink {
@@ -74,11 +105,10 @@ impl RowSink {
         notes: impl FnOnce() -> TaskResult<FileMetadata>,
     ) -> Result<Self, ExportEnd> {
         match args.format {
-            FormatName::Jsonl => Ok(Self::Lines(args.text_output()?)),
+            FormatName::Jsonl => Ok(Self::Lines(args.open_output()?)),
             #[cfg(feature = "parquet")]
             FormatName::Parquet => {
-                let output = BufWriter::new(File::create(args.output_file().unwrap_or(Path::new("")))?);
-                let begun = export::ParquetFile::begin(output, columns, &notes()?);
+                let begun = export::ParquetFile::begin(args.open_output()?, columns, &notes()?);
                 Ok(Self::Parquet(Box::new(begun.map_err(io::Error::other)?)))
             }
             #[cfg(not(feature = "parquet"))]
@@ -87,7 +117,7 @@ impl RowSink {
                 Err(Failure::Usage("this wingd was built without Parquet; use --format csv".into()).into())
             }
             FormatName::Csv | FormatName::Vtk | FormatName::Netcdf | FormatName::Npz => {
-                Ok(Self::Csv(Box::new(CsvWriter::begin(args.text_output()?, &columns).map_err(io_error_from_csv)?)))
+                Ok(Self::Csv(Box::new(CsvWriter::begin(args.open_output()?, &columns).map_err(io_error_from_csv)?)))
             }
         }
     }
@@ -102,13 +132,13 @@ impl RowSink {
         }
     }
 
-    /// Writes buffered rows and closes the output.
+    /// Writes buffered rows and gives the file its name.
     pub(super) fn finish(self) -> io::Result<()> {
         match self {
-            Self::Csv(csv) => csv.end().map_err(io_error_from_csv),
-            Self::Lines(mut output) => output.flush(),
+            Self::Csv(csv) => end_output(csv.end()?),
+            Self::Lines(output) => end_output(output),
             #[cfg(feature = "parquet")]
-            Self::Parquet(file) => file.end().map_err(io::Error::other)?.flush(),
+            Self::Parquet(file) => end_output(file.end().map_err(io::Error::other)?),
         }
     }
 }

@@ -77,6 +77,7 @@
     measured("deflection", tip.deflection, tip.sigma, 3, "m");
     if (solved()) text("deflection-name", `Tip deflection ${tip.words}`);
     measured("twist", pair.twist_deg, pair.sigma_twist_deg, 2, "°");
+    measured("streamwise", pair.streamwise_twist_deg, pair.sigma_streamwise_twist_deg, 2, "°");
     const recent = history.filter((one) => since(one.came) < RATE_S);
     const over = Math.min(RATE_S, since(history[0].came));
     tile("rate", `${(recent.length / Math.max(over, 1)).toFixed(1)} Hz`, "over 10 s", style);

@@ -22,6 +22,7 @@ pub fn live_page(listens: bool) -> Markup {
                 (render_value_tile("age", "Last result"))
                 (render_value_tile("deflection", "Tip deflection"))
                 (render_value_tile("twist", "Twist"))
+                (render_value_tile("streamwise", "Streamwise twist"))
                 (render_value_tile("rate", "Results"))
                 (render_value_tile("latency", "Latency"))
                 (render_value_tile("skipped", "Skipped"))

@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::joint_shape::JointShape;
 use crate::estimation::quality::chi_square_tail;
+use crate::observation::Estimate;
 
 /// Smallest variance of a combination of functions that a test uses, in units of the variance of a single function. What the
 /// family of shapes does not model is below 3 % of the standard deviation of a function.
@@ -167,6 +168,20 @@ impl ShapeDifference {
     /// Returns the standard deviations of the functions.
     pub fn sigmas(&self) -> DVector<f64> {
         DVector::from_iterator(self.factor.nrows(), self.factor.row_iter().map(|row| row.norm()))
+    }
+
+    /// Returns the difference without an effect: the first shape minus `amount` times `effect`, whose values have the
+    /// independent standard deviations `sigmas`.
+    pub fn without_effect(&self, effect: &DVector<f64>, sigmas: &DVector<f64>, amount: Estimate) -> Self {
+        let known = effect.map(|value| if value.is_nan() { 0.0 } else { value });
+        let own = DMatrix::from_diagonal(&(sigmas * amount.value));
+        let uncertain: Vec<usize> = (0..own.ncols()).filter(|k| own[(*k, *k)] != 0.0).collect();
+        let of_amount = DMatrix::from_columns(&[known * amount.sigma.unwrap_or(0.0)]);
+        let factors = [self.factor.clone(), of_amount, own.select_columns(&uncertain)];
+        Self {
+            values: &self.values - effect * amount.value,
+            factor: join_columns(self.values.len(), factors.into_iter()),
+        }
     }
 
     /// Tests whether the difference of these functions is 0, by the combinations of them whose variance is not negligible.

@@ -63,12 +63,7 @@ impl<'a> WingView<'a> {
     }
 
     /// Creates the view of a wing whose beam is known.
-    pub(super) fn with_beam(
-        setup: &'a Setup,
-        orientation: &'a Orientation,
-        in_flight: bool,
-        beam: CoarseBeam,
-    ) -> Self {
+    pub(super) fn with_beam(setup: &'a Setup, orientation: &'a Orientation, in_flight: bool, beam: CoarseBeam) -> Self {
         let camera_from_wing = orientation.camera_from_survey * beam.frame.wing_from_survey.inverse();
         let thermal = setup.thermal.filter(|_| in_flight);
         let pane = Plate::from_window(setup.window.as_ref(), &orientation.camera_from_survey, in_flight);

@@ -119,9 +119,13 @@ pub struct ExportContext {
 /// Shot and result of a frame: at least one is there.
 type Frame<'a> = (Option<&'a ShotData>, Option<&'a ImageRecord>);
 
+fn is_per_shot(table: ResultTable) -> bool {
+    matches!(table, ResultTable::Shots | ResultTable::Summary)
+}
+
 /// Builds the columns of a table of frames for one series.
 pub fn table_columns(table: ResultTable, series: &SeriesData, common: &ExportContext) -> Vec<ExportColumn> {
-    let frames: Vec<Frame> = if table == ResultTable::Shots {
+    let frames: Vec<Frame> = if is_per_shot(table) {
         series.shots.iter().map(|shot| (Some(shot), series.record_for_shot(shot))).collect()
     } else {
         series.records.iter().map(|image| (series.shot_for_record(image), Some(image))).collect()
@@ -167,7 +171,7 @@ fn frame_row<'a>(series: &'a SeriesData, (shot, image): &Frame<'a>) -> ResultRow
 
 /// Returns the rows of one frame.
 fn image_rows<'a>(table: ResultTable, row: ResultRow<'a>, terms: &'a [Term]) -> Vec<ResultRow<'a>> {
-    let Some(image) = row.image.filter(|_| table != ResultTable::Shots) else { return vec![row] };
+    let Some(image) = row.image.filter(|_| !is_per_shot(table)) else { return vec![row] };
     let count = match table {
         ResultTable::Span => image.curve.len(),
         ResultTable::Parameters => {

@@ -21,7 +21,7 @@ pub use live::{LiveColumns, write_json_rows};
 #[cfg(feature = "parquet")]
 pub use parquet_file::ParquetFile;
 #[cfg(feature = "shapes")]
-pub use shape::{ShapeFrame, shape_dataset};
+pub use shape::{DatedShape, shape_dataset};
 pub use vtk::{VtkShape, frame_shape, ground_shape, series_shape, time_collection};
 
 /// Writer of a table as CSV; a missing value is an empty field.
@@ -47,9 +47,9 @@ impl<W: Write> CsvWriter<W> {
         (0..rows).try_for_each(|row| self.0.write_record(columns.iter().map(|c| cell(&c.values, row))))
     }
 
-    /// Flushes the output.
-    pub fn end(mut self) -> Result<(), csv::Error> {
-        Ok(self.0.flush()?)
+    /// Returns the output with all that was written.
+    pub fn end(self) -> std::io::Result<W> {
+        self.0.into_inner().map_err(csv::IntoInnerError::into_error)
     }
 }
 

@@ -1,76 +1,140 @@
 //! Joint shape of a flight as a dataset: motions of stations and markers, and factors of their covariance.
 
-use nalgebra::DMatrix;
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, SMatrix, SymmetricEigen, Vector3};
 
 use super::dataset::{ArrayDataset, ArrayValues, NamedArray};
-use crate::aircraft::AircraftState;
+use crate::aircraft::Quantity;
 use crate::clock::Stamp;
 use crate::installation::Installation;
-use crate::measure::adjust::{FrameShape, JointShape};
+use crate::measure::adjust::{GlobalTest, JointShape, ShapeMean};
+use crate::measure::geometry::TransformFit;
 use crate::record::variant_name;
 
-/// Frame of a shape.
-pub struct ShapeFrame {
-    /// Series and file.
+/// Shape of a frame, or mean of several.
+pub struct DatedShape {
+    /// Series, or series and file.
     pub name: String,
+    /// Time of the first frame.
     pub stamp: Stamp,
-    pub aircraft: AircraftState,
-    /// Index among the frames that were adjusted together.
-    pub frame: usize,
+    /// Number of frames.
+    pub count: usize,
+    /// Aircraft data at the exposure, means of several frames.
+    pub conditions: BTreeMap<Quantity, f64>,
+    pub shape: ShapeMean,
+    pub global_test: Option<GlobalTest>,
+    /// Mean variance factor of the adjustments.
+    pub variance_factor: Option<f64>,
+    /// True if factors are scaled by the root of the variance factor.
+    pub posterior: bool,
+    /// For each marker of the shape, whether it was used in no frame.
+    pub predicted: Vec<bool>,
 }
 
 /// Array of a shape: name, unit, meaning, and the first of its functions of each station ([`STATION_FUNCTIONS`]).
 ///
 /// [`STATION_FUNCTIONS`]: crate::measure::adjust::STATION_FUNCTIONS
 const STATION_ARRAYS: [(&str, &str, &str, usize, usize); 5] = [
-    ("displacement", "m", "displacement of the bending axis against the survey, survey frame", 0, 3),
+    ("displacement", "m", "displacement of the bending axis against the survey", 0, 3),
     ("slope", "rad", "change of the slope along the span, tip up", 3, 1),
     ("twist", "rad", "twist about the bending axis, nose up", 4, 1),
     ("streamwise_twist", "rad", "change of the incidence in the vertical plane of the flow, nose up", 5, 1),
-    ("rotation", "rad", "rotation vector of the section, survey frame", 6, 3),
+    ("rotation", "rad", "rotation vector of the section", 6, 3),
 ];
 
-/// Function that returns a factor of a frame's covariance.
-type FactorGetter = fn(&FrameShape) -> &DMatrix<f64>;
+/// Function that returns a factor of the covariance.
+type FactorGetter = fn(&ShapeMean) -> &DMatrix<f64>;
 
 /// Factors of the covariance, by the dimension of their sources.
 const FACTORS: [(&str, FactorGetter); 3] =
-    [("lasting", |f| &f.lasting), ("shared", |f| &f.shared), ("own", |f| &f.own)];
+    [("lasting", |s| &s.lasting), ("shared", |s| &s.shared), ("own", |s| &s.own)];
 
-type DatedFrame<'a> = (ShapeFrame, &'a JointShape, &'a FrameShape);
+/// Values of one frame for an array, with a factor for each kind of sources (values x sources).
+struct FunctionValues {
+    values: Vec<f64>,
+    factors: Vec<(&'static str, DMatrix<f64>)>,
+}
 
-/// Creates the dataset of a flight's frames, at least one. `attributes` of the store are included.
+impl FunctionValues {
+    /// Reads functions of a shape.
+    fn of_rows(shape: &ShapeMean, rows: &[usize]) -> Self {
+        let values = rows.iter().map(|row| shape.values[*row]).collect();
+        let factors = FACTORS.map(|(name, factor)| (name, factor(shape).select_rows(rows)));
+        Self { values, factors: factors.into() }
+    }
+
+    /// Transforms displacements, three values each, to the CAD frame. Its sources are those of rotation and scale.
+    fn in_cad(&self, fit: &TransformFit) -> Self {
+        let linear = fit.transform.rotation.matrix() * fit.transform.scale;
+        let of_fit = fit_factor(fit);
+        let (mut values, mut factors) = (self.values.clone(), self.factors.clone());
+        let mut by_fit = DMatrix::zeros(values.len(), of_fit.ncols());
+        for (k, value) in values.chunks_exact_mut(3).enumerate() {
+            let moved = linear * Vector3::from_column_slice(value);
+            value.copy_from_slice(moved.as_slice());
+            for (_, factor) in &mut factors {
+                let turned = linear * factor.rows(3 * k, 3);
+                factor.rows_mut(3 * k, 3).copy_from(&turned);
+            }
+            let mut jacobian = SMatrix::<f64, 3, 4>::zeros();
+            jacobian.fixed_columns_mut::<3>(0).copy_from(&-moved.cross_matrix());
+            jacobian.set_column(3, &(moved / fit.transform.scale));
+            by_fit.rows_mut(3 * k, 3).copy_from(&(jacobian * of_fit));
+        }
+        factors.push(("cad_fit", by_fit));
+        Self { values, factors }
+    }
+
+    fn sigmas(&self) -> Vec<f64> {
+        let variance = |row: usize| self.factors.iter().map(|(_, factor)| factor.row(row).norm_squared()).sum::<f64>();
+        let sigma = |(row, value): (usize, &f64)| if value.is_nan() { f64::NAN } else { variance(row).sqrt() };
+        self.values.iter().enumerate().map(sigma).collect()
+    }
+}
+
+/// Symmetric root of the covariance of small rotation (rad) and scale of a fitted transform.
+fn fit_factor(fit: &TransformFit) -> SMatrix<f64, 4, 4> {
+    const PARAMETERS: [usize; 4] = [0, 1, 2, 6];
+    let covariance = SMatrix::<f64, 4, 4>::from_fn(|i, j| fit.covariance[(PARAMETERS[i], PARAMETERS[j])]);
+    let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(covariance);
+    eigenvectors * SMatrix::from_diagonal(&eigenvalues.map(|v| v.max(0.0).sqrt())) * eigenvectors.transpose()
+}
+
+/// Creates the dataset of the shapes of frames, or of means of them, at least one. `attributes` of the store are included.
 pub fn shape_dataset(
-    frames: &[DatedFrame],
+    shapes: &[DatedShape],
+    shape: &JointShape,
     installation: &Installation,
     jointly: bool,
     attributes: Vec<(String, String)>,
 ) -> ArrayDataset {
-    let Some((_, shape, first)) = frames.first() else { return ArrayDataset::default() };
-    let own = frames.iter().map(|(_, _, frame)| frame.own.ncols()).max().unwrap_or(0);
-    let dimensions = vec![
-        ("frame", frames.len()),
+    let sources = |factor: FactorGetter| shapes.iter().map(|one| factor(&one.shape).ncols()).max().unwrap_or(0);
+    let mut dimensions = vec![
+        ("frame", shapes.len()),
         ("station", shape.arcs_m.len()),
         ("marker", shape.markers.len()),
         ("axis", 3),
-        ("lasting", first.lasting.ncols()),
-        ("shared", first.shared.ncols()),
-        ("own", own),
         ("row", 4),
         ("column", 4),
+        ("cad_fit", if installation.cad.is_some() { 4 } else { 0 }),
     ];
+    dimensions.extend(FACTORS.map(|(name, factor)| (name, sources(factor))));
     let mut data = ArrayDataset { dimensions, arrays: vec![], attributes };
     add_stations(&mut data, shape, installation);
-    add_frames(&mut data, frames);
+    add_frames(&mut data, shapes);
+    let cad = installation.cad.as_ref();
     for (name, unit, meaning, function, components) in STATION_ARRAYS {
         let row = |station: usize, component: usize| shape.station_function(function + component, station);
-        let rows = (0..shape.arcs_m.len()).flat_map(|s| (0..components).map(move |c| row(s, c))).collect();
-        add_functions(&mut data, frames, (name, unit, meaning), ("station", components), rows);
+        let rows: Vec<usize> = (0..shape.arcs_m.len()).flat_map(|s| (0..components).map(move |c| row(s, c))).collect();
+        let in_cad = cad.filter(|_| unit == "m");
+        add_functions(&mut data, shapes, (name, unit, meaning), ("station", components), &rows, in_cad);
     }
-    let rows = (0..shape.markers.len()).flat_map(|m| (0..3).map(move |c| shape.marker_function(m) + c)).collect();
-    let meaning = "displacement of the marker against the survey, survey frame";
-    add_functions(&mut data, frames, ("marker_displacement", "m", meaning), ("marker", 3), rows);
-    add_facts(&mut data, frames, installation, jointly);
+    let rows: Vec<usize> =
+        (0..shape.markers.len()).flat_map(|m| (0..3).map(move |c| shape.marker_function(m) + c)).collect();
+    let array = ("marker_displacement", "m", "displacement of the marker against the survey");
+    add_functions(&mut data, shapes, array, ("marker", 3), &rows, cad);
+    add_facts(&mut data, shape, installation, jointly);
     data
 }
 
@@ -108,83 +172,103 @@ fn add_stations(data: &mut ArrayDataset, shape: &JointShape, installation: &Inst
             _ => linear[(i, j)],
         };
         let matrix = (0..4).flat_map(|i| (0..4).map(move |j| entry(i, j))).collect();
-        let meaning = "transform of points from the survey to the CAD frame, m; displacements take its 3 x 3 part";
+        let meaning = "transform of points from the survey to the CAD frame, m";
         add_array(data, ("cad_from_survey", "", meaning), &["row", "column"], numbers(matrix));
     }
 }
 
 /// Names, times, tests and conditions of the frames.
-fn add_frames(data: &mut ArrayDataset, frames: &[DatedFrame]) {
-    let texts = |text: &dyn Fn(&DatedFrame) -> String| ArrayValues::Texts(frames.iter().map(text).collect());
-    let numbers = |value: &dyn Fn(&DatedFrame) -> f64| ArrayValues::Numbers(frames.iter().map(value).collect());
-    add_array(data, ("image", "", "series and file"), &["frame"], texts(&|(frame, ..)| frame.name.clone()));
-    let time = numbers(&|(frame, ..)| frame.stamp.utc.as_microsecond() as f64 * 1e-6);
-    add_array(data, ("time", "seconds since 1970-01-01 00:00:00 UTC", "request to the camera"), &["frame"], time);
-    let synchronised = ArrayValues::Flags(frames.iter().map(|(frame, ..)| frame.stamp.utc_synchronised).collect());
-    add_array(data, ("time_synchronised", "", "1 if the clock was set by a reference"), &["frame"], synchronised);
-    let test = texts(&|(_, _, shape)| shape.solution.global_test.map(variant_name).unwrap_or_default());
-    add_array(data, ("global_test", "", "test of the adjustment: passed or rejected"), &["frame"], test);
-    let factor = numbers(&|(_, _, shape)| shape.solution.variance_factor.unwrap_or(f64::NAN));
-    add_array(data, ("variance_factor", "", "variance factor of the adjustment"), &["frame"], factor);
-    let posterior = ArrayValues::Flags(frames.iter().map(|(_, _, shape)| shape.solution.posterior).collect());
+fn add_frames(data: &mut ArrayDataset, shapes: &[DatedShape]) {
+    let texts = |text: &dyn Fn(&DatedShape) -> String| ArrayValues::Texts(shapes.iter().map(text).collect());
+    let numbers = |value: &dyn Fn(&DatedShape) -> f64| ArrayValues::Numbers(shapes.iter().map(value).collect());
+    let flags = |flag: &dyn Fn(&DatedShape) -> bool| ArrayValues::Flags(shapes.iter().map(flag).collect());
+    let mut add = |name: &str, unit: &'static str, meaning: &str, values: ArrayValues| {
+        add_array(data, (name, unit, meaning), &["frame"], values);
+    };
+    add("image", "", "series and file, or series", texts(&|one| one.name.clone()));
+    add("frames", "", "number of frames, of which the shape is the mean", numbers(&|one| one.count as f64));
+    let time = numbers(&|one| one.stamp.utc.as_microsecond() as f64 * 1e-6);
+    add("time", "seconds since 1970-01-01 00:00:00 UTC", "request to the camera, of the first frame", time);
+    let synchronised = flags(&|one| one.stamp.utc_synchronised);
+    add("time_synchronised", "", "1 if the clock was set by a reference", synchronised);
+    let test = texts(&|one| one.global_test.map(variant_name).unwrap_or_default());
+    add("global_test", "", "test of the adjustment: passed or rejected", test);
+    let factor = numbers(&|one| one.variance_factor.unwrap_or(f64::NAN));
+    add("variance_factor", "", "variance factor of the adjustment", factor);
     let meaning = "1 if the factors are scaled by the root of the variance factor";
-    add_array(data, ("posterior", "", meaning), &["frame"], posterior);
-    let used = frames.iter().flat_map(|(_, joint, shape)| {
-        joint.markers.iter().map(|m| !shape.solution.markers.get(*m).is_some_and(|marker| marker.used))
-    });
-    let predicted = ArrayValues::Flags(used.collect());
-    let meaning = "1 if the marker was not used and the adjusted shape predicts it";
-    add_array(data, ("predicted", "", meaning), &["frame", "marker"], predicted);
-    let mut quantities: Vec<_> = frames.iter().flat_map(|(frame, ..)| frame.aircraft.keys().copied()).collect();
+    add("posterior", "", meaning, flags(&|one| one.posterior));
+    let mut quantities: Vec<_> = shapes.iter().flat_map(|one| one.conditions.keys().copied()).collect();
     quantities.sort_unstable();
     quantities.dedup();
     for quantity in quantities {
-        let value = numbers(&|(frame, ..)| frame.aircraft.get(&quantity).map_or(f64::NAN, |joined| joined.value));
-        add_array(data, (quantity.name(), "", "aircraft data at the exposure"), &["frame"], value);
+        let value = numbers(&|one| one.conditions.get(&quantity).copied().unwrap_or(f64::NAN));
+        add(quantity.name(), "", "aircraft data at the exposure", value);
     }
+    let predicted = ArrayValues::Flags(shapes.iter().flat_map(|one| one.predicted.iter().copied()).collect());
+    let meaning = "1 if the marker was not used and the adjusted shape predicts it";
+    add_array(data, ("predicted", "", meaning), &["frame", "marker"], predicted);
 }
 
-/// Values, standard deviations and factors of functions, one row each.
+/// Values, standard deviations and factors of functions, one row each; displacements in the CAD frame too, if there is one.
 fn add_functions(
     data: &mut ArrayDataset,
-    frames: &[DatedFrame],
+    shapes: &[DatedShape],
     (name, unit, meaning): (&str, &'static str, &str),
     (place, components): (&'static str, usize),
-    rows: Vec<usize>,
+    rows: &[usize],
+    cad: Option<&TransformFit>,
 ) {
     let mut dimensions = vec!["frame", place];
     dimensions.extend((components > 1).then_some("axis"));
-    let values = frames.iter().flat_map(|(_, _, frame)| rows.iter().map(|row| frame.values[*row]));
-    add_array(data, (name, unit, meaning), &dimensions, ArrayValues::Numbers(values.collect()));
-    let sigmas = frames.iter().flat_map(|(_, _, frame)| {
-        let variances = frame.variances();
-        let known = |row: &usize| if frame.values[*row].is_nan() { f64::NAN } else { variances[*row].sqrt() };
-        rows.iter().map(known).collect::<Vec<_>>()
-    });
+    let values: Vec<FunctionValues> = shapes.iter().map(|one| FunctionValues::of_rows(&one.shape, rows)).collect();
+    let meaning_in =
+        |frame: &str| if components > 1 { format!("{meaning}, {frame} frame") } else { meaning.to_owned() };
+    add_values(data, (name, unit, &meaning_in("survey")), &dimensions, &values);
+    if shapes.iter().any(|one| one.shape.scatter.is_some()) {
+        let of = |one: &DatedShape| {
+            rows.iter().map(|row| one.shape.scatter.as_ref().map_or(f64::NAN, |s| s[*row])).collect()
+        };
+        let scatter = shapes.iter().flat_map(|one| -> Vec<f64> { of(one) }).collect();
+        let text = format!("standard deviation of single frames about their mean: {}", meaning_in("survey"));
+        add_array(data, (&format!("scatter_{name}"), unit, &text), &dimensions, ArrayValues::Numbers(scatter));
+    }
+    if let Some(fit) = cad {
+        let in_cad: Vec<FunctionValues> = values.iter().map(|one| one.in_cad(fit)).collect();
+        add_values(data, (&format!("{name}_cad"), unit, &meaning_in("CAD")), &dimensions, &in_cad);
+    }
+}
+
+/// Values, standard deviations and factors of a quantity.
+fn add_values(
+    data: &mut ArrayDataset,
+    (name, unit, meaning): (&str, &'static str, &str),
+    dimensions: &[&'static str],
+    frames: &[FunctionValues],
+) {
+    let all =
+        |values: &dyn Fn(&FunctionValues) -> Vec<f64>| ArrayValues::Numbers(frames.iter().flat_map(values).collect());
+    add_array(data, (name, unit, meaning), dimensions, all(&|one| one.values.clone()));
     let sigma = format!("standard deviation: {meaning}");
-    add_array(data, (&format!("sigma_{name}"), unit, &sigma), &dimensions, ArrayValues::Numbers(sigmas.collect()));
-    for (source, factor) in FACTORS {
+    add_array(data, (&format!("sigma_{name}"), unit, &sigma), dimensions, all(&FunctionValues::sigmas));
+    let kinds = frames.first().map_or(0, |one| one.factors.len());
+    for kind in 0..kinds {
+        let source = frames[0].factors[kind].0;
         let sources = data.dimensions.iter().find(|(dimension, _)| *dimension == source).map_or(0, |(_, size)| *size);
-        if sources == 0 {
-            continue;
+        let entries = |one: &FunctionValues| {
+            let factor = &one.factors[kind].1;
+            let entry = |row: usize, k: usize| factor.get((row, k)).copied().unwrap_or(0.0);
+            (0..factor.nrows()).flat_map(|row| (0..sources).map(move |k| entry(row, k))).collect()
+        };
+        if sources > 0 {
+            let with_sources = [dimensions, &[source]].concat();
+            let text = format!("factor of the covariance, sources {source}: {meaning}");
+            add_array(data, (&format!("{name}_{source}"), unit, &text), &with_sources, all(&entries));
         }
-        let entry = |frame: &FrameShape, row: usize, k: usize| factor(frame).get((row, k)).copied().unwrap_or(0.0);
-        let entries = frames.iter().flat_map(|(_, _, frame)| {
-            rows.iter().flat_map(move |row| (0..sources).map(move |k| entry(frame, *row, k)))
-        });
-        let with_sources = [&dimensions[..], &[source]].concat();
-        let text = format!("factor of the covariance, sources {source}: {meaning}");
-        add_array(
-            data,
-            (&format!("{name}_{source}"), unit, &text),
-            &with_sources,
-            ArrayValues::Numbers(entries.collect()),
-        );
     }
 }
 
 /// Attributes that say how to read the arrays.
-fn add_facts(data: &mut ArrayDataset, frames: &[DatedFrame], installation: &Installation, jointly: bool) {
+fn add_facts(data: &mut ArrayDataset, shape: &JointShape, installation: &Installation, jointly: bool) {
     let errors = match jointly {
         true => {
             "value = truth + lasting u + shared s + own e, all of u, s, e independent with standard deviation 1: u is common \
@@ -195,15 +279,17 @@ fn add_facts(data: &mut ArrayDataset, frames: &[DatedFrame], installation: &Inst
              singly, so the errors that they have in common are not known: solve with --flight to compare or average them"
         }
     };
+    let of_fit = "; displacements in the CAD frame: + cad_fit c, with c common to all flights with the same tie points";
+    let errors = format!("{errors}{}", if installation.cad.is_some() { of_fit } else { "" });
     let thermal = installation.setup.thermal.as_ref().map_or(1.0, |thermal| thermal.scale());
     let facts = [
         ("title", "shape of a wing in flight".to_owned()),
         ("installation", installation.setup.name.clone()),
         ("frame_of_reference", "survey frame of the installation; z up".to_owned()),
         ("reference", "the wing as surveyed, with its load at the survey".to_owned()),
-        ("errors", errors.to_owned()),
-        ("length_to_tip_m", format!("{:.6}", frames[0].1.length_m)),
-        ("outermost_marker_m", format!("{:.6}", frames[0].1.reach_m)),
+        ("errors", errors),
+        ("length_to_tip_m", format!("{:.6}", shape.length_m)),
+        ("outermost_marker_m", format!("{:.6}", shape.reach_m)),
         ("thermal_scale", format!("{thermal:.9}")),
     ];
     data.attributes.extend(facts.map(|(name, text)| (name.to_owned(), text)));

@@ -28,9 +28,21 @@ pub fn draw_uncertainty(summaries: &[SeriesSummary]) -> Markup {
 
 /// Draws the twist along the span with 1-sigma bands; `None` if no frame has a twist.
 pub fn draw_twist(summaries: &[SeriesSummary]) -> Option<Markup> {
-    let any = summaries.iter().flat_map(|s| &s.curve).any(|p| p.twist_deg.is_some());
     let twist = |p: &CurveRecord| (p.twist_deg.unwrap_or(f64::NAN), p.sigma_twist_deg);
-    any.then(|| draw_curves(summaries, "Twist along the span", "twist, nose up / deg", 260.0, &twist))
+    draw_rotation(summaries, "Twist along the span", "twist, nose up / deg", &twist)
+}
+
+/// Draws the streamwise twist along the span with 1-sigma bands; `None` if no frame has one.
+pub fn draw_streamwise_twist(summaries: &[SeriesSummary]) -> Option<Markup> {
+    let twist = |p: &CurveRecord| {
+        (p.incidence.streamwise_twist_deg.unwrap_or(f64::NAN), p.incidence.sigma_streamwise_twist_deg)
+    };
+    draw_rotation(summaries, "Streamwise twist along the span", "streamwise twist, nose up / deg", &twist)
+}
+
+fn draw_rotation(summaries: &[SeriesSummary], name: &str, label: &str, column: CurveField) -> Option<Markup> {
+    let any = summaries.iter().flat_map(|s| &s.curve).any(|p| column(p).0.is_finite());
+    any.then(|| draw_curves(summaries, name, label, 260.0, column))
 }
 
 fn draw_curves(summaries: &[SeriesSummary], name: &str, label: &str, height: f64, column: CurveField) -> Markup {

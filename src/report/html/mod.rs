@@ -3,6 +3,7 @@
 mod aircraft;
 mod axis;
 mod budget;
+mod comparison;
 pub mod figure;
 mod figures;
 mod flights;
@@ -73,6 +74,7 @@ pub fn report_page(data: &ReportData) -> String {
         (contents_links())
         (warnings_section(data))
         (deflection_section(&summaries, shown.map(|(_, record)| record)))
+        (comparison::comparison_section(data.comparison.as_ref()))
         (time_section(data, &summaries))
         (aircraft::aircraft_section(data))
         (tables::series_section(&summaries))
@@ -244,6 +246,12 @@ fn deflection_section(summaries: &[SeriesSummary], shown: Option<&ImageRecord>) 
             figure {
                 (twist)
                 p.caption { "Rotation of the sections, free of bending, with 1-sigma bands." }
+            }
+        }
+        @if let Some(streamwise) = figures::draw_streamwise_twist(summaries) {
+            figure {
+                (streamwise)
+                p.caption { "Change of the angle of attack in the vertical plane of the flow, with 1-sigma bands: twist and, on a swept wing, bending." }
             }
         }
     }
