@@ -14,18 +14,36 @@ fn solved_store(folder: &Path, jointly: bool) -> String {
 }
 
 /// The same with another line of the wing's section, and with other frames.
-fn solved_store_with(folder: &Path, jointly: bool, line: &str, frames_of: std::ops::RangeInclusive<usize>) -> String {
+fn solved_store_with(folder: &Path, jointly: bool, line: &str, frames: std::ops::RangeInclusive<usize>) -> String {
+    let key = line.split(' ').next().unwrap();
+    let replaced = |old: &str| if !key.is_empty() && old.starts_with(key) { line.to_owned() } else { old.to_owned() };
+    solved_store_of(folder, jointly, frames, |installation| {
+        let toml = installation.join("installation.toml");
+        let text = std::fs::read_to_string(&toml).unwrap();
+        std::fs::write(&toml, text.lines().map(replaced).collect::<Vec<_>>().join("\n")).unwrap();
+    })
+}
+
+/// The same, solved jointly, with a changed installation.
+fn solved_store_changed(folder: &Path, change: impl FnOnce(&Path)) -> String {
+    solved_store_of(folder, true, 1..=3, change)
+}
+
+fn solved_store_of(
+    folder: &Path,
+    jointly: bool,
+    frames_of: std::ops::RangeInclusive<usize>,
+    change: impl FnOnce(&Path),
+) -> String {
     let installation = folder.join("installation");
     std::fs::create_dir(&installation).unwrap();
     for entry in std::fs::read_dir(fixture("dev/installation")).unwrap() {
         let from = entry.unwrap().path();
         std::fs::copy(&from, installation.join(from.file_name().unwrap())).unwrap();
     }
+    change(&installation);
     let toml = installation.join("installation.toml");
-    let key = line.split(' ').next().unwrap();
     let text = std::fs::read_to_string(&toml).unwrap();
-    let replaced = |old: &str| if !key.is_empty() && old.starts_with(key) { line.to_owned() } else { old.to_owned() };
-    let text = text.lines().map(replaced).collect::<Vec<_>>().join("\n");
     // The span is (0.390731, 0.920505): right wing, swept by 28 degrees.
     std::fs::write(&toml, text.replace("[wing]\n", "[wing]\nflow_direction = [0.996195, 0.087156]\n")).unwrap();
     let (installation, store) = (installation.to_str().unwrap(), folder.join("store"));
@@ -176,4 +194,148 @@ fn shapes_are_compared_with_each_other_and_with_a_computation() {
     let ended =
         run(&["difference", &format!("{singly}:f0001/s000001/0001.jpg"), &format!("{singly}:f0001/s000001/0002.jpg")]);
     assert!(String::from_utf8(ended.stderr).unwrap().contains("solve STORE --flight"));
+}
+
+#[test]
+fn displacements_are_given_in_cad_axes_with_the_errors_of_the_fit() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = solved_store_changed(folder.path(), |installation| {
+        // CAD: x aft is the survey's -y, y is its x; moved.
+        let mut ties = "id,x_m,y_m,z_m,cad_x_m,cad_y_m,cad_z_m\n".to_owned();
+        for (k, p) in
+            [[0.0, 0.0, 0.0], [12.0, 1.0, 0.5], [3.0, 20.0, 1.0], [5.0, 9.0, 4.0], [14.0, 17.0, 2.0]].iter().enumerate()
+        {
+            let [x, y, z] = p;
+            ties += &format!("T{k},{x},{y},{z},{},{},{}\n", 5.0 - y, x + 1.0, z - 2.0);
+        }
+        std::fs::write(installation.join("ties.csv"), ties).unwrap();
+        let toml = installation.join("installation.toml");
+        let text = std::fs::read_to_string(&toml).unwrap();
+        std::fs::write(&toml, format!("{text}\n[cad]\ntie_points = \"ties.csv\"\nsigma_m = 0.01\n")).unwrap();
+    });
+    let file = folder.path().join("shape.nc");
+    stdout(&["export", &store, "--format", "netcdf", "--eta", "0.5,1", "-o", file.to_str().unwrap()]);
+    let mut reader = FileReader::open(&file).unwrap();
+    let mut read = |name: &str| reader.read_var_f64(name).unwrap();
+    for name in ["displacement", "marker_displacement"] {
+        let (survey, cad) = (read(name), read(&format!("{name}_cad")));
+        for (there, here) in survey.chunks(3).zip(cad.chunks(3)) {
+            let wanted = [-there[1], there[0], there[2]];
+            assert!(here.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6), "{here:?} {wanted:?}");
+        }
+        let (sigma, of_fit) = (read(&format!("sigma_{name}_cad")), read(&format!("{name}_cad_fit")));
+        assert_eq!(of_fit.len(), 4 * cad.len());
+        let mut variance = |at: usize| -> f64 {
+            let parts = ["lasting", "shared", "own"].map(|part| format!("{name}_cad_{part}"));
+            let square = |values: Vec<f64>| -> f64 {
+                let sources = values.len() / cad.len();
+                values[sources * at..sources * (at + 1)].iter().map(|v| v * v).sum()
+            };
+            parts.iter().map(|part| square(read(part))).sum::<f64>() + square(of_fit.clone())
+        };
+        for at in [0, cad.len() - 1] {
+            assert!((variance(at).sqrt() - sigma[at]).abs() < 1e-12);
+        }
+        // A turn by 1 cm over 10 m moves the horizontal part of a displacement of metres by millimetres.
+        assert!(of_fit.iter().any(|v| v.abs() > 1e-4), "the fit is uncertain");
+    }
+}
+
+#[test]
+fn loads_are_made_equal_and_computations_have_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = solved_store(folder.path(), true);
+    let frame = |k: usize| format!("{store}:f0001/s000001/{k:04}.jpg");
+    let compare = |more: &[&str]| -> Value {
+        serde_json::from_str(&stdout(&[&["difference", "--json", "--eta", "0.5,0.9"], more].concat())).unwrap()
+    };
+    let plain = compare(&[&frame(1), &frame(2)]);
+    let moved = |result: &Value, k: usize| result["stations"][k]["displacement_z_m"].as_f64().unwrap();
+    let table = folder.path().join("slope.csv");
+    let mut text = "arc_length_m,displacement_z_m,sigma_displacement_z_m\n".to_owned();
+    for k in 0..2 {
+        let arc = plain["stations"][k]["arc_length_m"].as_f64().unwrap();
+        text += &format!("{arc},{},{}\n", 0.5 * moved(&plain, k), 0.001);
+    }
+    std::fs::write(&table, &text).unwrap();
+    let slope = |condition: &str| format!("{}:{condition}", table.display());
+    let equal = compare(&[&frame(1), &frame(2), "--slope", &slope("2,0.1")]);
+    assert!((0..2).all(|k| moved(&equal, k).abs() < 1e-9), "{equal}");
+    let sigma = |result: &Value| result["stations"][1]["sigma_displacement_z_m"].as_f64().unwrap();
+    let wanted = sigma(&plain).hypot(0.1 * 0.5 * moved(&plain, 1)).hypot(2.0 * 0.001);
+    assert!((sigma(&equal) - wanted).abs() < 1e-9, "{} {wanted}", sigma(&equal));
+    assert!(equal["p"].as_f64().unwrap() > 0.9 && equal["stations"][0].get("slope_deg").is_none(), "{equal}");
+    for (condition, text) in [
+        ("load_factor", "a frame has no load_factor; import aircraft data"),
+        ("fule_kg", "there is no quantity \"fule_kg\""),
+        ("1", "there is no quantity"),
+        ("1,-2", "write FILE:QUANTITY"),
+    ] {
+        let ended = run(&["difference", &frame(1), &frame(2), "--slope", &slope(condition), "--eta", "0.5,0.9"]);
+        let error = String::from_utf8(ended.stderr).unwrap();
+        assert!(ended.status.code() != Some(0) && error.contains(text), "{error}");
+    }
+    let beyond = run(&["difference", &frame(1), &frame(2), "--slope", &slope("1,0"), "--eta", "1"]);
+    assert!(String::from_utf8(beyond.stderr).unwrap().contains("has no stations around"));
+    // A computation with errors of its own is not rejected by them.
+    let records = records(&store);
+    let point = &records[0]["record"]["curve"][20];
+    let of = |name: &str| point[name].as_f64().unwrap();
+    let predicted = |sigma: f64| {
+        let line = format!("{},{},{sigma}", of("arc_length_m"), of("deflection_m") + 0.5);
+        std::fs::write(&table, format!("arc_length_m,displacement_z_m,sigma_displacement_z_m\n{line}\n")).unwrap();
+        let result = stdout(&["difference", &frame(1), "--against", table.to_str().unwrap(), "--json"]);
+        serde_json::from_str::<Value>(&result).unwrap()["p"].as_f64().unwrap()
+    };
+    assert!(predicted(0.0) < 1e-6 && predicted(0.5) > 0.1);
+    let page = folder.path().join("report.html");
+    let report = ["report", &store, "--against", table.to_str().unwrap(), "-o", page.to_str().unwrap()];
+    stdout(&[&report[..], &["--against-frames", "s000001/0001.jpg"]].concat());
+    let html = std::fs::read_to_string(&page).unwrap();
+    assert!(
+        html.contains("Comparison with a computation") && html.contains("no significant difference"),
+        "the verdict"
+    );
+    assert!(html.contains("Streamwise twist along the span"));
+}
+
+#[test]
+fn means_of_series_and_the_summary_are_tables() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = solved_store(folder.path(), true);
+    let table = |more: &[&str]| -> Vec<std::collections::BTreeMap<String, String>> {
+        let text = stdout(&[&["export", &store, "--format", "csv"], more].concat());
+        csv::Reader::from_reader(text.as_bytes()).deserialize().map(Result::unwrap).collect()
+    };
+    let summary = table(&[]);
+    assert_eq!(summary.len(), 3, "a row per shot");
+    let records = records(&store);
+    let tip = records[0]["record"]["tip"]["deflection_m"].as_f64().unwrap();
+    assert_eq!(summary[0]["tip_deflection_m"].parse::<f64>().unwrap(), tip);
+    assert!(
+        summary[0].contains_key("angle_of_attack_deg") && summary[0].contains_key("torsion_tip_streamwise_twist_deg")
+    );
+    assert!(summary[0].len() < 70, "{}", summary[0].len());
+    let series = table(&["--table", "series", "--eta", "0.5,1"]);
+    assert_eq!((series.len(), series[0]["frames"].as_str()), (2, "3"));
+    let mean: Value = serde_json::from_str(&stdout(&["mean", &store, "--eta", "0.5,1", "--json"])).unwrap();
+    for (row, station) in series.iter().zip(mean["stations"].as_array().unwrap()) {
+        for name in ["displacement_z_m", "sigma_displacement_z_m", "scatter_displacement_z_m", "sigma_twist_deg"] {
+            let (there, here) = (station[name].as_f64().unwrap(), row[name].parse::<f64>().unwrap());
+            assert!((there - here).abs() < 1e-12, "{name}: {there} {here}");
+        }
+    }
+    let file = folder.path().join("table.csv");
+    stdout(&["export", &store, "--format", "csv", "-o", file.to_str().unwrap()]);
+    let before = std::fs::read(&file).unwrap();
+    let wrong = run(&["export", &store, "--format", "csv", "--inputs", "zzz", "-o", file.to_str().unwrap()]);
+    let kept = std::fs::read(&file).unwrap() == before;
+    assert!(kept, "an export that fails leaves the old file: {:?}", wrong.status);
+    for (arguments, text) in [
+        (["--format", "jsonl", "--table", "series"], "--format netcdf and npz are for --table shape and series"),
+        (["--format", "csv", "--table", "shape"], "--format netcdf and npz are for --table shape and series"),
+    ] {
+        let ended = run(&[&["export", &store][..], &arguments].concat());
+        assert!(ended.status.code() == Some(2) && String::from_utf8(ended.stderr).unwrap().contains(text));
+    }
 }

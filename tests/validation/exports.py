@@ -97,8 +97,10 @@ def read_shape(wingd, store, work, run, solved):
     for k, record in enumerate(records):
         points = len(record["curve"])
         for field, values in [("deflection_m", data.displacement[k, :points, 2]), ("sigma_deflection_m", data.sigma_displacement[k, :points, 2]),
-                              ("sigma_slope_deg", np.degrees(data.sigma_slope[k, :points])), ("sigma_twist_deg", np.degrees(data.sigma_twist[k, :points]))]:
-            assert np.allclose([point[field] for point in record["curve"]], values, rtol=0, atol=1e-9), field
+                              ("sigma_slope_deg", data.sigma_slope[k, :points]), ("sigma_twist_deg", data.sigma_twist[k, :points])]:
+            stored = np.array([point[field] for point in record["curve"]])
+            stored = np.radians(stored) if field.endswith("_deg") else stored
+            assert np.allclose(stored, values, rtol=0, atol=1e-9), field
     parts = [part for part in ("lasting", "shared", "own") if f"displacement_{part}" in data]
     factor = np.concatenate([data[f"displacement_{part}"].values for part in parts], axis=-1)
     assert np.allclose(np.linalg.norm(factor, axis=-1), data.sigma_displacement.values, rtol=1e-9)
@@ -109,6 +111,8 @@ def read_shape(wingd, store, work, run, solved):
         printed = subprocess.run([sys.executable, "-c", program], cwd=work, check=True, capture_output=True, text=True,
                                  env={**os.environ, "MPLBACKEND": "Agg"}).stdout
         print(f"docs/shapes.md: {printed.strip()}")
+    if len(parts) == 3:
+        read_series(run, work, flight, data)
     ground = data.ground_position.values
     strip = np.concatenate([ground + [0, 0, 0.3], ground - [0, 0, 0.3]])
     count = len(ground)
@@ -123,6 +127,24 @@ def read_shape(wingd, store, work, run, solved):
     assert np.isclose(moved.points[:, 2].max() - strip[:, 2].max(), largest, atol=0.3 * largest)
     print(f"shape of {len(records)} frames, equal in xarray {xarray.__version__}, scipy and numpy; a surface of {len(cells)} facets moved by "
           f"{largest:.2f} m, by meshio and pyvista")
+
+
+def read_series(run, work, flight, shape):
+    """Means of series as arrays and as tables, against the frames'."""
+    for name in ["csv", "parquet", "nc", "npz"]:
+        run("--format", {"nc": "netcdf"}.get(name, name), "--table", "series", "--flight", flight, "--output", str(work / f"series.{name}"))
+    text, frame = pd.read_csv(work / "series.csv", parse_dates=["utc"]), pd.read_parquet(work / "series.parquet")
+    means, arrays = xarray.open_dataset(work / "series.nc", decode_times=False), np.load(work / "series.npz")
+    assert len(text) == len(frame) == means.sizes["frame"] * means.sizes["station"]
+    names = np.array([name.split("/")[0] for name in shape.image.values.astype(str)])
+    for k, series in enumerate(means.image.values.astype(str)):
+        z = shape.displacement[names == series, :, 2].values
+        assert np.allclose(means.displacement[k, :, 2], z.mean(axis=0), atol=1e-12)
+        assert (z.shape[0] < 2) or np.allclose(means.scatter_displacement[k, :, 2], z.std(axis=0, ddof=1), atol=1e-12)
+        rows = text[text["series"] == series]
+        assert np.allclose(rows["sigma_displacement_z_m"], means.sigma_displacement[k, :, 2], rtol=1e-9)
+        assert np.allclose(arrays["slope"][k], np.radians(rows["slope_deg"]), rtol=1e-12)
+    print(f"means of {means.sizes['frame']} series, equal in CSV, Parquet, NetCDF and npz")
 
 
 main(sys.argv[1], sys.argv[2])

@@ -82,7 +82,7 @@ impl FunctionValues {
             jacobian.set_column(3, &(moved / fit.transform.scale));
             by_fit.rows_mut(3 * k, 3).copy_from(&(jacobian * of_fit));
         }
-        factors.push(("cad_fit", by_fit));
+        factors.push(("fit", by_fit));
         Self { values, factors }
     }
 
@@ -117,7 +117,7 @@ pub fn shape_dataset(
         ("axis", 3),
         ("row", 4),
         ("column", 4),
-        ("cad_fit", if installation.cad.is_some() { 4 } else { 0 }),
+        ("fit", if installation.cad.is_some() { 4 } else { 0 }),
     ];
     dimensions.extend(FACTORS.map(|(name, factor)| (name, sources(factor))));
     let mut data = ArrayDataset { dimensions, arrays: vec![], attributes };
@@ -279,7 +279,7 @@ fn add_facts(data: &mut ArrayDataset, shape: &JointShape, installation: &Install
              singly, so the errors that they have in common are not known: solve with --flight to compare or average them"
         }
     };
-    let of_fit = "; displacements in the CAD frame: + cad_fit c, with c common to all flights with the same tie points";
+    let of_fit = "; displacements in the CAD frame: + fit c, with c common to all flights with the same tie points";
     let errors = format!("{errors}{}", if installation.cad.is_some() { of_fit } else { "" });
     let thermal = installation.setup.thermal.as_ref().map_or(1.0, |thermal| thermal.scale());
     let facts = [
