@@ -22,7 +22,7 @@ DEMO_FEATURES := --no-default-features --features desk
 BOARD := $(CURDIR)/target/board
 BOARD_FEATURES := --no-default-features --features board
 
-.PHONY: help demo test test-mutations table check lint bench compare docs test-browser browser-dependencies package package-desk package-aarch64 test-machine test-soak test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
+.PHONY: help demo test test-mutations table check lint bench compare docs docs-figures test-browser browser-dependencies package package-desk package-aarch64 test-machine test-soak test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
@@ -34,6 +34,7 @@ help:
 	@echo 'make check         format, lints, unit tests and layers: what usually breaks, in a minute after a change'
 	@echo 'make bench         the figures of docs/performance.md'
 	@echo 'make docs          all pages as a book: target/book/index.html'
+	@echo 'make docs-figures  writes the figures of README and pages by their commands (OPTIONS=--check compares)'
 	@echo 'make compare BASE=revision  what detects otherwise than at that revision (QUICK=1, TOLERANCE; tests/compare)'
 	@echo 'make package       the on-board Debian package, in target/package'
 	@echo 'make package-desk  the desk'"'"'s: the whole program with upload, wingd-fleet; packaging/Containerfile makes an image of it'
@@ -107,6 +108,10 @@ MDBOOK := target/mdbook/bin/mdbook
 docs: $(MDBOOK)
 	$(MDBOOK) build docs
 	@echo target/book/index.html
+
+# Ten minutes on an idle machine. The peers of the times: benches/run.sh.
+docs-figures: build
+	python3 tests/validation/figures.py $(OPTIONS)
 
 $(MDBOOK):
 	$(CARGO) install --quiet --locked --root target/mdbook mdbook --version 0.5.4

@@ -8,7 +8,7 @@ pub use super::uncertainty::{SetupUncertainty, Vibration};
 pub use super::widths::Width;
 use crate::ordering::sort_by_value;
 
-/// Kind of marker (docs/model.md).
+/// Kind of marker (docs/detection.md).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Shape {

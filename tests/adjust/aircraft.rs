@@ -1,4 +1,4 @@
-//! Promise: in-flight effects (docs/model.md) are covered by the standard deviations, or the frame is rejected or a remark
+//! Promise: in-flight effects (docs/adjustment/installation.md) are covered by the standard deviations, or the frame is rejected or a remark
 //! reports them. Simulated with exact geometry by `common::beam_truth::Aircraft`.
 
 use std::collections::BTreeMap;

@@ -374,7 +374,7 @@ fn exact(view: &View) -> Vec<Detection> {
     detections
 }
 
-/// The error comes from the survey, not from the image (docs/validation/2026-11-orientation.md).
+/// The error comes from the survey, not from the image (docs/validation/detection.md).
 #[test]
 fn the_picture_orients_as_well_as_pixels_without_error() {
     let dev = dev();

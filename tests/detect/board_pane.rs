@@ -1,5 +1,5 @@
 //! A board in front of the window is seen through its panes: how much of their effect a calibration absorbs, and
-//! what remains at the wing. Table of docs/validation/2026-11-calibration.md:
+//! what remains at the wing. Table of docs/validation/calibration.md:
 //! `cargo test --release --test detect -- --ignored --nocapture board_pane`.
 
 use nalgebra::{Matrix6, Rotation3, Vector2, Vector3, Vector6};

@@ -1,4 +1,4 @@
-"""Rendered wings measured against their truth: the table of docs/validation/2026-11-rendered-sets.md.
+"""Rendered wings measured against their truth: docs/validation/data/rendered-sets.csv.
 
     python3 tests/validation/rendered_sets.py target/release/wingd FOLDER               # those of the page
     python3 tests/validation/rendered_sets.py target/release/wingd FOLDER all           # all of rendered_sets.txt
@@ -197,4 +197,5 @@ def main():
     print(row("mean", [mean(column) for column in zip(*all_values, strict=True)]))
 
 
-main()
+if __name__ == "__main__":
+    main()

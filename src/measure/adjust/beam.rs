@@ -1,4 +1,4 @@
-//! The beam in flight: computes positions from curvature and twist, with derivatives (docs/model.md).
+//! The beam in flight: computes positions from curvature and twist, with derivatives (docs/adjustment.md).
 //!
 //! ```text
 //! kappa(s) = m(s/L) sum c_k P_k(2 s/L - 1)      theta(s) = theta_ground(s) + integral kappa

@@ -1,4 +1,4 @@
-//! Joint adjustment of the frames of a flight (docs/model.md).
+//! Joint adjustment of the frames of a flight (docs/adjustment.md).
 //!
 //! The frames share the marker positions on the ground, the camera and its ground rotation, one rotation per mounting and
 //! the ratios of the curvature coefficients. Each frame has its own curvature and twist coefficients, local to its group.

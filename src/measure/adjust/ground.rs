@@ -1,4 +1,4 @@
-//! The wing on the ground: bending axis, stations and rigid arms (docs/model.md).
+//! The wing on the ground: bending axis, stations and rigid arms (docs/adjustment.md).
 
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
 

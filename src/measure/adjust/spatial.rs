@@ -1,4 +1,4 @@
-//! Adjustment of one frame with the rigid-section beam (docs/model.md).
+//! Adjustment of one frame with the rigid-section beam (docs/adjustment.md).
 
 mod frame;
 

@@ -1,4 +1,4 @@
-//! Interior orientation: pinhole with Brown's distortion in OpenCV's form (docs/model.md), for wide lenses divided by a
+//! Interior orientation: pinhole with Brown's distortion in OpenCV's form (docs/conventions.md), for wide lenses divided by a
 //! polynomial of the same degree (OpenCV's rational model).
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, SMatrix, SVector, Vector2, Vector3};

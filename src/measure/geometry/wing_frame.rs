@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 
 /// Wing frame: X along the wing's horizontal span direction, outboard; Y up; Z = X x Y; m; origin in the projection centre.
-/// Right wing: Z points aft; left wing: forward (docs/model.md).
+/// Right wing: Z points aft; left wing: forward (docs/conventions.md).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WingFrame {
     /// Origin, survey frame, m.

@@ -1,4 +1,4 @@
-//! Positions of the markers on a bent and twisted wing: rigid sections on an axis of constant length (docs/model.md), as
+//! Positions of the markers on a bent and twisted wing: rigid sections on an axis of constant length (docs/adjustment.md), as
 //! fine as identification needs.
 
 use nalgebra::{SVector, Vector2, Vector3};

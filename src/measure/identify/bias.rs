@@ -1,4 +1,4 @@
-//! Correction from the ellipse's centre to the image of the disc's centre (docs/model.md).
+//! Correction from the ellipse's centre to the image of the disc's centre (docs/identification.md).
 
 use nalgebra::Vector2;
 

@@ -19,7 +19,7 @@ const CONSENSUS_SIGMA: f64 = 2e-3;
 const REJECTED_REASON: &str =
     "its image disagrees with the survey and the other markers; check the survey of this marker";
 
-/// Estimates the orientation from ground frames without an initial guess (docs/model.md). All frames show the wing as
+/// Estimates the orientation from ground frames without an initial guess (docs/identification.md). All frames show the wing as
 /// surveyed, from one mounting of the camera.
 ///
 /// # Errors

@@ -59,7 +59,7 @@ impl WingView<'_> {
     }
 
     /// Moves the identified markers' detections to the images of their true centres: the perspective bias of the ellipse is
-    /// removed with the surveyed diameter and the local normal (docs/model.md). The result has order and length of
+    /// removed with the surveyed diameter and the local normal (docs/identification.md). The result has order and length of
     /// `detections`; unidentified ones are unchanged.
     pub fn remove_perspective_bias(&self, detections: &[Detection], identities: &Identities) -> Vec<Detection> {
         let Some(first) = self.fit_state(detections, identities) else { return detections.to_vec() };

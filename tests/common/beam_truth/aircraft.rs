@@ -1,4 +1,4 @@
-//! In-flight effects (docs/model.md), simulated with exact geometry: changes of wing, skin, root, fixed targets, survey and
+//! In-flight effects (docs/adjustment/installation.md), simulated with exact geometry: changes of wing, skin, root, fixed targets, survey and
 //! camera between survey, ground frame and flight. It shares no code with the fitted
 //! model.
 

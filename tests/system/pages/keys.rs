@@ -191,6 +191,17 @@ fn the_rows_of_widths_are_those_of_the_registry() {
     }
 }
 
+/// Defaults in the page of priors are those of the registry.
+#[test]
+fn the_page_of_priors_has_the_defaults_of_the_registry() {
+    let page = std::fs::read_to_string(Path::new(ROOT).join("docs/adjustment/installation.md")).unwrap();
+    for row in Width::ROWS {
+        let unit = if row.unit.name.is_empty() { String::new() } else { format!(" {}", row.unit.name) };
+        let begin = format!("| `{}.{}` | {}{unit} | ", row.section, row.key, row.default);
+        assert!(page.lines().any(|line| line.starts_with(&begin)), "the page needs a row that begins: {begin}");
+    }
+}
+
 #[test]
 fn the_check_of_the_pages_detects_errors() {
     let base: Table = "camera.kind = \"replay\"\nstore.path = \"store\"".parse().unwrap();

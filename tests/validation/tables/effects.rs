@@ -64,7 +64,7 @@ pub fn print_effects() {
     }
 }
 
-/// Prints the table of docs/validation, one line per number of frames, set-up and kind: first the sizes that sigma must cover, then those
+/// Prints the table of docs/validation/data, one line per number of frames, set-up and kind: first the sizes that sigma must cover, then those
 /// that must be detected. Failures are marked. `WINGS=100 FRAMES=1,5 SEED=9500`, and `WINGS=40 FRAMES=20`.
 pub fn print_kinds() {
     let asked = TableOptions::new();

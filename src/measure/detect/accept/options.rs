@@ -13,7 +13,7 @@ numbers! {
         /// 10 % of an edge's width.
         fringe_px: f64 = 0.1,
         /// Shift of an edge if most of the fringe is excluded or measured, px. Normalised errors of 1626 discs in glare
-        /// 0.99 and 0.96 (`docs/decisions/0014`).
+        /// 0.99 and 0.96 (`docs/decisions/0006`).
         residual_fringe_px: f64 = 0.06,
         /// Semi-minor axis below which glare shifts a disc less across, px: both edges lie in about the same light. Chosen
         /// together with `residual_fringe_px`.
@@ -195,7 +195,7 @@ numbers! {
     MISFIT: MisfitOptions {
         /// Shift of a marker for residuals as large as its contrast, as a fraction of an edge's width. Chosen: about half
         /// of the residuals are a bias of the edge, the rest only changes its form. Errors of 1500 markers of eight
-        /// rendered sets are then 0.8 to 1.2 standard deviations (`docs/validation/2026-11-cabin.md`).
+        /// rendered sets are then 0.8 to 1.2 standard deviations (`docs/validation/data/cabin-sets.csv`).
         edge_fraction: f64 = 0.5,
     }
 

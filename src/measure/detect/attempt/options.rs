@@ -13,7 +13,7 @@ numbers! {
         /// Chosen on the glare frames of 112 rendered sets.
         fringe_ratio: f64 = 1.2,
         /// Standard deviation of a disc's position due to glare that changes across it too, px. Normalised error across of
-        /// 43 discs 1.42 -> 1.04 (`docs/decisions/0014`).
+        /// 43 discs 1.42 -> 1.04 (`docs/decisions/0006`).
         glare_px: f64 = 0.03,
         /// Standard deviation of a disc's position along its axis due to an end saturated by glare, px: the additional
         /// error of 20 discs in 112 rendered sets.

@@ -52,7 +52,7 @@ numbers! {
     }
 
     /// Seams of the skin that meet a disc. Unless noted otherwise, values were chosen on drawn seams and rendered sets,
-    /// where the largest normalised error fell from 3.5 to between 0.8 and 1.2 (`docs/decisions/0014`);
+    /// where the largest normalised error fell from 3.5 to between 0.8 and 1.2 (`docs/decisions/0006`);
     /// `tests/detect/robustness.rs` checks them.
     SEAM: SeamOptions {
         /// Inner limit of the searched ring around a disc, blurs from its outline. Derived: beyond it, the blur of the edge

@@ -1,0 +1,315 @@
+#!/usr/bin/env python3
+"""Figures of README and pages: runs the commands that give them, and rewrites or checks them.
+
+    python3 tests/validation/figures.py                  # rewrites all: make docs-figures
+    python3 tests/validation/figures.py --check          # compares; exit 1 if one differs
+    python3 tests/validation/figures.py --names          # lists the names; needs no program
+    python3 tests/validation/figures.py --check window   # those whose names begin so
+
+A figure is the text between `<!--figure:NAME-->` and `<!--end-->`, in a line or as a table. Outputs of the commands are kept in
+target/figures. Times are compared within a factor, other numbers within one unit of their last digit. Needs the programs of
+`make build`, cargo and Python 3.11; the peers of the times need OpenCV and SciPy (benches/run.sh installs them).
+"""
+
+import json
+import os
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+from rendered_sets import FIXTURES, answers, rms, solved  # noqa: E402
+
+ROOT = Path(__file__).parents[2]
+WINGD = ROOT / "target/release/wingd"
+# Factor within which times agree: other programs run on the machines that check them.
+TIMES = 1.5
+
+
+def run(*command):
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    if done.returncode != 0:
+        sys.exit(f"{' '.join(command)}: {done.stderr.strip()[-2000:]}")
+    return done.stdout + done.stderr
+
+
+def test(binary, *names):
+    """Output of tests, in the order of their names."""
+    return lambda: run("cargo", "test", "--release", "--locked", "--test", binary, "--", "--nocapture", *names)
+
+
+def flights():
+    """The bundled flights from frames to positions, with their installations as they are."""
+    lines = []
+    for name in ("dev", "demo"):
+        directory = FIXTURES / name
+        frames = json.loads((directory / "truth.json").read_text())["frames"]
+        ground = [f for f in frames if f["image"].startswith("ground")]
+        flight = [f for f in frames if f not in ground]
+        image = [directory / "frames" / f["image"] for f in flight]
+        with tempfile.TemporaryDirectory() as place:
+            installation = shutil.copytree(directory / "installation", Path(place) / "installation")
+            answers(WINGD, "orient", "--installation", installation, directory / "frames" / ground[0]["image"])
+            for label, options in (("one frame", []), ("flight", ["--flight"])):
+                across, up, over = solved(WINGD, installation, image, flight, bool(options))
+                found = answers(WINGD, "solve", "--json", *options, "--installation", installation, *image)
+                sigma = statistics.median(1e3 * f["tip"][key(f["tip"])] for f in found)
+                torsion = rms([f["torsion"][0]["angle_deg"] - t["torsion_deg"] for f, t in zip(found, flight, strict=True)])
+                lines.append(
+                    f"{name}, {label}: horizontal {across:.1f} up {up:.1f} over {over:.2f} sigma {sigma:.1f} torsion {torsion:.3f}"
+                )
+    return "\n".join(lines)
+
+
+def key(tip):
+    """Name of the standard deviation of the reported deflection."""
+    suffix = {"survey": "", "ground": "_ground", "root": "_root"}[tip["reference"]]
+    return f"sigma_deflection{suffix}_m"
+
+
+def benches():
+    """Medians of the benches and of their peers, one thread, ms; the peers before and after, because other programs run too."""
+    python = ROOT / "target/peers/bin/python"
+    python = str(python) if python.exists() else sys.executable
+    os.environ["RAYON_NUM_THREADS"] = "1"
+
+    def peers():
+        text = run(python, "benches/opencv_peer.py", "fixtures/dev/frames/flight-1.jpg") + run(python, "benches/scipy_peer.py")
+        found = re.findall(r"^(\w+)/(.*?) +([\d.]+) ms", text, re.M)
+        return {peer: sum(float(ms) for of, _, ms in found if of == peer) for peer in ("opencv", "scipy")}
+
+    before = peers()
+    run("cargo", "bench", "--locked", "--bench", "frame", "--bench", "detect", "--bench", "adjust")
+    after = peers()
+    lines = [f"{peer}: {0.5 * (before[peer] + after[peer]):.4f}" for peer in before]
+    ratio = max(max(before[p], after[p]) / min(before[p], after[p]) for p in before)
+    lines.append(f"spread: {100 * (ratio - 1):.0f}")
+    for file in sorted((ROOT / "target/criterion").glob("**/new/benchmark.json")):
+        median = json.loads(file.with_name("estimates.json").read_text())["median"]["point_estimate"]
+        lines.append(f"{json.loads(file.read_text())['full_id']}: {1e-6 * median:.4f}")
+    opencv = float(lines[0].split()[1])
+    ratios = [f"{line.split(': ')[0]} over opencv: {float(line.split(': ')[1]) / opencv:.4f}" for line in lines[3:]]
+    return "\n".join(lines + ratios)
+
+
+SOURCES = {
+    "flights": flights,
+    "benches": benches,
+    "fixtures": test("detect", "fixtures"),
+    "accuracy": test("adjust", "spatial::", "flight::"),
+    "window": test("adjust", "window"),
+    "camera": test("adjust", "shifted_by_a_remount", "fixed_targets_determine", "mounting_known_to_be"),
+    "coverage": test("adjust", "coverage", "plan"),
+    "identification": test("adjust", "identification::"),
+    "live": test("adjust", "live::"),
+    "dimensions": test("adjust", "configured_uncertainties", "mountings::", "long_flights"),
+    "publication": test("adjust", "profile_figures::"),
+}
+NUMBER = r"(-?[\d.]+)"
+
+
+def flight_row(name, label):
+    pattern = f"{name}, {label}: horizontal # up # over # sigma #"
+    return ("flights", pattern, "{:.1f} mm | {:.1f} mm | {:.2f} | {:.1f} mm")
+
+
+def range_of(label, which):
+    """From the better to the worse of the bundled flights."""
+    first, second = (f"{name}, {label}: horizontal # up # over # sigma # torsion #" for name in ("dev", "demo"))
+    form = {"up": "{1:.0f} to {6:.0f} mm", "across": "{0:.0f} to {5:.0f} mm", "over": "{2:.1f} to {7:.1f}", "torsion": "{4:.2f} to {9:.2f} degrees"}
+    return ("flights", f"{first}[^|]*?{second}", form[which])
+
+
+def fixture_row(name):
+    pattern = f"^{name}: missed # of #, .*median # px, quadrants # .other light #., circles # .#., normalised #"
+    return ("fixtures", pattern, "{:.0f} of {:.0f} | {:.3f} | {:.3f}, {:.3f} | {:.3f}, {:.3f} | {:.2f}")
+
+
+def bench_row(name, form="{:.1f} ms | {:.2f}"):
+    escaped = re.escape(name)
+    return ("benches", f"^{escaped}: #$[\\s\\S]*?^{escaped} over opencv: #", form)
+
+
+def accuracy_row(line):
+    pattern = f"^{line}: horizontal # mm, vertical # mm.*normalised (?:deflection )?#"
+    return ("accuracy", pattern, "{:.1f} mm | {:.1f} mm | {:.2f}")
+
+
+def window_row(line):
+    return ("window", f"^{line}: deflection # mm rms, normalised #", "{:.1f} mm | {:.2f}")
+
+
+def shift_row(flight):
+    lines = [f"^flight {flight}, shift {mm} mm: normalised #, sigma # mm .fixed #" for mm in (0, 1, 2, 5)]
+    return ("camera", "[\\s\\S]*?".join(lines), "{0:.2f} | {3:.2f} | {6:.2f} | {9:.2f} | {1:.1f} mm | {2:.1f} mm")
+
+
+def fixed_row(line, form):
+    lines = [f"^{n} fixed: {line}" for n in (0, 1, 2, 4)]
+    return ("camera", "[\\s\\S]*?".join(lines), " | ".join(4 * [form]))
+
+
+def live_row(begins):
+    return ("live", f"^{begins}: deflection # mm rms, normalised #, sigma of the tip # mm", "{:.1f} mm | {:.2f} | {:.1f} mm")
+
+
+ACCURACY = {
+    "one-alone": "2 mm, 0.05 px, rotation only",
+    "one": "2 mm, 0.05 px, ground observations",
+    "flight": "shared shape",
+    "fuel": "burning fuel",
+    "flight-alone": "shared shape, rotation only",
+    "fuel-alone": "burning fuel, rotation only",
+}
+WINDOW = {
+    "undescribed": "in flight only, not described",
+    "described": "in flight only, described",
+    "ground": "on ground too, not described",
+    "bowed": "bowed to 10 m, described as plane",
+    "bow": "bowed to 10 m, described as it is, to a quarter",
+    "default": "in flight only, not described, remount shift",
+}
+BENCHES = {
+    "read": "frame/read",
+    "decode": "frame/decode",
+    "full": "frame/detect full",
+    "guided": "frame/detect guided",
+    "orient": "frame/orient",
+    "identify": "frame/identify",
+    "bias": "frame/remove perspective bias",
+    "profile": "profile, 21 markers",
+    "spatial": "spatial, 21 markers",
+    "flight-10": "flight/10 frames",
+    "flight-85": "flight/85 frames",
+    "flight-1000": "flight/1000 frames",
+}
+
+# Name -> source, pattern (# is a number), text.
+FIGURES = {
+    **{f"flight-{n}-{k}": flight_row(n, l) for n in ("dev", "demo") for k, l in (("one", "one frame"), ("all", "flight"))},
+    **{f"range-{k}-{w}": range_of(l, w) for k, l in (("one", "one frame"), ("all", "flight")) for w in ("up", "across", "over", "torsion")},
+    "fixtures-median": ("fixtures", "^dev: .*median # px", "{:.2f} px"),
+    "fixtures-dev": fixture_row("dev"),
+    "fixtures-moved": fixture_row("dev, moved"),
+    "fixtures-noisy": fixture_row("dev, noisy"),
+    "fixtures-blurred": fixture_row("dev, blurred"),
+    "fixtures-all": fixture_row("dev, all"),
+    "fixtures-demo": fixture_row("demo"),
+    **{f"accuracy-{k}": accuracy_row(line) for k, line in ACCURACY.items()},
+    "accuracy-paper": ("accuracy", "^5 px, 5 mm: spatial # mm, profile # mm", "spatial {:.0f} mm | profile {:.0f} mm"),
+    **{f"window-{k}": window_row(line) for k, line in WINDOW.items()},
+    "shift-one": shift_row("false"),
+    "shift-flight": shift_row("true"),
+    "fixed-rms": fixed_row("# mm rms, normalised [\\d.]+, largest sigma [\\d.]+ mm", "{:.1f} mm"),
+    "fixed-over": fixed_row("[\\d.]+ mm rms, normalised #, largest sigma [\\d.]+ mm", "{:.2f}"),
+    "fixed-sigma": fixed_row("[\\d.]+ mm rms, normalised [\\d.]+, largest sigma # mm", "{:.1f} mm"),
+    "mounting-known": ("camera", "^flight false: known [\\d.]+, sigma # mm; not declared [\\d.]+, sigma # mm", "from {1:.1f} to {0:.1f} mm"),
+    "coverage": (
+        "coverage",
+        "^sampled over predicted: position #, deflection #, torsion #, twist #",
+        "position {:.2f}, deflection {:.2f}, torsion {:.2f}, twist {:.2f}",
+    ),
+    "coverage-rejects": ("coverage", "^rejects # % at 5 %", "{:.1f} %"),
+    "coverage-found": ("coverage", "^found # of #", "{:.0f} of {:.0f}"),
+    "identified": ("identification", "^flight: Tally . visible: #, right: #, wrong: #", "{1:.0f} of {0:.0f}"),
+    "oriented": ("identification", "^ground: .*error median # mrad, p95 #", "{:.2f} mrad median, {:.2f} mrad 95 %"),
+    "bias-of-discs": ("identification", "^bias: rms # px before, # px after", "{:.3f} px, {:.3f} px"),
+    "orientation": (
+        "identification",
+        "^orientation, mrad: exact pixels of all markers #, of those found #, image #",
+        "{:.3f} mrad with exact pixels of all 21 markers, {:.3f} with those of the 20 that are found, {:.3f} with the pixels of the image",
+    ),
+    **{f"live-{n}": live_row(f"frame {n:2}") for n in (1, 5, 15, 30, 60)},
+    "live-alone": live_row("alone"),
+    "live-disturbed": ("live", "^mount_disturbed of .*once # of #, normalised #, 2 s later #", "{0:.0f} of {1:.0f} wings, {2:.2f} σ in that frame, {3:.2f} after 2 s"),
+    "live-excluded": ("live", "^wrong images excluded: # of #", "{:.0f} of {:.0f}"),
+    "live-together": ("live", "^as they came against together: # sigma apart, normalised # and #", "{0:.2f} σ from the joint adjustment, errors {1:.2f} and {2:.2f} σ"),
+    "dimensions-one": ("dimensions", "^All: normalised deflection rms #, largest [\\d.]+$", "{:.2f}"),
+    **{f"mountings-{k}": ("dimensions", f"^{k}: normalised deflection rms #", "{:.2f}") for k in ("Own", "Alternating", "Creeping")},
+    "long-flights": (
+        "dimensions",
+        "^survey points removed # of 147, images removed # of #",
+        "{:.0f} of 147 correct survey points and {:.0f} of {:.0f} correct images",
+    ),
+    **{f"slope-{s}": ("publication", f"^slope {s}: bias # mm", "{:.1f}") for s in ("0.03", "0.06", "0.0875")},
+    **{f"bench-{k}": bench_row(line) for k, line in BENCHES.items()},
+    "bench-opencv": ("benches", "^opencv: #", "{:.0f} ms"),
+    "bench-scipy": ("benches", "^scipy: #", "{:.0f} ms"),
+    "bench-live": ("benches", "^live, 21 markers: #", "{:.1f} ms"),
+    "bench-clutter": (
+        "benches",
+        "^detect rendered/backlight: #$[\\s\\S]*^detect rendered/dusk: #$[\\s\\S]*^detect rendered/glare: #$[\\s\\S]*^detect rendered/gradient: #$"
+        "[\\s\\S]*^detect rendered/haze: #$[\\s\\S]*^detect rendered/plain: #$[\\s\\S]*^detect rendered/shadow: #$",
+        "plain {5:.0f} ms, gradient {3:.0f}, dusk {1:.0f}, glare {2:.0f}, shadow {6:.0f}, back light {0:.0f}, haze {4:.0f}",
+    ),
+}
+
+
+def found(name, outputs):
+    source, pattern, form = FIGURES[name]
+    text = outputs.setdefault(source, None) or produced(source, outputs)
+    match = re.search(pattern.replace("#", NUMBER), text, re.M)
+    if not match:
+        sys.exit(f"{name}: the output of {source} has no `{pattern}`; see target/figures/{source}.txt")
+    return form.format(*(float(group) for group in match.groups()))
+
+
+def produced(source, outputs):
+    print(f"running {source}", file=sys.stderr, flush=True)
+    outputs[source] = SOURCES[source]()
+    folder = ROOT / "target/figures"
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{source}.txt").write_text(outputs[source])
+    return outputs[source]
+
+
+def agree(old, new, name):
+    """Whether two texts differ by less than their figures state."""
+    words = [re.sub(r"-?\d+(\.\d+)?", "#", text) for text in (old, new)]
+    if words[0] != words[1]:
+        return False
+    for a, b in zip(re.findall(r"-?\d+(?:\.\d+)?", old), re.findall(r"-?\d+(?:\.\d+)?", new), strict=True):
+        last = 10.0 ** -len(a.partition(".")[2])
+        near = abs(float(a) - float(b)) <= 1.01 * last
+        times = FIGURES[name][0] == "benches" and float(b) <= TIMES * float(a) and float(a) <= TIMES * float(b)
+        if not near and not times:
+            return False
+    return True
+
+
+def main():
+    arguments = sys.argv[1:]
+    if "--names" in arguments:
+        print("\n".join(FIGURES))
+        return
+    check = "--check" in arguments
+    begins = next((a for a in arguments if not a.startswith("--")), "")
+    wrong, outputs = [], {}
+    for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md"))]:
+        text = page.read_text()
+
+        def written(match):
+            name, old = match[1], match[2]
+            if name not in FIGURES:
+                sys.exit(f"{page.relative_to(ROOT)}: {name} is no figure of {Path(__file__).name}; give it a command there")
+            if not name.startswith(begins):
+                return match[0]
+            new = found(name, outputs)
+            if not agree(old, new, name):
+                wrong.append(f"{page.relative_to(ROOT)}: {name}: {old} -> {new}")
+                return f"<!--figure:{name}-->{new}<!--end-->"
+            return match[0]
+
+        changed = re.sub(r"<!--figure:([\w.-]+)-->(.*?)<!--end-->", written, text)
+        if changed != text and not check:
+            page.write_text(changed)
+    print("\n".join(wrong) or "all figures agree with their commands")
+    sys.exit(1 if check and wrong else 0)
+
+
+if __name__ == "__main__":
+    main()
