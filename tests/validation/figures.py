@@ -93,9 +93,10 @@ def benches():
     os.environ["RAYON_NUM_THREADS"] = "1"
 
     def peers():
-        text = run(python, "benches/opencv_peer.py", "fixtures/dev/frames/flight-1.jpg") + run(python, "benches/scipy_peer.py")
-        found = re.findall(r"^(\w+)/(.*?) +([\d.]+) ms", text, re.M)
-        return {peer: sum(float(ms) for of, _, ms in found if of == peer) for peer in ("opencv", "scipy")}
+        opencv = run(python, "benches/opencv_peer.py", "fixtures/dev/frames/flight-1.jpg")
+        scipy = run(python, "benches/scipy_peer.py")
+        chain, spatial = re.search(r"chain +([\d.]+) ms", opencv)[1], re.search(r": ([\d.]+) ms", scipy)[1]
+        return {"opencv": float(chain), "scipy": float(spatial)}
 
     before = peers()
     run("cargo", "bench", "--locked", "--bench", "frame", "--bench", "detect", "--bench", "adjust")
