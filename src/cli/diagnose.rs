@@ -8,7 +8,7 @@ use super::default_paths::{load_installation, resolve_installation};
 use super::{Completion, Failure, batch, orient, print_json, print_line};
 use crate::desk::manual_points::ManualPoints;
 use crate::installation::Installation;
-use crate::measure::identify::{self, Diagnosis, Explanation, IdentifyError};
+use crate::measure::identify::{self, Diagnosis, Explanation, IdentifyError, OTHER_AIRCRAFT};
 use crate::pipeline::{self, ProcessedFrame, orienting, stages};
 use crate::record::Reason;
 
@@ -70,7 +70,7 @@ fn diagnose_ground(args: &DiagnoseArgs, installation: &Installation) -> Result<D
         }
         error => {
             let reason = match error {
-                Some(error @ IdentifyError::NoConsensus { .. }) => format!("{error}: {NO_CAUSE}"),
+                Some(error @ IdentifyError::NoConsensus { .. }) => format!("{error}: {OTHER_AIRCRAFT}"),
                 error => error.map_or("the images cannot be diagnosed".to_owned(), |error| error.to_string()),
             };
             let found = identify::diagnose_ground(setup, &orienting::detected_markers(&frames));
@@ -165,8 +165,5 @@ impl DiagnosedImage {
     }
 }
 
-/// Conclusion if no modification of the setup explains the markers.
-const NO_CAUSE: &str = "no other lens, place, unit, axes or bend explains most of them either, so that the frame probably \
-    shows another aircraft or survey";
 /// Number of causes that the ranking lists.
 const SHOWN: usize = 6;

@@ -10,7 +10,7 @@ use crate::desk::CHECK_WRITE_ACCESS;
 use crate::desk::manual_points::ManualPoints;
 use crate::installation::{self, Installation};
 use crate::measure::estimation::GlobalTest;
-use crate::measure::identify::{self, IdentifyError, OrientationFit};
+use crate::measure::identify::{self, IdentifyError, OTHER_AIRCRAFT, OrientationFit};
 use crate::measure::setup::Setup;
 use crate::pipeline::orienting::{self, GroundFrame};
 use crate::record::Reason;
@@ -125,7 +125,11 @@ fn failure_text(setup: &Setup, frames: &[GroundFrame], error: &IdentifyError) ->
         IdentifyError::TooFew { .. } | IdentifyError::Marks(_) => error.to_string(),
         _ => {
             let found = identify::diagnose_ground(setup, &orienting::detected_markers(frames));
-            let text = found.and_then(|found| found.text()).unwrap_or_else(|| error.to_string());
+            let unexplained = || match error {
+                IdentifyError::NoConsensus { .. } => format!("{error}: {OTHER_AIRCRAFT}"),
+                _ => error.to_string(),
+            };
+            let text = found.and_then(|found| found.text()).unwrap_or_else(unexplained);
             let names: Vec<&str> = frames.iter().map(|frame| frame.processed.image.as_str()).collect();
             format!("{}: {text}", names.join(", "))
         }

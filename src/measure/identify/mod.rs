@@ -41,8 +41,8 @@ use super::observation::{Estimate, Observation};
 use super::setup::{Orientation, Setup};
 
 pub use diagnose::{
-    Cause, Diagnosis, Explanation, SizedShape, UNITS, diagnose_ground, diagnose_ground_fit, diagnose_observations,
-    is_scale_off,
+    Cause, Diagnosis, Explanation, OTHER_AIRCRAFT, SizedShape, UNITS, diagnose_ground, diagnose_ground_fit,
+    diagnose_observations, is_scale_off,
 };
 pub use ground::estimate_orientation;
 pub use locate::MIN_SEPARATION_PX;
@@ -109,7 +109,7 @@ pub enum IdentifyError {
     Misfit(Misfit),
     /// No solution fits.
     #[error(
-        "no orientation fits the detected markers to the survey (best: {matched} of {found}); check that the frame shows this wing, then the survey, the projection centre and the camera calibration"
+        "no orientation fits the detected markers to the survey (best: {matched} of {found}); check the survey, the projection centre and the camera calibration"
     )]
     NoConsensus {
         /// Matched detections of the best solution.

@@ -72,7 +72,10 @@ fn every_figure_of_the_pages_has_a_command() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     let unused: Vec<&String> = names.iter().filter(|name| !all.iter().any(|(_, (used, _))| used == *name)).collect();
     assert!(unused.is_empty() && names.len() > 50, "figures that no page shows: {unused:?} of {}", names.len());
-    assert_eq!(figures("| <!--figure:a-->1<!--end--> | <!--figure:b-->?<!--end--> |"), [("a".to_owned(), true), ("b".to_owned(), false)]);
+    assert_eq!(
+        figures("| <!--figure:a-->1<!--end--> | <!--figure:b-->?<!--end--> |"),
+        [("a".to_owned(), true), ("b".to_owned(), false)]
+    );
 }
 
 /// Names of the functions and modules of a test binary, or of all of them.

@@ -27,7 +27,7 @@ use crate::setup::{Orientation, Setup, Shape};
 pub(super) use cause::span_m;
 pub use cause::{Cause, UNITS};
 use evidence::{CauseFit, Evidence, size_covariance};
-pub use search::{diagnose_ground, diagnose_ground_fit};
+pub use search::{OTHER_AIRCRAFT, diagnose_ground, diagnose_ground_fit};
 pub use subject::SizedShape;
 use subject::{NamedImage, Subject};
 

@@ -30,6 +30,10 @@ const MIN_PAIRS: usize = 6;
 /// Range and step of trial deflections over the span: from taxiing with full tanks to the strongest gust on a slender wing.
 const DEFLECTIONS: [f64; 9] = [-0.04, -0.02, 0.02, 0.04, 0.06, 0.08, 0.10, 0.12, 0.14];
 
+/// Conclusion if no modification of the setup explains markers, of which there are enough.
+pub const OTHER_AIRCRAFT: &str = "no other lens, place, unit, axes or bend explains most of the markers, so that the frame \
+    probably shows another aircraft, or the survey is another one";
+
 /// Pairs of a frame under a gross error.
 struct Pairing {
     start: Option<(Cause, f64)>,
@@ -319,7 +323,7 @@ impl WingView<'_> {
         let starts = turns.chain(images).chain(scales).map(|start| (start, detections));
         // Mirrored up to down is mirrored left to right and upside down.
         let mut starts = starts.chain([((Cause::Mirrored, vec![]), half_turned.as_slice())]);
-        starts.find_map(|((cause, values), detections)| {
+        let found = starts.find_map(|((cause, values), detections)| {
             let setup = if cause == Cause::Turn { &wide } else { self.setup };
             let right = cause.apply(&Subject::new(setup, vec![]), &values);
             let seen = turn_detections(&right, detections, Some(cause));
@@ -333,6 +337,11 @@ impl WingView<'_> {
             let text = ranked.as_ref().and_then(Diagnosis::text);
             let size: Vec<Estimate> = values.iter().map(|v| Estimate { value: *v, sigma: None }).collect();
             Some(text.unwrap_or_else(|| cause.describe(&size, self.setup, true)))
+        });
+        let usable = detections.iter().filter(|d| is_usable(d)).count();
+        found.or_else(|| {
+            (3 * usable >= 2 * self.count_shown())
+                .then(|| format!("the detected markers do not fit this wing; {OTHER_AIRCRAFT}"))
         })
     }
 
