@@ -142,7 +142,7 @@ pub fn is_scale_off(
     let subject = Subject::of_observations(setup, observations, outlines);
     let evidence = evidence::start_pose(&subject, Some(orientation))
         .and_then(|pose| Evidence::new(subject.clone(), Some(orientation), (&subject, &pose)));
-    let Some((evidence, base)) = evidence.and_then(|evidence| evidence.solve(None, &[]).map(|base| (evidence, base)))
+    let Some((evidence, base)) = evidence.and_then(|evidence| evidence.solve_quickly().map(|base| (evidence, base)))
     else {
         return false;
     };
