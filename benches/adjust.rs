@@ -1,4 +1,4 @@
-//! Speed of the adjustments: 21 markers; the spatial problem is also written out for
+//! Speed of the adjustments: 21 markers, default priors; the spatial problem without in-flight effects is also that of
 //! `benches/scipy_peer.py`.
 #![allow(missing_docs, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -8,12 +8,14 @@ mod common;
 use common::beam_truth::{Truth, Wing, remounted, rng};
 use criterion::{Criterion, criterion_group, criterion_main};
 use wingd::measure::adjust::{self, LiveAdjustment, Observation, Options};
+use wingd::measure::setup::{Setup, SetupUncertainty};
 
 fn adjustments(c: &mut Criterion) {
     let mut rng = rng(1);
     let truth = Truth::new(Wing::default(), 21);
     let mount = remounted(&mut rng, &truth.setup);
-    let setup = truth.surveyed(&mut rng, 0.002, 0.002);
+    let laboratory = truth.surveyed(&mut rng, 0.002, 0.002);
+    let setup = Setup { uncertainty: SetupUncertainty::DEFAULT, ..laboratory.clone() };
     let orientation = truth.orientation(&mut rng, 0.05, true);
     let options = Options::default();
     let mut frame = |k: usize, n: usize| -> Vec<Observation> {
@@ -26,6 +28,9 @@ fn adjustments(c: &mut Criterion) {
     });
     c.bench_function("spatial, 21 markers", |b| {
         b.iter(|| adjust::solve_spatial(&setup, &orientation, &one, &options).unwrap())
+    });
+    c.bench_function("spatial without in-flight effects, 21 markers", |b| {
+        b.iter(|| adjust::solve_spatial(&laboratory, &orientation, &one, &options).unwrap())
     });
     let mut live = LiveAdjustment::new(setup.clone(), orientation.clone(), options.clone()).unwrap();
     c.bench_function("live, 21 markers", |b| b.iter(|| live.adjust_frame(&one, 0.1).unwrap()));

@@ -145,7 +145,7 @@ def fixture_row(name):
     return ("fixtures", pattern, "{:.0f} of {:.0f} | {:.3f} | {:.3f}, {:.3f} | {:.3f}, {:.3f} | {:.2f}")
 
 
-def bench_row(name, form="{:.1f} ms | {:.2f}"):
+def bench_row(name, form="{:.2f} ms | {:.3f}"):
     escaped = re.escape(name)
     return ("benches", f"^{escaped}: #$[\\s\\S]*?^{escaped} over opencv: #", form)
 
@@ -205,6 +205,7 @@ BENCHES = {
     "bias": "frame/remove perspective bias",
     "profile": "profile, 21 markers",
     "spatial": "spatial, 21 markers",
+    "laboratory": "spatial without in-flight effects, 21 markers",
     "flight-10": "flight/10 frames",
     "flight-85": "flight/85 frames",
 }
