@@ -22,7 +22,7 @@ DEMO_FEATURES := --no-default-features --features desk
 BOARD := $(CURDIR)/target/board
 BOARD_FEATURES := --no-default-features --features board
 
-.PHONY: help demo test test-mutations table check lint bench compare docs docs-figures test-browser browser-dependencies package package-desk package-aarch64 test-machine test-soak test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
+.PHONY: help demo test test-mutations table check lint bench compare docs docs-figures pictures test-browser browser-dependencies package package-desk package-aarch64 test-machine test-soak test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
@@ -40,6 +40,7 @@ help:
 	@echo 'make package-desk  the desk'"'"'s: the whole program with upload, wingd-fleet; packaging/Containerfile makes an image of it'
 	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
 	@echo 'make test-browser  each interaction of a report, marking by clicking, the live page through its faults, in Chromium (installs it)'
+	@echo 'make pictures      the screenshots of the pages: docs/images'
 	@echo 'make test-machine  cameras, GPIO and systemd in virtual machines'
 	@echo 'make test-soak     30 minutes of flood, slow readers, hanging camera and full disk at once (MINUTES)'
 	@echo 'make fleet-demo    two aircraft, two wings on this machine: S3 server, upload, another calibration, corrections, damage, report'
@@ -95,6 +96,10 @@ test-browser: demo browser-dependencies
 	node tests/browser/report.mjs $(DEMO_OUTPUT)/report.html $(LOOK)
 	node tests/browser/mark.mjs target/release/wingd $(LOOK)
 	node tests/live/page.js target/release/wingd $(LOOK)
+
+# The screenshots of the pages, docs/images/*.png, from this program.
+pictures: build browser-dependencies
+	node tests/browser/pictures.mjs target/release/wingd docs/images
 
 # Debian's browser; playwright-core without the browsers that it would download.
 browser-dependencies:

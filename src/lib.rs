@@ -3,7 +3,7 @@
 //! A prepared directory, the *installation*, describes the camera and the surveyed positions of the markers on the wing.
 //! Images of the wing on the ground give the camera's attitude. From then on each image in flight gives the deflection and
 //! twist of the wing, every number with its standard deviation. The program `wingd` is this library with a command line
-//! ([`cli`]); `docs/interface.md` lists the interfaces that scripts can rely on.
+//! ([`cli`]); `docs/reference/cli.md` lists the interfaces that scripts can rely on.
 //!
 //! Example from the files of an aircraft to the deflection of the wing tip:
 //!

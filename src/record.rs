@@ -1,4 +1,4 @@
-//! Result of one image, as written to disk and to standard output (docs/interface.md).
+//! Result of one image, as written to disk and to standard output (docs/reference/results.md).
 //!
 //! Fields are declared in the order in which they are written, and their names are the JSON keys. Add a new value of a
 //! marker to [`MarkerRecord`], of the tip to [`Tip`], a new parameter to [`Model`], and a quality figure to [`Quality`]; an

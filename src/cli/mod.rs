@@ -161,7 +161,7 @@ impl Completion {
     }
 }
 
-/// Parses the arguments and runs the command; docs/interface.md lists the exit statuses.
+/// Parses the arguments and runs the command; docs/reference/cli.md lists the exit statuses.
 pub fn main() -> ExitCode {
     let matches =
         help::with_groups_and_examples(Arguments::command()).get_matches_from(join_flight_option(std::env::args_os()));

@@ -1,4 +1,4 @@
-//! `BOARD.toml`: description of a calibration board (docs/interface.md).
+//! `BOARD.toml`: description of a calibration board (docs/reference/files.md).
 
 use std::path::{Path, PathBuf};
 

@@ -54,7 +54,7 @@ pub(crate) struct CameraFile {
     pub accepted: Option<String>,
 }
 
-/// Quality of a calibration, which `wingd calibrate` writes under `[calibration]` (docs/interface.md).
+/// Quality of a calibration, which `wingd calibrate` writes under `[calibration]` (docs/reference/files.md).
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CalibrationReport {
     /// Root mean square of the residuals, px.

@@ -32,7 +32,7 @@ pub(super) struct InstallationParts {
 }
 
 pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
-    let remedy = "an installation is a directory with installation.toml; see docs/interface.md";
+    let remedy = "an installation is a directory with installation.toml; see docs/reference/files.md";
     let (file, text) = reader.read_text(INSTALLATION_FILE, remedy)?;
     let document: InstallationDocument = reader.parse_toml(&file, &text)?;
     let lens = camera::read_camera(reader, &document.camera.calibration);

@@ -81,7 +81,7 @@ impl Reader {
 
     /// Deserializes a TOML table; an error names the line and key reported by the parser.
     pub fn parse_toml<T: serde::de::DeserializeOwned>(&mut self, file: &Path, text: &str) -> Option<T> {
-        let fault = |error| toml_fault(file, text, &error, "correct it as described in docs/interface.md");
+        let fault = |error| toml_fault(file, text, &error, "correct it as described in docs/reference/files.md");
         toml::from_str(text).map_err(|error| self.faults.push(fault(error))).ok()
     }
 }

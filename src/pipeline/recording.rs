@@ -1,4 +1,4 @@
-//! Conversion of a solution into a line of the results (docs/interface.md).
+//! Conversion of a solution into a line of the results (docs/reference/results.md).
 
 use std::collections::HashMap;
 

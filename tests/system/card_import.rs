@@ -1,5 +1,5 @@
 //! Promise: images of a card have the time that they state anywhere, or the missing or impossible time is named; nothing
-//! that is not an image of the flight becomes a frame (docs/interface.md, Images from a card).
+//! that is not an image of the flight becomes a frame (docs/evaluation.md, Images from a card).
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,5 @@
 //! Promise: one mistake in a manually edited table or TOML file is one fault, with its cause and the remedy
-//! (docs/interface.md).
+//! (docs/reference/files.md).
 
 use crate::program::{fixture, outcome};
 

@@ -7,6 +7,7 @@ mod calibrate_command;
 mod camera_mutations;
 mod card_import;
 mod check_command;
+mod command_page;
 #[path = "../common/mod.rs"]
 mod common;
 mod consistent_faults;

@@ -1,4 +1,4 @@
-//! Promise: images of phones and cameras are read as the sensor has them, or named (docs/interface.md, Frames).
+//! Promise: images of phones and cameras are read as the sensor has them, or named (docs/reference/files.md, Images).
 
 use std::path::Path;
 

@@ -20,23 +20,23 @@ const FRAME_TABLES: [(ResultTable, &str); 4] = [
     (ResultTable::Parameters, "parameters"),
 ];
 
-fn file(name: &str) -> PathBuf {
+pub fn file(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
 }
 
 /// Compares a file with what follows from the quantities, or writes it.
-fn assert_or_update(path: &Path, expected: &str) {
+pub fn assert_or_update(path: &Path, expected: &str) {
     if std::env::var_os("UPDATE_TABLES").is_some() {
         std::fs::write(path, expected).unwrap();
     }
     let text = std::fs::read_to_string(path).unwrap();
     let differing = text.lines().zip(expected.lines()).find(|(is, should)| is != should);
-    let hint = "run UPDATE_TABLES=1 cargo test --test system result_tables";
+    let hint = "run UPDATE_TABLES=1 cargo test --test system -- result_tables command_page";
     assert!(text == expected, "{}: {differing:?}; {hint}", path.display());
 }
 
 /// Replaces the part of a page between a mark and the next end mark.
-fn with_part(page: &str, mark: &str, part: &str) -> String {
+pub fn with_part(page: &str, mark: &str, part: &str) -> String {
     let (before, rest) = page.split_once(&format!("<!-- {mark} -->\n")).unwrap();
     let (_, after) = rest.split_once("<!-- end -->").unwrap();
     format!("{before}<!-- {mark} -->\n{part}<!-- end -->{after}")
@@ -60,6 +60,13 @@ fn table(quantities: impl Iterator<Item = (String, Vec<&'static str>, &'static s
         }
     }
     let line = |(names, tables, meaning): &(Vec<String>, Vec<&str>, &str)| {
+        // The page says that `sigma_` before the name of a value marks its standard deviation.
+        let value_is_listed = |name: &&String| !names.contains(&name.replacen("`sigma_", "`", 1));
+        let names: Vec<&str> = names
+            .iter()
+            .filter(|name| !name.starts_with("`sigma_") || value_is_listed(name))
+            .map(String::as_str)
+            .collect();
         let all = tables.len() == FRAME_TABLES.len() + 1;
         let tables: Vec<String> = tables.iter().map(|table| format!("`{table}`")).collect();
         format!("| {} | {} | {meaning} |\n", names.join(", "), if all { "all".to_owned() } else { tables.join(", ") })

@@ -3,7 +3,7 @@
 use super::BoardView;
 use crate::estimation::robust::median;
 
-/// A calibration board (docs/interface.md).
+/// A calibration board (docs/reference/files.md).
 #[derive(Clone, Debug, PartialEq)]
 pub enum Board {
     /// Black and white squares.

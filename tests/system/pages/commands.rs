@@ -4,6 +4,7 @@
 use std::os::unix::fs::symlink;
 use std::path::Path;
 
+use super::quoted::{missing_lines, shown_output};
 use super::running::{Running, copied, free_port, shell, wait};
 use super::{Block, ROOT, blocks, pages};
 
@@ -48,8 +49,9 @@ fn write_named(block: &Block, folder: &Path) {
     }
 }
 
-/// Runs the commands of a block; `wingd serve` runs until the returned value is dropped.
-fn follow_block(page: &str, block: &Block, folder: &Path, port: u16) -> Option<Running> {
+/// Runs the commands of a block of a page, and compares the output with the one shown directly below; `wingd serve` runs
+/// until the returned value is dropped.
+fn follow_block(page: &str, block: &Block, all: &[Block], folder: &Path, port: u16) -> Option<Running> {
     if block.language != "sh" {
         write_named(block, folder);
         return None;
@@ -61,6 +63,9 @@ fn follow_block(page: &str, block: &Block, folder: &Path, port: u16) -> Option<R
     let output = shell(folder, &text);
     let messages = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{page}:{}: {text}\n{messages}", block.line);
+    let printed = format!("{}\n{messages}", String::from_utf8_lossy(&output.stdout));
+    let missing = shown_output(block, all).map_or(vec![], |shown| missing_lines(shown, &printed));
+    assert!(missing.is_empty(), "{page}:{}: not printed: {missing:#?}\n{printed}", block.line);
     None
 }
 
@@ -68,14 +73,15 @@ fn follow_block(page: &str, block: &Block, folder: &Path, port: u16) -> Option<R
 fn follow(page: &str, text: &str, folder: &Path) {
     let (blocks, port) = (blocks(text), free_port());
     blocks.iter().for_each(|block| write_named(block, folder));
-    let served: Vec<Running> = blocks.iter().filter_map(|block| follow_block(page, block, folder, port)).collect();
+    let served: Vec<Running> =
+        blocks.iter().filter_map(|block| follow_block(page, block, &blocks, folder, port)).collect();
     drop(served);
 }
 
 /// A copy of the folder, with the files of a clone of the repository.
 fn folder_like(first: &Path, folder: &Path) {
     copied(first, folder);
-    for name in ["fixtures", "tests"] {
+    for name in ["docs", "fixtures", "tests"] {
         symlink(Path::new(ROOT).join(name), folder.join(name)).unwrap();
     }
     std::fs::create_dir(folder.join("target")).unwrap();
@@ -184,7 +190,7 @@ fn general(name: &str) -> String {
     }
 }
 
-/// The store page's own reader gives the export's numbers, of a packed column and of one that is not.
+/// The reader of the store's page gives the export's numbers, of a packed column and of one that is not.
 fn check_column(folder: &Path) {
     let printed = |script: &str| String::from_utf8(shell(folder, script).stdout).unwrap();
     let table = printed("wingd export store --format csv --table live --flight f0001");
@@ -193,7 +199,7 @@ fn check_column(folder: &Path) {
     let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
     assert!(!rows.is_empty());
     for (column, exported) in [("since_boot", "since_boot_s"), ("number", "number")] {
-        let read = printed(&format!("python3 column.py store/flights/f0001/live-000001.rows {column}"));
+        let read = printed(&format!("python3 docs/store/column.py store/flights/f0001/live-000001.rows {column}"));
         let read: Vec<f64> = read.lines().map(|value| value.parse().unwrap()).collect();
         let at = names.iter().position(|name| *name == exported).unwrap();
         let wanted: Vec<f64> = rows.iter().map(|row| row[at].parse().unwrap()).collect();
@@ -209,7 +215,8 @@ fn every_command_of_the_pages_runs_after_the_tutorial() {
     let pages = pages();
     let is_tutorial = |page: &str| page == "docs/tutorial.md";
     let (page, text) = pages.iter().find(|(page, _)| is_tutorial(page)).unwrap();
-    blocks(text).iter().for_each(|block| assert!(follow_block(page, block, &tutorial, 0).is_none()));
+    let steps = blocks(text);
+    steps.iter().for_each(|block| assert!(follow_block(page, block, &steps, &tutorial, 0).is_none()));
     assert!(tutorial.join("report.html").exists());
     check_remaining(&tutorial);
     record(&tutorial);

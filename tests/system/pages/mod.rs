@@ -1,10 +1,12 @@
-//! Promises of README and docs: `commands` run, `keys` are known, `named` items exist, and the `text` is readable.
+//! Promises of README and docs: `commands` run, `keys` are known, `named` items exist, outputs are as `quoted`, and the
+//! `text` is readable.
 
 use std::path::{Path, PathBuf};
 
 mod commands;
 mod keys;
 mod named;
+mod quoted;
 mod running;
 mod text;
 
