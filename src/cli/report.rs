@@ -31,6 +31,9 @@ pub struct ReportArgs {
     /// Number of frames shown as images, those with warnings first; each adds about 200 kB to the page
     #[arg(long, value_name = "COUNT", default_value_t = source::DEFAULT_PICTURES, conflicts_with = "all_flights")]
     pictures: usize,
+    /// Text in the head of the page, for example --field author="A. Engineer"; can be given several times
+    #[arg(long, value_name = "NAME=TEXT", value_parser = parse_field, conflicts_with = "all_flights")]
+    field: Vec<(String, String)>,
     /// Computation to compare the shape with, CSV as for `wingd difference --against`
     #[arg(long, value_name = "FILE", conflicts_with = "all_flights")]
     against: Option<PathBuf>,
@@ -54,6 +57,7 @@ pub(super) fn run(args: &ReportArgs) -> TaskResult<Completion> {
     let mut data = show_busy("reading the store", || {
         source::read_flight_with_pictures(&args.store, choice, setup.as_ref(), args.pictures)
     })?;
+    data.fields.clone_from(&args.field);
     if let Some(file) = &args.against {
         let flight = data.series.first().map_or("", |series| &series.flight);
         let within = args.against_frames.as_ref().map_or(String::new(), |within| format!("/{within}"));
@@ -66,6 +70,11 @@ pub(super) fn run(args: &ReportArgs) -> TaskResult<Completion> {
     print_line(table::series_text(&summary::summarise_series(&data.series), args.wide).trim_end())?;
     print_line(&format!("\nReport: {}", args.output.display()))?;
     Ok(Completion::from_success(data.notes.is_empty()))
+}
+
+fn parse_field(text: &str) -> Result<(String, String), String> {
+    let (name, value) = text.split_once('=').ok_or("write NAME=TEXT")?;
+    Ok((name.trim().to_owned(), value.trim().to_owned()))
 }
 
 /// Remedy for a page that cannot be written.

@@ -101,7 +101,10 @@ fn with_retries<T>(mut ask: impl FnMut() -> Result<T, FetchError>) -> Result<T, 
     loop {
         match ask() {
             Err(error) if error.is_transient() && tries + 1 < MAX_TRIES => {
-                sleep(FIRST_PAUSE * 2_u32.pow(tries));
+                let pause = FIRST_PAUSE * 2_u32.pow(tries);
+                let cause = if let FetchError::Broken(cause) = &error { cause.to_string() } else { error.to_string() };
+                eprintln!("wingd: {cause}; next attempt in {} s", pause.as_secs_f64());
+                sleep(pause);
                 tries += 1;
             }
             done => return done,

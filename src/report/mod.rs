@@ -233,6 +233,8 @@ pub struct ReportData {
     pub frames: Vec<FullRecord>,
     /// Unused lines of the aircraft data, and the number of samples; `None` without aircraft data.
     pub feed: Option<(UnusedLines, usize)>,
+    /// Names and texts that the user adds to the head, such as aircraft and author.
+    pub fields: Vec<(String, String)>,
     /// Comparison of the shape with a computation, if one was asked for.
     pub comparison: Option<ShapeComparison>,
     /// Unreadable files and refused series.

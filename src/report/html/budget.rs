@@ -21,7 +21,14 @@ pub fn budget_section(data: &ReportData) -> Markup {
             p { "No result has a variance budget. Results of older program versions have none; " code { "wingd solve STORE" } " adds new results." }
         } @else {
             p { (largest_gain_text(&split, &shares)) }
-            div.scroll { (table::budget_table(&shares).html()) }
+            @let minor = shares.iter().position(|one| one.share < MINOR_SHARE).unwrap_or(shares.len());
+            div.scroll { (table::budget_table(&shares[..minor]).html()) }
+            @if minor < shares.len() {
+                details {
+                    summary { (count_text(shares.len() - minor, "source")) " below " (format_fixed(Some(1e2 * MINOR_SHARE), 0)) " %" }
+                    div.scroll { (table::budget_table(&shares[minor..]).html()) }
+                }
+            }
             p.caption {
                 "Contributions to the variance of the tip marker's deflection " (reference.description()) ", by propagation of the weighted observations and priors; mean over "
                 (split.len()) " of " (count_text(records().count(), "solved frame"))
@@ -31,6 +38,9 @@ pub fn budget_section(data: &ReportData) -> Markup {
         }
     }
 }
+
+/// Share of the variance below which a source is folded.
+const MINOR_SHARE: f64 = 0.01;
 
 /// Returns the frames not rejected by the global test, or all if there are none. A rejected frame's standard deviations are
 /// scaled by its residuals, which no source explains.

@@ -41,6 +41,8 @@ pub struct FigureTrack {
     pub style: TrackStyle,
     /// The line is dashed.
     pub dashed: bool,
+    /// Hidden until the reader chooses it in the legend.
+    pub hidden: bool,
     /// Points; one that is not finite ends a line.
     pub points: Vec<FigurePoint>,
     /// Additional text of each point; may be empty.
@@ -129,7 +131,7 @@ impl FigureTrack {
         let (joined, dotted) = (self.style.class() == "line", self.style != TrackStyle::Line);
         let texts = (!self.texts.is_empty()).then(|| serde_json::to_string(&self.texts).unwrap_or_default());
         html! {
-            g class=(self.class) data-track=(index) data-name=(self.name) data-texts=[texts]
+            g class=(self.class) hidden[self.hidden] data-track=(index) data-name=(self.name) data-texts=[texts]
                 data-points=(serde_json::to_string(&points).unwrap_or_default()) stroke=(self.colour) fill=(self.colour) {
                 @if joined {
                     path.band d=(band) {}

@@ -76,7 +76,14 @@ pub fn draw_tip_deflection(series: &[SeriesData], summaries: &[SeriesSummary]) -
     let reference = summaries.first().map(|s| s.reference).unwrap_or_default();
     let shot = |r: &ImageRecord| Some(r.tip.as_ref()?.deflection(reference)?.0);
     let mean = |s: &SeriesSummary| s.tip_deflection_m;
-    let track = TimeTrack { name: "tip deflection", colour: MAIN_COLOUR, dashed: false, shot: &shot, mean: &mean };
+    let track = TimeTrack {
+        name: "tip deflection",
+        colour: MAIN_COLOUR,
+        dashed: false,
+        hidden: false,
+        shot: &shot,
+        mean: &mean,
+    };
     draw_over_time(series, summaries, "Tip deflection over time", "deflection of the tip marker / m", &[track])
 }
 
@@ -93,10 +100,18 @@ pub fn draw_torsion(series: &[SeriesData], summaries: &[SeriesSummary], pair: &s
             name: "torsion from the two deflections",
             colour: "#b3541e",
             dashed: true,
+            hidden: true,
             shot: &angle,
             mean: &mean_angle,
         },
-        TimeTrack { name: "twist, free of bending", colour: "#1d6b4f", dashed: false, shot: &twist, mean: &mean_twist },
+        TimeTrack {
+            name: "twist, free of bending",
+            colour: "#1d6b4f",
+            dashed: false,
+            hidden: false,
+            shot: &twist,
+            mean: &mean_twist,
+        },
     ];
     draw_over_time(series, summaries, "Torsion over time", "nose up / deg", &tracks)
 }
@@ -106,6 +121,7 @@ struct TimeTrack<'a> {
     name: &'a str,
     colour: &'a str,
     dashed: bool,
+    hidden: bool,
     shot: &'a dyn Fn(&ImageRecord) -> Option<f64>,
     mean: &'a dyn Fn(&SeriesSummary) -> Option<Mean>,
 }
@@ -113,7 +129,10 @@ struct TimeTrack<'a> {
 impl TimeTrack<'_> {
     /// Returns the means of the series, each at the mean time of its frames, and the single frames.
     fn tracks(&self, series: &[SeriesData], summaries: &[SeriesSummary]) -> [FigureTrack; 2] {
-        let track = |of: &str| FigureTrack::from_points(format!("{}, {of}", self.name), self.colour, Vec::new());
+        let track = |of: &str| FigureTrack {
+            hidden: self.hidden,
+            ..FigureTrack::from_points(format!("{}, {of}", self.name), self.colour, Vec::new())
+        };
         let mut means =
             FigureTrack { style: TrackStyle::DottedLine, dashed: self.dashed, ..track("means of the series") };
         let mut shots = FigureTrack { style: TrackStyle::SmallDots, ..track("single frames") };

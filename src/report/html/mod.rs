@@ -122,6 +122,9 @@ fn report_header(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
         header {
             h1 { "Wing deflection in flight" }
             p.sub { (report_title(data)) " | " (recording_period(data)) }
+            @if !data.fields.is_empty() {
+                p.sub { @for (k, (name, value)) in data.fields.iter().enumerate() { @if k > 0 { " | " } (name) ": " b { (value) } } }
+            }
         }
         (summary_tiles(summaries))
     }
@@ -136,7 +139,7 @@ fn summary_tiles(summaries: &[SeriesSummary]) -> Markup {
             (greatest_tile(summaries))
             (change_tile(summaries))
             div.tile.warn[solved < frames] { b { (solved) " of " (frames) } span { "frames solved, in " (summaries.len()) " series" } }
-            div.tile.warn[passed < made] { b { (passed) " of " (made) } span { "global tests passed" } }
+            div.tile.warn[passed < made] { b { (passed) " of " (made) } span { "global tests passed; a test cannot show errors that leave no residuals, such as those of root, axis, lens or window" } }
         }
     }
 }
@@ -303,7 +306,7 @@ fn time_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
         @for pair in pairs {
             figure {
                 (figures::draw_torsion(&data.series, summaries, pair))
-                p.caption { "Pair '" (pair) "'. Torsion computed from the two deflections includes bending if the markers are at different spanwise stations; twist is the adjusted rotation of the section." }
+                p.caption { "Pair '" (pair) "'. Twist is the adjusted rotation of the section. Torsion computed from the two deflections, hidden at first, includes bending if the markers are at different spanwise stations." }
             }
         }
     }
