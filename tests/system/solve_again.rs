@@ -51,7 +51,7 @@ fn the_demo_store_is_solved_again_and_its_result_sets_are_distinguished_and_comp
     assert!(page.status.success() && text(&page).contains("results of 3 inputs"), "{}", text(&page));
     let html = std::fs::read_to_string(dir.path().join("report.html")).unwrap();
     assert!(html.contains("results of 3 inputs"));
-    let table = wingd(&["export", "store", "--format", "csv"], dir.path());
+    let table = wingd(&["export", "store", "--format", "csv", "--table", "markers"], dir.path());
     assert!(table.status.success() && text(&table).contains("results of 3 inputs"), "{}", text(&table));
     let mut csv = csv::Reader::from_reader(&table.stdout[..]);
     let inputs = csv.headers().unwrap().iter().position(|h| h == "inputs").unwrap();

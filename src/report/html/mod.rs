@@ -71,7 +71,7 @@ pub fn report_page(data: &ReportData) -> String {
     let named = shown.map(|(series, record)| (frame_name(data, series, record), record));
     let main = html! {
         (report_header(data, &summaries))
-        (contents_links())
+        (contents_links(data.comparison.is_some()))
         (warnings_section(data))
         (deflection_section(&summaries, shown.map(|(_, record)| record)))
         (comparison::comparison_section(data.comparison.as_ref()))
@@ -203,7 +203,8 @@ fn recording_period(data: &ReportData) -> String {
     }
 }
 
-fn contents_links() -> Markup {
+fn contents_links(is_compared: bool) -> Markup {
+    let comparison = is_compared.then_some(("comparison", "Comparison"));
     let parts = [
         ("deflection", "Deflection along the span"),
         ("time", "Deflection and torsion over time"),
@@ -215,7 +216,7 @@ fn contents_links() -> Markup {
         ("results", "Results"),
         ("provenance", "Provenance"),
     ];
-    html! { nav aria-label="Contents" { @for (id, text) in parts { a href={ "#" (id) } { (text) } " " } } }
+    html! { nav aria-label="Contents" { @for (id, text) in parts.into_iter().chain(comparison) { a href={ "#" (id) } { (text) } " " } } }
 }
 
 fn warnings_section(data: &ReportData) -> Markup {
