@@ -55,7 +55,7 @@ const ALPHA: f64 = 0.01;
 
 pub(super) fn run(args: &DifferenceArgs) -> TaskResult<Completion> {
     let (shape, mut difference, mut functions, notes, conditions) = match &args.against {
-        Some(file) => subtract_computation(&args.frames, &args.mean, file)?,
+        Some(file) => subtract_computation(&args.frames, &args.mean, file, &installation::read_stations(file)?)?,
         None => subtract_measurement(args)?,
     };
     print_notes(notes);
@@ -91,8 +91,8 @@ pub(super) fn compare_with_computation(
     file: &Path,
 ) -> TaskResult<(ShapeComparison, Vec<String>)> {
     let options = MeanOptions { inputs: inputs.map(str::to_owned), ..MeanOptions::default() };
-    let (shape, difference, functions, notes, _) = subtract_computation(frames, &options, file)?;
     let stations = installation::read_stations(file)?;
+    let (shape, difference, functions, notes, _) = subtract_computation(frames, &options, file, &stations)?;
     let test = test_functions(&shape, &difference, &functions);
     let sigmas = difference.sigmas();
     let quantity = |f: &usize| {
@@ -109,15 +109,11 @@ pub(super) fn compare_with_computation(
         let stations = stations.iter().enumerate().filter_map(station).collect();
         ShapeQuantity { label: format!("{} / {unit}", column_name(*f).replace('_', " ")), stations }
     };
-    let combination = |c: &TestedCombination| {
-        let (name, arc_m) = function_place(&shape, c.function);
-        format!("{:.1} sigma: mostly {name} at {arc_m:.2} m", c.sigmas)
-    };
     let comparison = ShapeComparison {
         measured: format!("mean of {frames}"),
         computed: file.display().to_string(),
         verdict: verdict_text(&test),
-        combinations: test.combinations.iter().map(combination).collect(),
+        combinations: test.combinations.iter().map(|c| combination_text(&shape, c)).collect(),
         quantities: functions.iter().map(quantity).collect(),
     };
     Ok((comparison, notes))
@@ -128,6 +124,12 @@ fn verdict_text(test: &ShapeTest) -> String {
     let verdict = if test.p >= ALPHA { "no significant difference" } else { "significant difference" };
     let ShapeTest { chi_square, freedom, p, .. } = test;
     format!("chi-square {chi_square:.1} of {freedom} combinations, p = {p:.3}: {verdict} at {:.0} %", 1e2 * ALPHA)
+}
+
+/// Describes a combination that says much, by the value with the largest weight in it.
+fn combination_text(shape: &JointShape, combination: &TestedCombination) -> String {
+    let (name, arc_m) = function_place(shape, combination.function);
+    format!("{:.1} sigma: mostly {name} at {arc_m:.2} m", combination.sigmas)
 }
 
 /// Difference of the stations' functions, with the functions that are compared, notes, and the conditions of both sides,
@@ -166,8 +168,13 @@ fn rejection_note(mean: &SelectedMean, name: &str) -> Option<String> {
         .then(|| format!("{name}: the test of the adjustment rejects a frame; its standard deviations are scaled"))
 }
 
-fn subtract_computation(frames: &str, options: &MeanOptions, path: &Path) -> TaskResult<Compared> {
-    let (file, stations) = (path.display(), installation::read_stations(path)?);
+fn subtract_computation(
+    frames: &str,
+    options: &MeanOptions,
+    path: &Path,
+    stations: &[PredictedStation],
+) -> TaskResult<Compared> {
+    let file = path.display();
     let functions: Vec<usize> =
         (0..COLUMN_UNITS.len()).filter(|f| stations.iter().any(|station| station.values[*f].is_some())).collect();
     if functions.is_empty() {
@@ -178,7 +185,7 @@ fn subtract_computation(frames: &str, options: &MeanOptions, path: &Path) -> Tas
     let choice = StationChoice::ArcLengths(arcs);
     let measured = FrameSelection::parse(frames).solve(options, &choice)?;
     let name = file.to_string();
-    let (predicted, sigmas) = station_values(&measured.shape, measured.mean.values.len(), &stations, &name)?;
+    let (predicted, sigmas) = station_values(&measured.shape, measured.mean.values.len(), stations, &name)?;
     let zero = DVector::zeros(predicted.len());
     let certain = Estimate { value: 1.0, sigma: Some(0.0) };
     let difference = measured.mean.difference_from(&zero).without_effect(&predicted, &sigmas, certain);
@@ -202,11 +209,17 @@ impl LoadEffect {
     fn read(text: &str, (ours, theirs): &Conditions) -> TaskResult<Self> {
         let fail = |what: String| Failure::Usage(format!("--slope {text}: {what}"));
         let form = "write FILE:QUANTITY, FILE:QUANTITY=VALUE or FILE:DELTA,SIGMA";
+        let number = |text: &str| {
+            let finite = text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
+            finite.ok_or_else(|| fail(format!("\"{text}\" is not a number; {form}")))
+        };
         let (file, condition) = text.rsplit_once(':').ok_or_else(|| fail(form.into()))?;
         let stations = installation::read_stations(Path::new(file))?;
         if let Some((delta, sigma)) = condition.split_once(',') {
-            let numbers = delta.trim().parse().ok().zip(sigma.trim().parse().ok().filter(|sigma: &f64| *sigma >= 0.0));
-            let (value, sigma) = numbers.ok_or_else(|| fail(form.into()))?;
+            let (value, sigma) = (number(delta)?, number(sigma)?);
+            if sigma < 0.0 {
+                return Err(fail("the standard deviation is negative; give 0 or a positive number".into()));
+            }
             return Ok(Self { stations, amount: Estimate { value, sigma: Some(sigma) } });
         }
         let (name, reference) =
@@ -218,10 +231,7 @@ impl LoadEffect {
                 .ok_or_else(|| fail(format!("a frame has no {}; import aircraft data", quantity.name())))
         };
         let other = match (reference, theirs) {
-            (Some(value), None) => {
-                let value = value.parse::<f64>().map_err(|_| fail(form.into()))?;
-                Estimate { value: scale * value + offset, sigma: Some(0.0) }
-            }
+            (Some(value), None) => Estimate { value: scale * number(value)? + offset, sigma: Some(0.0) },
             (None, Some(theirs)) => mean(theirs)?,
             (None, None) => return Err(fail(format!("give the computation's value: FILE:{name}=VALUE"))),
             (Some(_), Some(_)) => return Err(fail("both sides have their own values; omit =VALUE".into())),
@@ -279,8 +289,7 @@ fn print_table(
     print_line(grid.text_with_width(args.mean.wide).trim_end())?;
     print_line(&verdict_text(test))?;
     for c in &test.combinations {
-        let (name, arc_m) = function_place(shape, c.function);
-        print_line(&format!("  {:.1} sigma: mostly {name} at {arc_m:.2} m", c.sigmas))?;
+        print_line(&format!("  {}", combination_text(shape, c)))?;
     }
     Ok(())
 }

@@ -80,13 +80,16 @@ impl ExportArgs {
 /// Exports results of a flight, of all flights or of live mode as a file of the chosen format.
 pub(super) fn run(args: &ExportArgs) -> TaskResult<Completion> {
     let is_array = matches!(args.format, FormatName::Netcdf | FormatName::Npz);
-    let is_table = matches!(args.format, FormatName::Csv | FormatName::Parquet);
     let is_shape = matches!(args.table, ResultTable::Shape | ResultTable::Series);
-    if is_array != is_shape && !(is_table && args.table == ResultTable::Series) {
-        return Err(Failure::Usage(
-            "--format netcdf and npz are for --table shape and series, and of these series alone for csv and parquet"
-                .into(),
-        ));
+    let is_possible = match args.table {
+        ResultTable::Shape => is_array,
+        ResultTable::Series => is_array || matches!(args.format, FormatName::Csv | FormatName::Parquet),
+        _ => !is_array,
+    };
+    if !is_possible {
+        let remedy = "--table shape needs --format netcdf or npz; --table series needs one of these, csv or parquet; netcdf \
+                      and npz have no other table";
+        return Err(Failure::Usage(remedy.into()));
     }
     if !is_shape && (args.stations.is_some() || args.eta.is_some()) {
         return Err(Failure::Usage("--stations and --eta are for --table shape and series".into()));

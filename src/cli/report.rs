@@ -63,7 +63,8 @@ pub(super) fn run(args: &ReportArgs) -> TaskResult<Completion> {
         let within = args.against_frames.as_ref().map_or(String::new(), |within| format!("/{within}"));
         let frames = format!("{}:{flight}{within}", args.store.display());
         let (comparison, notes) = compare_with_computation(&frames, args.inputs.as_deref(), file)?;
-        (data.comparison, _) = (Some(comparison), data.warnings.extend(notes));
+        data.comparison = Some(comparison);
+        data.warnings.extend(notes);
     }
     print_notes(data.warnings.iter().chain(&data.notes));
     write_output(&args.output, html::report_page(&data), OTHER_OUTPUT)?;

@@ -195,16 +195,13 @@ impl TableColumn {
     /// Lists the columns of a table of frames; `pairs` are the names of the torsion pairs.
     pub fn of_frames(table: ResultTable, pairs: &[String]) -> Vec<Self> {
         let is_summary = table == ResultTable::Summary;
-        let sections = SECTIONS.iter().filter(|section| is_summary || section.tables.contains(&table));
-        let chosen = |quantity: &ResultQuantity| match (is_summary, quantity.only_live) {
-            (_, true) => false,
-            (false, _) => true,
-            (true, _) => SUMMARY.contains(&quantity.name),
+        let is_of_table = |section: &&QuantitySection| match is_summary {
+            true => matches!(section.subject, Subject::Row | Subject::Pair | Subject::Aircraft),
+            false => section.tables.contains(&table),
         };
-        let of_frame = |section: &&QuantitySection| {
-            !is_summary || matches!(section.subject, Subject::Row | Subject::Pair | Subject::Aircraft)
-        };
-        sections.filter(of_frame).flat_map(|section| section.columns(pairs, chosen)).collect()
+        let chosen =
+            |quantity: &ResultQuantity| !quantity.only_live && (!is_summary || SUMMARY.contains(&quantity.name));
+        SECTIONS.iter().filter(is_of_table).flat_map(|section| section.columns(pairs, chosen)).collect()
     }
 
     /// Lists the columns of live results that are not stored, those of the rows' identity or the others.

@@ -269,7 +269,10 @@ fn loads_are_made_equal_and_computations_have_errors() {
         ("load_factor", "a frame has no load_factor; import aircraft data"),
         ("fule_kg", "there is no quantity \"fule_kg\""),
         ("1", "there is no quantity"),
-        ("1,-2", "write FILE:QUANTITY"),
+        ("1,-2", "the standard deviation is negative"),
+        ("nan,0", "\"nan\" is not a number; write FILE:QUANTITY"),
+        ("1,inf", "\"inf\" is not a number"),
+        ("load_factor,", "\"load_factor\" is not a number"),
     ] {
         let ended = run(&["difference", &frame(1), &frame(2), "--slope", &slope(condition), "--eta", "0.5,0.9"]);
         let error = String::from_utf8(ended.stderr).unwrap();
@@ -332,8 +335,8 @@ fn means_of_series_and_the_summary_are_tables() {
     let kept = std::fs::read(&file).unwrap() == before;
     assert!(kept, "an export that fails leaves the old file: {:?}", wrong.status);
     for (arguments, text) in [
-        (["--format", "jsonl", "--table", "series"], "--format netcdf and npz are for --table shape and series"),
-        (["--format", "csv", "--table", "shape"], "--format netcdf and npz are for --table shape and series"),
+        (["--format", "jsonl", "--table", "series"], "--table series needs one of these, csv or parquet"),
+        (["--format", "csv", "--table", "shape"], "--table shape needs --format netcdf or npz"),
     ] {
         let ended = run(&[&["export", &store][..], &arguments].concat());
         assert!(ended.status.code() == Some(2) && String::from_utf8(ended.stderr).unwrap().contains(text));

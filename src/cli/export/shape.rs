@@ -151,41 +151,42 @@ fn mean_shape(solved: &FlightShape, one: &SolvedShape, frames: &[usize], name: S
     }
 }
 
+/// Mean of a series with the standard deviations of its functions.
+type SeriesMean<'a> = (&'a DatedShape, &'a DVector<f64>);
+
 /// Columns of the means of series: a row per series and station.
 fn series_columns(flight: &str, shapes: &[DatedShape], shape: &JointShape) -> Vec<ExportColumn> {
-    let places = || shapes.iter().flat_map(|one| (0..shape.arcs_m.len()).map(move |s| (one, s)));
-    let numbers = |name: String, kind: NumberType, value: &dyn Fn(&DatedShape, usize) -> f64| ExportColumn {
+    let sigmas: Vec<DVector<f64>> = shapes.iter().map(|one| one.shape.sigmas()).collect();
+    let places = || shapes.iter().zip(&sigmas).flat_map(|one| (0..shape.arcs_m.len()).map(move |s| (one, s)));
+    let numbers = |name: String, kind: NumberType, value: &dyn Fn(SeriesMean, usize) -> f64| ExportColumn {
         name,
         values: ColumnValues::Numbers(kind, places().map(|(one, s)| value(one, s)).collect()),
     };
     let texts = |name: &str, text: &dyn Fn(&DatedShape) -> String| ExportColumn {
         name: name.into(),
-        values: ColumnValues::Texts(places().map(|(one, _)| Some(text(one))).collect()),
+        values: ColumnValues::Texts(places().map(|((one, _), _)| Some(text(one))).collect()),
     };
     let mut columns = vec![
         texts("flight", &|_| flight.to_owned()),
         texts("series", &|one| one.name.clone()),
-        numbers("utc".into(), NumberType::Time, &|one, _| one.stamp.utc.as_microsecond() as f64),
-        numbers("frames".into(), NumberType::Count, &|one, _| one.count as f64),
+        numbers("utc".into(), NumberType::Time, &|(one, _), _| one.stamp.utc.as_microsecond() as f64),
+        numbers("frames".into(), NumberType::Count, &|(one, _), _| one.count as f64),
         texts("global_test", &|one| one.global_test.map(variant_name).unwrap_or_default()),
         numbers("arc_length_m".into(), NumberType::Double, &|_, s| shape.arcs_m[s]),
         numbers("eta".into(), NumberType::Double, &|_, s| shape.arcs_m[s] / shape.length_m),
     ];
     for (f, (name, (_, factor))) in STATION_COLUMNS[1..].iter().zip(COLUMN_UNITS).enumerate() {
         let of = |values: &DVector<f64>, s: usize| values[shape.station_function(f, s)] * factor;
-        let sigmas: Vec<DVector<f64>> = shapes.iter().map(|one| one.shape.sigmas()).collect();
-        let index = |one: &DatedShape| shapes.iter().position(|other| std::ptr::eq(one, other)).unwrap_or(0);
-        columns.push(numbers((*name).into(), NumberType::Double, &|one, s| of(&one.shape.values, s)));
-        columns.push(numbers(format!("sigma_{name}"), NumberType::Double, &|one, s| {
-            let known = !of(&one.shape.values, s).is_nan();
-            if known { of(&sigmas[index(one)], s) } else { f64::NAN }
+        columns.push(numbers((*name).into(), NumberType::Double, &|(one, _), s| of(&one.shape.values, s)));
+        columns.push(numbers(format!("sigma_{name}"), NumberType::Double, &|(one, sigmas), s| {
+            if of(&one.shape.values, s).is_nan() { f64::NAN } else { of(sigmas, s) }
         }));
-        columns.push(numbers(format!("scatter_{name}"), NumberType::Double, &|one, s| {
+        columns.push(numbers(format!("scatter_{name}"), NumberType::Double, &|(one, _), s| {
             one.shape.scatter.as_ref().map_or(f64::NAN, |scatter| of(scatter, s))
         }));
     }
     for quantity in Quantity::ALL {
-        columns.push(numbers(quantity.name().into(), NumberType::Double, &|one, _| {
+        columns.push(numbers(quantity.name().into(), NumberType::Double, &|(one, _), _| {
             one.conditions.get(&quantity).copied().unwrap_or(f64::NAN)
         }));
     }

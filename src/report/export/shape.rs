@@ -95,6 +95,7 @@ impl FunctionValues {
 
 /// Symmetric root of the covariance of small rotation (rad) and scale of a fitted transform.
 fn fit_factor(fit: &TransformFit) -> SMatrix<f64, 4, 4> {
+    /// Rows of rotation and scale in the covariance of a fit; a displacement does not depend on the translation.
     const PARAMETERS: [usize; 4] = [0, 1, 2, 6];
     let covariance = SMatrix::<f64, 4, 4>::from_fn(|i, j| fit.covariance[(PARAMETERS[i], PARAMETERS[j])]);
     let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(covariance);

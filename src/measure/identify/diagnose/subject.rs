@@ -66,7 +66,8 @@ impl Subject {
         Self::new(setup, observations.iter().enumerate().map(image).collect())
     }
 
-    /// Returns the beam of the wing; `orientation`: the same in all calls for a subject and its modifications.
+    /// Returns the beam of the wing. Of all that it depends on, causes change the projection centre and the markers'
+    /// positions alone. `orientation`: the same in all calls for a subject and its modifications.
     pub(super) fn beam(&self, orientation: &Orientation) -> CoarseBeam {
         let markers = &self.setup.markers;
         let places = std::iter::once(self.setup.projection_centre_m).chain(markers.iter().map(|m| m.position_m));
