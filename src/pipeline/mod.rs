@@ -37,7 +37,7 @@ use crate::camera::Format;
 use crate::installation::Installation;
 use crate::measure::adjust::{self, AdjustmentMethod, Estimate, Observation, Options};
 use crate::measure::environment::{FlightConditions, RefractionReport, correct_observations};
-use crate::measure::identify::{self, Diagnosis, SizedShape, WingView};
+use crate::measure::identify::{self, Diagnosis, Identities, SizedShape, WingView};
 use crate::measure::setup::{Orientation, Setup};
 use crate::record::{GlobalTest, ImageRecord, Parameters, Provenance, Reason, RecordStatus};
 use guard::{PANIC_REASON, catch_panic};
@@ -174,7 +174,7 @@ pub fn diagnose_frame(
     orientation: &Orientation,
 ) -> Result<Diagnosis, Option<String>> {
     let detections = &processed.detections.markers;
-    let identified = processed.identities.as_ref().map_or(0, |found| found.marker_of.iter().flatten().count());
+    let identified = processed.identities.as_ref().map_or(0, Identities::count_named);
     if 3 * identified < 2 * detections.len().min(setup.markers.len()) && processed.manual.is_empty() {
         return Err(WingView::in_flight(setup, orientation).diagnose_frame(detections));
     }

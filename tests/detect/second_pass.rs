@@ -175,3 +175,29 @@ fn quadrants_cut_by_glare_are_found_by_their_outline() {
     assert!(closer.missing <= once.missing / 2 && closer.rms() < 0.2);
     assert!((0.6..1.4).contains(&closer.spread()), "{} standard deviations", closer.spread());
 }
+
+/// The outline of narrow quadrants is fitted, that of others follows from the prediction.
+#[test]
+fn quadrants_not_found_at_first_are_found_at_their_size() {
+    let mut quadrants = 0;
+    for seed in 130..134 {
+        let scene = Scene::random(seed, &SceneOptions::random(seed, SceneSide::Left));
+        let orientation = oriented(&scene, seed);
+        let image = scene.render(&scene.flight_shot(1.2, Light::Shadow, seed)).unwrap();
+        let wing = WingView::in_flight(&scene.setup, &orientation);
+        let first = detect(&image);
+        for removed in first.markers.iter().filter(|marker| marker.shape == Shape::Quadrant) {
+            let mut others = first.clone();
+            others.markers.retain(|marker| marker != removed);
+            let identities = wing.identify_markers(&others.markers).unwrap();
+            let (again, named) = FrameView::new(&wing, &mut &image, &mut |_| ()).refine(others, identities);
+            let is_near = |found: &Detection| (found.centre_px - removed.centre_px).norm() < 1.0;
+            let found = again.markers.iter().position(is_near);
+            let larger = found.map(|i| again.markers[i].semi_major_px / removed.semi_major_px);
+            let is_named = found.is_some_and(|i| named.marker_of[i].is_some());
+            assert!(larger.is_some_and(|ratio| (0.85..1.18).contains(&ratio)) && is_named, "seed {seed}: {larger:?}");
+            quadrants += 1;
+        }
+    }
+    assert!(quadrants > 20, "{quadrants}");
+}

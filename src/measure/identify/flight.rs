@@ -36,7 +36,7 @@ impl WingView<'_> {
         let mut decision = decide_pairs(&problem, best.clone());
         let rivals = mark_ambiguous(&mut decision, &solutions);
         let identities = build_identities(&problem, &decision);
-        let certain = identities.marker_of.iter().flatten().count();
+        let certain = identities.count_named();
         if certain < MIN_IDENTIFIED {
             return Err(IdentifyError::Ambiguous { solutions: rivals + 2 });
         }

@@ -1,8 +1,6 @@
 //! Guided search for the markers of a frame, from the nearest outwards: markers near the camera hardly move, and each
 //! marker found improves the prediction of the next ones. No other frame is used.
 
-use nalgebra::Vector2;
-
 use super::Identities;
 use super::beam::WingState;
 use super::fit::StatePrior;
@@ -53,8 +51,7 @@ impl WingView<'_> {
         markers
             .map(|((marker, outline), predicted)| {
                 let predicted = predicted?;
-                let spread = predicted.jacobian * covariance * predicted.jacobian.transpose() + predicted.covariance;
-                let off = Vector2::new(spread[(0, 0)], spread[(1, 1)]).map(|v| sigmas * v.max(0.0).sqrt());
+                let off = predicted.sigma_px(covariance) * sigmas;
                 self.visible_prediction(marker.shape, &outline?, off.add_scalar(MIN_DIAMETER_PX), true)
             })
             .collect()

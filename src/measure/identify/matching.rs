@@ -99,30 +99,37 @@ impl<'a> MatchingProblem<'a> {
         [as_given, other].into_iter().flatten().max_by(|a, b| a.evidence.total_cmp(&b.evidence))
     }
 
-    /// Matches and fits in turns until nothing changes; `None` below [`MIN_PAIRS`].
+    /// Matches and fits in turns until nothing changes, without pairs that were outliers once; `None` below [`MIN_PAIRS`].
     fn refine_from(&self, prior: &StatePrior, mut pairs: Vec<MatchedPair>) -> Option<RefinedMatch> {
         let mut fit = self.fit_pairs(&pairs, prior, &prior.mean)?;
-        let mut outlines = self.scene.marker_outlines(&fit.state);
-        for _ in 0..MAX_ROUNDS {
+        let mut outliers: Vec<MatchedPair> = Vec::new();
+        let mut round = 0;
+        loop {
+            let outlines = self.scene.marker_outlines(&fit.state);
             let inflation = (fit.cost / (2.0 * pairs.len() as f64).max(1.0)).clamp(INFLATION.0, INFLATION.1);
-            let next = self.nearest_pairs(&fit.predicted, &outlines, &(fit.covariance * inflation), &pairs);
-            if next == pairs {
-                break;
+            let mut next = self.nearest_pairs(&fit, &outlines, inflation, &pairs);
+            next.retain(|pair| !outliers.contains(pair));
+            round += 1;
+            if next == pairs || round > MAX_ROUNDS {
+                let (kept, step) = self.remove_outliers(pairs.clone(), &fit.predicted, prior, &fit.state)?;
+                // An outlier may have taken another marker's detection.
+                if kept == pairs || round > MAX_ROUNDS {
+                    return (kept.len() >= MIN_PAIRS).then_some(RefinedMatch {
+                        state: fit.state + step.delta,
+                        covariance: step.covariance,
+                        pairs: kept,
+                        evidence: step.evidence,
+                        prior: prior.clone(),
+                        predicted: shift_predictions(&fit.predicted, &step),
+                        outlines,
+                    });
+                }
+                outliers.extend(pairs.into_iter().filter(|pair| !kept.contains(pair)));
+                next = kept;
             }
             pairs = next;
             fit = self.fit_pairs(&pairs, prior, &fit.state)?;
-            outlines = self.scene.marker_outlines(&fit.state);
         }
-        let (pairs, step) = self.remove_outliers(pairs, &fit.predicted, prior, &fit.state)?;
-        (pairs.len() >= MIN_PAIRS).then_some(RefinedMatch {
-            state: fit.state + step.delta,
-            covariance: step.covariance,
-            pairs,
-            evidence: step.evidence,
-            prior: prior.clone(),
-            predicted: shift_predictions(&fit.predicted, &step),
-            outlines,
-        })
     }
 
     /// Fits given pairs to convergence without rejecting any, because bending is not linear.
@@ -180,16 +187,17 @@ impl<'a> MatchingProblem<'a> {
     /// Pairs one-to-one, nearest first, within the gate; existing pairs have a wider gate.
     fn nearest_pairs(
         &self,
-        predicted: &[Option<PredictedImage>],
+        fit: &StateFit,
         outlines: &[Option<DiscOutline>],
-        covariance: &Matrix8,
+        inflation: f64,
         old: &[MatchedPair],
     ) -> Vec<MatchedPair> {
+        let (predicted, covariance) = (&fit.predicted, fit.covariance * inflation);
         let mut all: Vec<(f64, MatchedPair)> = Vec::new();
         for j in 0..predicted.len() {
             for &i in self.candidates(j) {
                 if self.is_outline_compatible((i, j), outlines) {
-                    let d = squared_distance((i, j), predicted, self.detections, covariance, false);
+                    let d = squared_distance((i, j), predicted, self.detections, &covariance, false);
                     let loyal = if old.contains(&(i, j)) { KEEP_FACTOR } else { 1.0 };
                     if d < GATE * loyal {
                         all.push((d, (i, j)));

@@ -74,6 +74,11 @@ impl Identities {
         self.marker_of.iter().enumerate().filter_map(|(i, j)| Some((i, (*j)?))).collect()
     }
 
+    /// Returns the number of identified detections.
+    pub fn count_named(&self) -> usize {
+        self.marker_of.iter().flatten().count()
+    }
+
     /// Returns the identified detections as observations, in the order of the survey.
     pub fn observations(&self, detections: &[Detection]) -> Vec<Observation> {
         let named = detections.iter().zip(&self.marker_of);

@@ -46,6 +46,14 @@ pub(super) struct PredictedImage {
     pub(super) covariance: Matrix2<f64>,
 }
 
+impl PredictedImage {
+    /// Returns the standard deviations of the position along u and v, px, given the `covariance` of the state.
+    pub(super) fn sigma_px(&self, covariance: &Matrix8) -> Vector2<f64> {
+        let spread = self.jacobian * covariance * self.jacobian.transpose() + self.covariance;
+        Vector2::new(spread[(0, 0)], spread[(1, 1)]).map(|variance| variance.max(0.0).sqrt())
+    }
+}
+
 impl<'a> WingView<'a> {
     /// Creates the view of a wing in flight.
     pub fn in_flight(setup: &'a Setup, orientation: &'a Orientation) -> Self {

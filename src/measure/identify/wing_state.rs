@@ -6,7 +6,7 @@ use super::beam::WingState;
 use super::bias::correct_centres;
 use super::fit::{Clutter, MatchedPair, StatePrior, solve_step};
 use super::outline::DiscOutline;
-use super::scene::{WingView, is_usable};
+use super::scene::{Matrix8, PredictedImage, WingView, is_usable};
 use super::{Identities, PredictedMarker};
 use crate::detect::{Detection, ExpectedMarker, MarkerPrediction};
 use crate::observation::Observation;
@@ -22,16 +22,26 @@ const SETTLED: f64 = 1e-7;
 
 /// Largest shift of the image until the next frame, px.
 const NEXT_SHIFT_PX: f64 = 8.0;
+/// Standard deviations within which a marker lies at its predicted position: 1 in 370 at random.
+const EXPECTED_SIGMAS: f64 = 3.0;
+
+/// State fitted to identified detections.
+struct FittedState {
+    state: WingState,
+    covariance: Matrix8,
+    /// Predicted images of the markers.
+    images: Vec<Option<PredictedImage>>,
+}
 
 impl WingView<'_> {
     /// Fits the state to identified detections; `None` if they are too few or do not fit.
     pub(super) fn fit_state(&self, detections: &[Detection], identities: &Identities) -> Option<WingState> {
-        self.fit_state_from(detections, identities, super::flight::MIN_IDENTIFIED)
+        Some(self.fit_state_from(detections, identities, super::flight::MIN_IDENTIFIED)?.state)
     }
 
     /// Fits the state to at least `least` identified detections. Identities known from elsewhere, for example from manual
     /// marks, need no redundancy.
-    fn fit_state_from(&self, detections: &[Detection], identities: &Identities, least: usize) -> Option<WingState> {
+    fn fit_state_from(&self, detections: &[Detection], identities: &Identities, least: usize) -> Option<FittedState> {
         let pairs: Vec<MatchedPair> = identities
             .marker_of
             .iter()
@@ -46,16 +56,18 @@ impl WingView<'_> {
         let [x, y, z] = self.turn_sigmas();
         let sigma = WingState::from([a, b, c, d, e, x, y, z]);
         let prior = StatePrior { mean: WingState::zeros(), sigma };
-        let mut state = prior.mean;
+        let mut fitted = FittedState { state: prior.mean, covariance: Matrix8::zeros(), images: Vec::new() };
         for _ in 0..MAX_STEPS {
-            let predicted = self.linearise(&state);
-            let step = solve_step(&pairs, &predicted, detections, &prior, &state, Clutter::new(0, &self.setup.lens))?;
-            state += step.delta;
+            fitted.images = self.linearise(&fitted.state);
+            let clutter = Clutter::new(0, &self.setup.lens);
+            let step = solve_step(&pairs, &fitted.images, detections, &prior, &fitted.state, clutter)?;
+            fitted.state += step.delta;
+            fitted.covariance = step.covariance;
             if step.delta.amax() < SETTLED {
                 break;
             }
         }
-        state.iter().all(|v| v.is_finite()).then_some(state)
+        fitted.state.iter().all(|v| v.is_finite()).then_some(fitted)
     }
 
     /// Moves the identified markers' detections to the images of their true centres: the perspective bias of the ellipse is
@@ -73,12 +85,15 @@ impl WingView<'_> {
     /// Predicts the markers of a frame for [`crate::detect::second_pass`], with the detections that were identified. Empty
     /// if too few are.
     pub fn predict_second_pass(&self, detections: &[Detection], identities: &Identities) -> Vec<ExpectedMarker> {
-        let Some(state) = self.fit_state(detections, identities) else { return Vec::new() };
-        let markers = self.setup.markers.iter().zip(self.marker_outlines(&state)).enumerate();
-        let expected = markers.filter_map(|(i, (marker, outline))| {
+        let least = super::flight::MIN_IDENTIFIED;
+        let Some(fitted) = self.fit_state_from(detections, identities, least) else { return Vec::new() };
+        let markers =
+            self.setup.markers.iter().zip(self.marker_outlines(&fitted.state)).zip(&fitted.images).enumerate();
+        let expected = markers.filter_map(|(i, ((marker, outline), image))| {
             let found = identities.marker_of.iter().position(|m| *m == Some(i));
+            let search_px = image.as_ref()?.sigma_px(&fitted.covariance) * EXPECTED_SIGMAS;
             Some(ExpectedMarker {
-                prediction: self.visible_prediction(marker.shape, &outline?, Vector2::zeros(), found.is_some())?,
+                prediction: self.visible_prediction(marker.shape, &outline?, search_px, found.is_some())?,
                 found,
                 marker: i,
             })
@@ -91,7 +106,7 @@ impl WingView<'_> {
     /// ground. Markers outside the frame are omitted.
     pub fn predict_markers(&self, observations: &[Observation]) -> Vec<PredictedMarker> {
         let (seen, identities) = identified_detections(observations);
-        let state = self.fit_state_from(&seen, &identities, 1).unwrap_or_else(WingState::zeros);
+        let state = self.fit_state_from(&seen, &identities, 1).map_or_else(WingState::zeros, |fitted| fitted.state);
         let markers = self.setup.markers.iter().zip(self.marker_outlines(&state)).enumerate();
         let predicted = markers.filter_map(|(marker, (surveyed, outline))| {
             let outline = outline?;
@@ -109,8 +124,8 @@ impl WingView<'_> {
         let (mut seen, mut identities) = identified_detections(&others);
         seen.push(found.clone());
         identities.marker_of.push(Some(marker));
-        let Some(state) = self.fit_state_from(&seen, &identities, 1) else { return found.clone() };
-        correct_centres(self, &state, &seen, &identities).pop().unwrap_or_else(|| found.clone())
+        let Some(fitted) = self.fit_state_from(&seen, &identities, 1) else { return found.clone() };
+        correct_centres(self, &fitted.state, &seen, &identities).pop().unwrap_or_else(|| found.clone())
     }
 
     /// Predicts the markers of the next frame, found or not, from the identities of a frame, if the deflection of the tip

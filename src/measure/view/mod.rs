@@ -23,7 +23,7 @@ use super::tiles::Tiles;
 
 pub use picture::Picture;
 
-/// Largest number of second passes.
+/// Largest number of second passes that add no marker.
 pub const MAX_PASSES: usize = 3;
 /// Smallest share of the markers on the ground frames that the guided search must name. What hides more of them in flight, as
 /// glare and mist do, is rare; and a search that lost the wing after the fixed targets names less.
@@ -258,8 +258,9 @@ impl<'a, P: Picture> FrameView<'a, P> {
 
     /// Refines identified detections by second passes. The perspective bias is not removed.
     pub fn refine(&mut self, mut found: Detections, mut identities: Identities) -> (Detections, Identities) {
-        // More precise measurements improve the predictions of the others.
-        for _ in 0..MAX_PASSES {
+        // More precise measurements improve the predictions of the others, and added markers those farther outboard.
+        let mut without_new = 0;
+        while without_new < MAX_PASSES {
             let expected = self.wing.predict_second_pass(&found.markers, &identities);
             let places: Vec<MarkerPrediction> = expected.iter().map(|e| e.prediction.clone()).collect();
             let mut refined = found.clone();
@@ -267,6 +268,7 @@ impl<'a, P: Picture> FrameView<'a, P> {
                 return (refined, identities);
             }
             let Ok(again) = self.wing.identify_markers(&refined.markers) else { break };
+            without_new += usize::from(again.count_named() <= identities.count_named());
             (found, identities) = (refined, again);
         }
         (found, identities)

@@ -197,7 +197,7 @@ struct SecondPass<'a> {
     found: &'a Detections,
     sure: &'a ReliableDiscs,
     psf: f64,
-    /// Largest distance of a marker from its predicted position, px.
+    /// Largest distance of a marker from its predicted position, px; of quadrants, if the prediction is not less precise.
     max_distance_px: f64,
 }
 
@@ -231,7 +231,9 @@ impl SecondPass<'_> {
             let mut old = own.and_then(|i| markers.get(i)).cloned();
             // A marker of another size than predicted may have another position too.
             old.iter_mut().for_each(|old| target.sizes.inflate_size_outlier(prediction, old));
-            let near = (centre - prediction.centre_px).norm() < self.max_distance_px;
+            // A crossing is nothing else, but what is dark may be another disc or dirt.
+            let error_px = if is_disc { 0.0 } else { prediction.search_px.norm() };
+            let near = (centre - prediction.centre_px).norm() < self.max_distance_px.max(error_px);
             let new = &measured.detection;
             // A marker assumed to be hidden may be seen whole.
             let is_sure = |old: &Detection| whole || new.variance() < ORIENTATION.max_variance_ratio * old.variance();
@@ -275,9 +277,11 @@ impl SecondPass<'_> {
         dirt::inflate_for_dirt(self.measurer.image, &mut measured, others);
         misfit::inflate_for_misfit(self.measurer.image, &mut measured, self.found.noise);
         lost_contrast::add_lost_contrast(&mut measured, self.found.lost_contrast_px);
-        if prediction.shape == Shape::Quadrant {
-            measured.detection.semi_major_px /= ORIENTATION.inner_fraction;
-            measured.detection.semi_minor_px /= ORIENTATION.inner_fraction;
+        let (detection, inner) = (&mut measured.detection, &hypothesis.ellipse);
+        // The outline of narrow quadrants is fitted; that of others stays the inner part of the predicted one.
+        if prediction.shape == Shape::Quadrant && detection.semi_major_px == inner.major {
+            detection.semi_major_px /= ORIENTATION.inner_fraction;
+            detection.semi_minor_px /= ORIENTATION.inner_fraction;
         }
         sizes.inflate_size_outlier(prediction, &mut measured.detection);
         Some((measured, !hypothesis.is_under_decal()))
