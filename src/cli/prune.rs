@@ -34,9 +34,8 @@ pub struct PruneArgs {
 
 pub(super) fn run(args: &PruneArgs) -> TaskResult<Completion> {
     let mut flights = select_flights(&args.store, args.flight.as_deref())?;
-    if args.flight.is_none() {
-        flights.truncate(flights.len().saturating_sub(args.keep));
-    }
+    let newest = if args.flight.is_none() { args.keep.min(flights.len()) } else { 0 };
+    flights.truncate(flights.len() - newest);
     let store = match args.dry_run {
         true => None,
         false => Some(stored_flights::open_store(&args.store)?.0),
@@ -60,8 +59,14 @@ pub(super) fn run(args: &PruneArgs) -> TaskResult<Completion> {
         return Ok(Completion::from_success(stay == 0));
     }
     let free = if args.dry_run { "would be freed" } else { "freed" };
-    let kept = count_text(stay, "flight");
-    print_line(&format!("{:.1} MB {free}; {kept} kept: the copy could not be verified", freed as f64 / 1e6))?;
+    let mut line = format!("{:.1} MB {free}", freed as f64 / 1e6);
+    if stay > 0 {
+        line.push_str(&format!("; {} kept: the copy could not be verified", count_text(stay, "flight")));
+    }
+    if newest > 0 {
+        line.push_str(&format!("; {} kept as the newest (--keep {})", count_text(newest, "flight"), args.keep));
+    }
+    print_line(&line)?;
     Ok(Completion::from_success(stay == 0))
 }
 

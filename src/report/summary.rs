@@ -39,6 +39,8 @@ impl Mean {
 pub struct FrameDeflection {
     /// File name of the frame.
     pub image: String,
+    /// Label of the tip marker.
+    pub marker: String,
     /// Deflection of the tip marker, m.
     pub deflection_m: f64,
     /// Standard deviation of the deflection, m.
@@ -53,7 +55,7 @@ impl FrameDeflection {
     ) -> Option<Self> {
         let frame_deflection = |(image, tip): (&str, &Tip)| {
             let (deflection_m, sigma_m) = tip.deflection(reference).filter(|(deflection, _)| deflection.is_finite())?;
-            Some(Self { image: image.to_owned(), deflection_m, sigma_m })
+            Some(Self { image: image.to_owned(), marker: tip.label(), deflection_m, sigma_m })
         };
         tips.filter_map(frame_deflection).max_by(|a, b| a.deflection_m.total_cmp(&b.deflection_m))
     }

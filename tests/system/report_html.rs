@@ -99,7 +99,7 @@ fn headlines_name_their_quantities() {
     check_well_formed(&html);
     // 3.0 minus 0.02 from the root's tangent, with that frame's own sigma; the mean carries the scatter.
     assert!(html.contains("2.980 ± 0.010 m"), "the largest of single frames");
-    assert!(html.contains("largest tip deflection of a single frame ± 1 sigma, from the root's tangent"));
+    assert!(html.contains("largest tip deflection (M03) of a single frame ± 1 sigma, from the root's tangent"));
     assert!(html.contains("mean tip deflection / m") && html.contains(">1.1</td>"), "mean and scatter");
     assert!(html.contains("consistent with the model") && html.contains("cannot rule out"));
     assert!(!html.contains("deviations hold"));

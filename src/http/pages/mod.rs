@@ -130,8 +130,8 @@ fn greatest_deflection(
 ) -> String {
     let (value, sigma) = format_rounded(Some(deflection.deflection_m), deflection.sigma_m, 3);
     let at = line.begun.as_ref().map_or(String::new(), |b| format!(", started {}", format_minute(b.utc)));
-    let (image, words) = (&deflection.image, reference.description());
-    format!("Greatest tip deflection of a frame: {value} ± {sigma} m {words}, in {image} of series {}{at}", line.name)
+    let (FrameDeflection { image, marker, .. }, words) = (deflection, reference.description());
+    format!("Greatest tip deflection ({marker}) of a frame: {value} ± {sigma} m {words}, in {image} of series {}{at}", line.name)
 }
 
 /// Returns the word by which the JSON status names a value.

@@ -153,7 +153,7 @@ fn greatest_tile(summaries: &[SeriesSummary]) -> Markup {
     html! {
         div.tile {
             b { (format_measured(Some(one.deflection_m), one.sigma_m, 3)) " m" }
-            span { "largest tip deflection of a single frame ± 1 sigma, " (s.reference.description()) "; " (one.image) " of series " (s.name) @if s.begun.is_some() { ", started " (s.begun_text()) " UTC" } }
+            span { "largest tip deflection (" (one.marker) ") of a single frame ± 1 sigma, " (s.reference.description()) "; " (one.image) " of series " (s.name) @if s.begun.is_some() { ", started " (s.begun_text()) " UTC" } }
         }
     }
 }
@@ -161,10 +161,11 @@ fn greatest_tile(summaries: &[SeriesSummary]) -> Markup {
 /// Returns the change from the first series with a deflection to the last one; for one series its mean and scatter.
 fn change_tile(summaries: &[SeriesSummary]) -> Markup {
     let means: Vec<_> = summaries.iter().filter_map(|s| Some((s, s.tip_deflection_m?))).collect();
+    let tip = |s: &SeriesSummary| s.greatest.as_ref().map_or(String::new(), |one| format!(" ({})", one.marker));
     let scatter = |mean: Mean| table::scatter_text(Some(mean));
     match means.as_slice() {
-        [(_, mean)] if mean.count > 1 => html! {
-            div.tile { b { (format_fixed(Some(mean.value), 3)) " m" } span { "mean tip deflection of " (mean.count) " frames; scatter of single frames " (scatter(*mean)) " m" } }
+        [(s, mean)] if mean.count > 1 => html! {
+            div.tile { b { (format_fixed(Some(mean.value), 3)) " m" } span { "mean tip deflection" (tip(s)) " of " (mean.count) " frames; scatter of single frames " (scatter(*mean)) " m" } }
         },
         [(first, a), .., (last, b)] => {
             // Errors common to both series (survey, mounting) cancel, so this is an upper limit.
@@ -174,7 +175,7 @@ fn change_tile(summaries: &[SeriesSummary]) -> Markup {
                 div.tile {
                     b { (format_measured(Some(b.value - a.value), both, 3)) " m" }
                     span {
-                        "change of the mean tip deflection from series " (first.name) " to " (last.name) " ± 1 sigma at most"
+                        "change of the mean tip deflection" (tip(last)) " from series " (first.name) " to " (last.name) " ± 1 sigma at most"
                         @if scattered { "; scatter of single frames " (scatter(*a)) " and " (scatter(*b)) " m" }
                     }
                 }
