@@ -1,4 +1,5 @@
-//! Promise: the output of a command with `--json` conforms to its schema, which is in the package (docs/schema).
+//! Promise: the output of a command with `--json` conforms to its schema, which is in the package (docs/schema) and
+//! describes every field.
 //!
 //! Python's `jsonschema` (Debian: python3-jsonschema) validates; without it these tests fail with a message.
 
@@ -19,11 +20,26 @@ try:
     import jsonschema
 except ImportError:
     sys.exit('jsonschema is missing: install the Debian package python3-jsonschema')
+
+def undescribed(schema, value, path):
+    if isinstance(value, list):
+        for one in value:
+            yield from undescribed(schema.get('items', {}), one, path + '[]')
+    if isinstance(value, dict) and 'properties' in schema:
+        others = schema.get('additionalProperties')
+        for key, one in value.items():
+            own = schema['properties'].get(key, others)
+            if own is None and 'patternProperties' not in schema:
+                yield path + '.' + key
+            elif isinstance(own, dict):
+                yield from undescribed(own, one, path + '.' + key)
+
 schema = json.load(open(sys.argv[1]))
 jsonschema.Draft202012Validator.check_schema(schema)
 validator = jsonschema.Draft202012Validator(schema)
-lines = [line for line in sys.stdin.read().splitlines() if line.strip()]
-faults = [f'line {k + 1}: {e.json_path}: {e.message[:300]}' for k, line in enumerate(lines) for e in validator.iter_errors(json.loads(line))]
+lines = [json.loads(line) for line in sys.stdin.read().splitlines() if line.strip()]
+faults = [f'line {k + 1}: {e.json_path}: {e.message[:300]}' for k, line in enumerate(lines) for e in validator.iter_errors(line)]
+faults += [f'not in the schema: {one}' for one in sorted({one for line in lines for one in undescribed(schema, line, '')})]
 sys.exit('\\n'.join(faults) or (0 if lines else 'no line'))
 ";
 
@@ -66,6 +82,9 @@ fn output_for_frames_and_an_installation_matches_its_schema() {
     assert_valid("solve", &run(&[&["solve"], &images[..]].concat()).stdout);
     assert_valid("solve", &run(&[&["solve", "--method", "profile"], &images[..]].concat()).stdout);
     assert_valid("plan", &run(&["plan", "--json", "--installation", &at]).stdout);
+    let draft = ["--span", "28", "--height", "2.2", "--chord", "6", "--focal", "35", "--sensor", "6000x4000x3.9"];
+    assert_valid("plan", &run(&[&["plan", "--json", "--want", "10mm"], &draft[..]].concat()).stdout);
+    assert_valid("solve", &run(&["solve", "--flight", "--json", "--installation", &at, &flight]).stdout);
     assert_valid("check", &run(&["check", "--json", "--installation", &at]).stdout);
     assert_valid("check", &run(&["check", "--json", "--installation", &nothing]).stdout);
     assert_valid("mount-check", &run(&["mount-check", "--json", "--installation", &at, &ground, &ground]).stdout);
@@ -142,6 +161,8 @@ fn every_output_has_a_schema() {
 
 #[test]
 fn a_line_that_violates_its_schema_is_a_fault() {
-    let broken = std::panic::catch_unwind(|| assert_valid("check", b"{\"ok\":\"yes\",\"found\":{},\"faults\":[]}\n"));
-    assert!(broken.is_err());
+    for line in ["{\"ok\":\"yes\",\"found\":{},\"faults\":[]}", "{\"ok\":true,\"found\":{},\"faults\":[],\"new\":1}"] {
+        let broken = std::panic::catch_unwind(|| assert_valid("check", line.as_bytes()));
+        assert!(broken.is_err(), "{line}");
+    }
 }
