@@ -131,7 +131,10 @@ fn greatest_deflection(
     let (value, sigma) = format_rounded(Some(deflection.deflection_m), deflection.sigma_m, 3);
     let at = line.begun.as_ref().map_or(String::new(), |b| format!(", started {}", format_minute(b.utc)));
     let (FrameDeflection { image, marker, .. }, words) = (deflection, reference.description());
-    format!("Greatest tip deflection ({marker}) of a frame: {value} ± {sigma} m {words}, in {image} of series {}{at}", line.name)
+    format!(
+        "Greatest tip deflection ({marker}) of a frame: {value} ± {sigma} m {words}, in {image} of series {}{at}",
+        line.name
+    )
 }
 
 /// Returns the word by which the JSON status names a value.
