@@ -45,7 +45,7 @@ def test(binary, *names):
 
 
 def flights():
-    """The bundled flights from frames to positions, with their installations as they are."""
+    """The bundled flights from frames to positions, with their installations as they are; rounded by the figures alone."""
     lines = []
     for name in ("dev", "demo"):
         directory = FIXTURES / name
@@ -62,7 +62,7 @@ def flights():
                 sigma = statistics.median(1e3 * f["tip"][key(f["tip"])] for f in found)
                 torsion = rms([f["torsion"][0]["angle_deg"] - t["torsion_deg"] for f, t in zip(found, flight, strict=True)])
                 lines.append(
-                    f"{name}, {label}: horizontal {across:.1f} up {up:.1f} over {over:.2f} sigma {sigma:.1f} torsion {torsion:.3f}"
+                    f"{name}, {label}: horizontal {across:.4f} up {up:.4f} over {over:.4f} sigma {sigma:.4f} torsion {torsion:.6f}"
                 )
     return "\n".join(lines)
 

@@ -5,8 +5,8 @@
     python3 tests/validation/rendered_sets.py target/release/wingd FOLDER 51 fixtures/dev
 
 A set is a number of rendered_sets.txt, rendered below FOLDER unless it is there already (half a minute and 7 MB each), or a
-directory with installation/, frames/ and truth.json. A line of the table per set, then the means. Nothing but Python and wingd
-is needed.
+directory with installation/, frames/ and truth.json. The table's columns, a row per set, then the means. Nothing but Python
+and wingd is needed.
 """
 
 import json
@@ -146,25 +146,25 @@ def figures(wingd, directory):
 
 
 COLUMNS = [
-    ("missed %", ".1f"),
-    ("quadrants rms px", ".3f"),
-    ("circles rms px", ".3f"),
-    ("median px", ".3f"),
+    ("missed_percent", ".1f"),
+    ("quadrants_rms_px", ".3f"),
+    ("discs_rms_px", ".3f"),
+    ("median_px", ".3f"),
     ("normalised", ".2f"),
-    ("extra a frame", ".2f"),
+    ("extra_per_frame", ".2f"),
     ("misidentified", ".0f"),
-    ("orientation mrad", ".2f"),
-    ("one frame: horizontal mm", ".1f"),
-    ("vertical mm", ".1f"),
-    ("normalised deflection", ".2f"),
-    ("flight: vertical mm", ".2f"),
-    ("normalised deflection", ".2f"),
+    ("orientation_mrad", ".2f"),
+    ("frame_horizontal_mm", ".1f"),
+    ("frame_vertical_mm", ".1f"),
+    ("frame_normalised_deflection", ".2f"),
+    ("flight_vertical_mm", ".2f"),
+    ("flight_normalised_deflection", ".2f"),
 ]
 
 
 def row(name, values):
     texts = (format(v, form) if v == v else "not solved" for v, (_, form) in zip(values, COLUMNS, strict=True))
-    return f"| {name} | " + " | ".join(texts) + " |"
+    return ",".join([name, *texts])
 
 
 def mean(values):
@@ -186,8 +186,7 @@ def main():
         sys.exit(
             f"{unknown[0]} is neither a set of rendered_sets.txt nor a directory with truth.json; give one of them"
         )
-    print("| set | " + " | ".join(name for name, _ in COLUMNS) + " |")
-    print("|---" * (len(COLUMNS) + 1) + "|")
+    print(",".join(["set", *(name for name, _ in COLUMNS)]))
     all_values = []
     for name in names:
         directory = rendered(wingd, folder, name) if name in SETS else Path(name)
