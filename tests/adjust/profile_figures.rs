@@ -287,13 +287,13 @@ fn sloped(a: f64, slope: f64) -> Case {
 #[test]
 fn ground_slope_biases_the_tip_and_the_residuals_do_not_show_it() {
     // Slopes of 1.7, 3.4 and 5.0 degrees; tip at 35 m of arc length.
-    for (slope, expected_mm) in [(0.03, 79.0), (0.06, 158.0), (0.0875, 228.0)] {
+    for (slope, expected_mm) in [(0.03, 79.6), (0.06, 158.5), (0.0875, 230.3)] {
         let case = sloped(0.0022, slope);
         let solution = case.solve(SigmaKind::Prior);
         let tip = solution.markers[21].distance_m.unwrap();
         let bias_mm = 1e3 * (tip.value - case.flight[21].xy().norm());
         println!("slope {slope}: bias {bias_mm:.1} mm, variance factor {:.3}", solution.variance_factor.unwrap());
-        assert!((bias_mm - expected_mm).abs() < 0.02 * expected_mm, "{slope}: {bias_mm}");
+        assert!((bias_mm - expected_mm).abs() < 0.1, "{slope}: {bias_mm}");
         assert_eq!(solution.global_test, Some(GlobalTest::Passed));
         assert!(1e-3 * bias_mm > 10.0 * tip.sigma.unwrap());
     }
