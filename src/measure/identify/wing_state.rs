@@ -26,8 +26,8 @@ const NEXT_SHIFT_PX: f64 = 8.0;
 const EXPECTED_SIGMAS: f64 = 3.0;
 
 /// State fitted to identified detections.
-struct FittedState {
-    state: WingState,
+pub(super) struct FittedState {
+    pub(super) state: WingState,
     covariance: Matrix8,
     /// Predicted images of the markers.
     images: Vec<Option<PredictedImage>>,
@@ -35,8 +35,8 @@ struct FittedState {
 
 impl WingView<'_> {
     /// Fits the state to identified detections; `None` if they are too few or do not fit.
-    pub(super) fn fit_state(&self, detections: &[Detection], identities: &Identities) -> Option<WingState> {
-        Some(self.fit_state_from(detections, identities, super::flight::MIN_IDENTIFIED)?.state)
+    pub(super) fn fit_state(&self, detections: &[Detection], identities: &Identities) -> Option<FittedState> {
+        self.fit_state_from(detections, identities, super::flight::MIN_IDENTIFIED)
     }
 
     /// Fits the state to at least `least` identified detections. Identities known from elsewhere, for example from manual
@@ -75,9 +75,9 @@ impl WingView<'_> {
     /// `detections`; unidentified ones are unchanged.
     pub fn remove_perspective_bias(&self, detections: &[Detection], identities: &Identities) -> Vec<Detection> {
         let Some(first) = self.fit_state(detections, identities) else { return detections.to_vec() };
-        let once = correct_centres(self, &first, detections, identities);
+        let once = correct_centres(self, &first.state, detections, identities);
         match self.fit_state(&once, identities) {
-            Some(second) => correct_centres(self, &second, detections, identities),
+            Some(second) => correct_centres(self, &second.state, detections, identities),
             None => once,
         }
     }
@@ -85,8 +85,7 @@ impl WingView<'_> {
     /// Predicts the markers of a frame for [`crate::detect::second_pass`], with the detections that were identified. Empty
     /// if too few are.
     pub fn predict_second_pass(&self, detections: &[Detection], identities: &Identities) -> Vec<ExpectedMarker> {
-        let least = super::flight::MIN_IDENTIFIED;
-        let Some(fitted) = self.fit_state_from(detections, identities, least) else { return Vec::new() };
+        let Some(fitted) = self.fit_state(detections, identities) else { return Vec::new() };
         let markers =
             self.setup.markers.iter().zip(self.marker_outlines(&fitted.state)).zip(&fitted.images).enumerate();
         let expected = markers.filter_map(|(i, ((marker, outline), image))| {
@@ -136,7 +135,7 @@ impl WingView<'_> {
         identities: &Identities,
         deflection_m: f64,
     ) -> Vec<MarkerPrediction> {
-        let Some(state) = self.fit_state(detections, identities) else { return Vec::new() };
+        let Some(FittedState { state, .. }) = self.fit_state(detections, identities) else { return Vec::new() };
         let mut deflected = state;
         // Curvature that decreases to 0 at the tip: the typical effect of a change of load.
         deflected[0] += 3.0 * deflection_m / self.beam.length_m.powi(2);

@@ -23,7 +23,7 @@ use super::tiles::Tiles;
 
 pub use picture::Picture;
 
-/// Largest number of second passes that add no marker.
+/// Largest number of second passes. In flight, passes that add a marker do not count.
 pub const MAX_PASSES: usize = 3;
 /// Smallest share of the markers on the ground frames that the guided search must name. What hides more of them in flight, as
 /// glare and mist do, is rare; and a search that lost the wing after the fixed targets names less.

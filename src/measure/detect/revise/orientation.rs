@@ -197,7 +197,8 @@ struct SecondPass<'a> {
     found: &'a Detections,
     sure: &'a ReliableDiscs,
     psf: f64,
-    /// Largest distance of a marker from its predicted position, px; of quadrants, if the prediction is not less precise.
+    /// Largest distance of a marker from its predicted position, px. For quadrants the search range of the prediction counts
+    /// if it is larger.
     max_distance_px: f64,
 }
 
@@ -231,9 +232,9 @@ impl SecondPass<'_> {
             let mut old = own.and_then(|i| markers.get(i)).cloned();
             // A marker of another size than predicted may have another position too.
             old.iter_mut().for_each(|old| target.sizes.inflate_size_outlier(prediction, old));
-            // A crossing is nothing else, but what is dark may be another disc or dirt.
-            let error_px = if is_disc { 0.0 } else { prediction.search_px.norm() };
-            let near = (centre - prediction.centre_px).norm() < self.max_distance_px.max(error_px);
+            // Only quadrants have a crossing; a dark area may be another disc or dirt.
+            let search_px = if is_disc { 0.0 } else { prediction.search_px.norm() };
+            let near = (centre - prediction.centre_px).norm() < self.max_distance_px.max(search_px);
             let new = &measured.detection;
             // A marker assumed to be hidden may be seen whole.
             let is_sure = |old: &Detection| whole || new.variance() < ORIENTATION.max_variance_ratio * old.variance();

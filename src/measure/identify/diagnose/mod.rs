@@ -258,7 +258,7 @@ fn exchanged_names(evidence: &Evidence, base: &CauseFit) -> Vec<Cause> {
 impl WingView<'_> {
     /// Returns the logarithm of the ratio of the identified outlines' sizes to those predicted from survey and distance.
     pub fn log_size_ratio(&self, detections: &[Detection], identities: &Identities) -> Option<Estimate> {
-        let outlines = self.marker_outlines(&self.fit_state(detections, identities)?);
+        let outlines = self.marker_outlines(&self.fit_state(detections, identities)?.state);
         let mut sizes: Vec<(f64, (Shape, f64), Matrix2<f64>)> = vec![];
         let (mut sum, mut weights) = (0.0, 0.0);
         for (i, j) in identities.pairs() {
