@@ -60,7 +60,7 @@ pub use fault::{Fault, KeyFault};
 pub use flight_prior::{FLIGHT_PRIOR_FILE, PriorFlight, StoredFlightPrior, write_flight_prior};
 pub use length_unit::{LENGTH_UNITS, LengthUnit};
 pub use mountings::{Mountings, read_mountings};
-pub use observations::{ManualObservation, ManualPosition, observations_text, read_observations};
+pub use observations::{ManualObservation, ManualPosition, POINT_SIGMA_PX, observations_text, read_observations};
 pub use orientation::write_orientation;
 pub use pending_file::{PendingFile, write_atomically};
 pub(crate) use reader::Reader;

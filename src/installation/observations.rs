@@ -5,13 +5,16 @@ use std::path::Path;
 use nalgebra::{Matrix2, Vector2};
 
 use super::{Fault, Reader, TableLine, read_table, text_cell};
-use crate::measure::setup::Setup;
+use crate::measure::setup::{Setup, Shape};
 
 const COLUMNS: [&str; 9] = ["id", "u_px", "v_px", "sigma_px", "image", "sigma_v_px", "who", "when", "why"];
 /// Columns that may be missing: all but the first four.
 const OPTIONAL_COLUMNS: &[&str] = &["image", "sigma_v_px", "who", "when", "why"];
 /// Allowed standard deviations of manual measurements, px.
 const SIGMAS_PX: std::ops::RangeInclusive<f64> = 1e-4..=1e3;
+
+/// Standard deviation of the place of a point if the file gives none, px: a person who sees a corner in a loupe.
+pub const POINT_SIGMA_PX: f64 = 0.5;
 
 /// Manual observation or rejection of one marker in one image.
 #[derive(Clone, Debug, PartialEq)]
@@ -93,7 +96,8 @@ fn parse_observations(reader: &mut Reader, name: &Path, setup: &Setup) -> Option
         let place = if line.cells[1..4].iter().all(String::is_empty) {
             None
         } else {
-            let Some(place) = parse_position(reader, &line, setup) else { continue };
+            let is_point = marker.is_some_and(|m| setup.markers[m].shape == Shape::Point);
+            let Some(place) = parse_position(reader, &line, setup, is_point) else { continue };
             Some(place)
         };
         let [.., who, when, why] = line.cells;
@@ -102,8 +106,13 @@ fn parse_observations(reader: &mut Reader, name: &Path, setup: &Setup) -> Option
     Some(found)
 }
 
-fn parse_position(reader: &mut Reader, line: &TableLine<9>, setup: &Setup) -> Option<ManualPosition> {
-    let [u, v, sigma_u] = line.parse_numbers(reader, 1)?;
+fn parse_position(reader: &mut Reader, line: &TableLine<9>, setup: &Setup, is_point: bool) -> Option<ManualPosition> {
+    let [u, v, sigma_u] = if is_point && line.cells[3].is_empty() {
+        let [u, v] = line.parse_numbers(reader, 1)?;
+        [u, v, POINT_SIGMA_PX]
+    } else {
+        line.parse_numbers(reader, 1)?
+    };
     let sigma_v = if line.cells[5].is_empty() { sigma_u } else { line.parse_number(reader, 5)? };
     let sigmas = [(3, sigma_u), (5, sigma_v)];
     // Both have one value if the second is not given.

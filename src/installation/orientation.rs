@@ -11,7 +11,9 @@ use serde::Deserialize;
 use super::{Installation, ORIENTATION_FILE, Reader, write_atomically};
 use crate::measure::identify::OrientationFit;
 use crate::measure::observation::Observation;
-use crate::measure::setup::{Orientation, SurveyMarker};
+use crate::measure::points::TEMPLATE_SIDE_PX;
+use crate::measure::raster::Raster;
+use crate::measure::setup::{Orientation, PointTemplate, Shape, SurveyMarker};
 
 #[derive(Deserialize)]
 struct OrientationTable {
@@ -24,6 +26,9 @@ struct OrientationTable {
     /// Markers that were not used, with the reason.
     #[serde(default)]
     unused: Vec<UnusedMarker>,
+    /// Points whose templates are in [`TEMPLATES_FILE`], from top to bottom.
+    #[serde(default)]
+    point: Vec<PointEntry>,
     /// File name -> SHA-256 of camera and survey.
     #[serde(default)]
     made_with: BTreeMap<String, String>,
@@ -42,6 +47,18 @@ struct GroundEntry {
     v_px: f64,
     covariance_px2: [f64; 3],
 }
+
+#[derive(Deserialize)]
+struct PointEntry {
+    id: String,
+    left_px: usize,
+    top_px: usize,
+    u_px: f64,
+    v_px: f64,
+}
+
+/// Image of the templates of all points, one below the other.
+const TEMPLATES_FILE: &str = "points.png";
 
 /// Largest deviation of the rows from orthonormality that rounding in a text file explains.
 const ORTHONORMAL_TOLERANCE: f64 = 1e-6;
@@ -82,8 +99,64 @@ pub(super) fn read_orientation(reader: &mut Reader, markers: &[SurveyMarker]) ->
     let camera_from_survey = Rotation3::from_matrix_unchecked(rotation);
     let index = |u: UnusedMarker| Some((markers.iter().position(|m| m.id == u.id)?, u.reason));
     let unused = table.unused.into_iter().filter_map(index).collect();
-    let orientation = Orientation { camera_from_survey, covariance_rad2, ground };
+    let templates = if table.point.is_empty() { vec![] } else { read_templates(reader, &table.point, markers)? };
+    let orientation = Orientation { camera_from_survey, covariance_rad2, ground, templates };
     Some(StoredOrientation { orientation, unused, accepted: table.accepted })
+}
+
+/// Reads the templates of points.
+fn read_templates(reader: &mut Reader, entries: &[PointEntry], markers: &[SurveyMarker]) -> Option<Vec<PointTemplate>> {
+    let remedy = "run `wingd orient` again with the ground frames";
+    let (file, bytes) = reader.read_bytes(TEMPLATES_FILE, remedy)?;
+    let decoded = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png).map(|i| i.to_luma8());
+    let side = TEMPLATE_SIDE_PX;
+    let grey =
+        decoded.ok().filter(|grey| (grey.width() as usize, grey.height() as usize) == (side, side * entries.len()));
+    let Some(grey) = grey else {
+        let problem = format!("is not an image of {} templates of {side} px", entries.len());
+        reader.fault(&file, "file", problem, remedy);
+        return None;
+    };
+    let template = |(entry, patch): (&PointEntry, &[u8])| {
+        let marker = markers.iter().position(|m| m.id == entry.id && m.shape == Shape::Point)?;
+        let origin_px = [entry.left_px, entry.top_px];
+        let place_px = Vector2::new(entry.u_px, entry.v_px);
+        let template = PointTemplate { marker, patch: Raster::new(side, side, patch.to_vec())?, origin_px, place_px };
+        template.is_centred().then_some(template)
+    };
+    let templates = entries.iter().zip(grey.as_raw().chunks_exact(side * side)).map(template);
+    let found: Option<Vec<PointTemplate>> = templates.collect();
+    if found.is_none() {
+        let problem = "has a place outside its template, or names a point that the survey does not have";
+        reader.fault(&reader.directory.join(ORIENTATION_FILE), "point", problem, remedy);
+    }
+    found
+}
+
+/// Writes the templates of points, and returns their entries in `orientation.toml`.
+fn write_templates(installation: &Installation, templates: &[PointTemplate]) -> std::io::Result<String> {
+    let mut text = String::new();
+    if templates.is_empty() {
+        return Ok(text);
+    }
+    let (side, height) = (TEMPLATE_SIDE_PX as u32, (TEMPLATE_SIDE_PX * templates.len()) as u32);
+    let all: Vec<u8> = templates.iter().flat_map(|t| t.patch.luma()).copied().collect();
+    let mut png = std::io::Cursor::new(vec![]);
+    let grey = image::GrayImage::from_raw(side, height, all);
+    let grey = grey.ok_or_else(|| std::io::Error::other("the templates of the points differ in size"))?;
+    grey.write_to(&mut png, image::ImageFormat::Png).map_err(std::io::Error::other)?;
+    write_atomically(&installation.directory.join(TEMPLATES_FILE), png.into_inner())?;
+    let _ = writeln!(
+        text,
+        "\n# Templates of points, in the order of {TEMPLATES_FILE}: origin in the ground frame, and place, px"
+    );
+    for template in templates {
+        let id = installation.setup.markers.get(template.marker).map_or("", |m| m.id.as_str());
+        let ([left, top], place) = (template.origin_px, template.place_px);
+        let _ = writeln!(text, "[[point]]\nid = {}\nleft_px = {left}\ntop_px = {top}", toml::Value::from(id));
+        let _ = writeln!(text, "u_px = {:.5}\nv_px = {:.5}\n", place.x, place.y);
+    }
+    Ok(text)
 }
 
 /// Checks that camera and survey are those that the attitude was computed with.
@@ -169,6 +242,7 @@ pub fn write_orientation(
         let _ = writeln!(text, "\n[[unused]]\nid = {id}\nreason = {reason}");
     }
     write_ground(&mut text, installation, &fit.orientation.ground);
+    text.push_str(&write_templates(installation, &fit.orientation.templates)?);
     write_atomically(&installation.directory.join(ORIENTATION_FILE), &text)
 }
 

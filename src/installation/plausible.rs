@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Matrix3, SymmetricEigen, U3, Vector2, Vector3};
 
 use super::{Fault, INSTALLATION_FILE, Reader};
 use crate::measure::identify::UNITS;
-use crate::measure::setup::{Setup, WingSide};
+use crate::measure::setup::{Setup, Shape, SurveyMarker, WingSide};
 
 /// Largest length of a wing, m: the largest wingspan of an aircraft that has flown is 117 m.
 const MAX_WING_LENGTH_M: f64 = 100.0;
@@ -233,10 +233,11 @@ fn check_flow(reader: &mut Reader, file: &Path, setup: &Setup) {
 
 /// Reports markers whose prints would overlap.
 fn check_overlap(reader: &mut Reader, survey: &Path, setup: &Setup) {
-    for (k, marker) in setup.markers.iter().enumerate() {
+    let has_decal = |m: &&SurveyMarker| m.shape != Shape::Point;
+    for (k, marker) in setup.markers.iter().enumerate().filter(|(_, m)| has_decal(m)) {
         let apart_m = |m: f64, other: &Vector3<f64>| (marker.position_m - other).norm() - m;
-        let overlaps = |other: &&crate::measure::setup::SurveyMarker| {
-            apart_m(0.5 * (marker.diameter_m + other.diameter_m), &other.position_m) < 0.0
+        let overlaps = |other: &&SurveyMarker| {
+            has_decal(other) && apart_m(0.5 * (marker.diameter_m + other.diameter_m), &other.position_m) < 0.0
         };
         if let Some(other) = setup.markers[..k].iter().find(overlaps) {
             let apart_m = apart_m(0.0, &other.position_m);

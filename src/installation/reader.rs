@@ -55,6 +55,18 @@ impl Reader {
 
     /// Reads the text of a file; reports an error if it cannot be read.
     pub fn read_text(&mut self, name: impl AsRef<Path>, remedy: &str) -> Option<(PathBuf, String)> {
+        let (file, bytes) = self.read_bytes(name, remedy)?;
+        match decode_text(bytes) {
+            Ok(text) => Some((file, text)),
+            Err((problem, remedy)) => {
+                self.fault(&file, "file", problem, remedy);
+                None
+            }
+        }
+    }
+
+    /// Reads a file and its digest; reports an error if it cannot be read.
+    pub fn read_bytes(&mut self, name: impl AsRef<Path>, remedy: &str) -> Option<(PathBuf, Vec<u8>)> {
         let file = self.directory.join(&name);
         let escaped = name.as_ref().to_string_lossy().contains(char::is_control);
         let bytes = match std::fs::read(&file) {
@@ -70,13 +82,7 @@ impl Reader {
             }
         };
         self.digests.push((printable_path(name.as_ref()), hex::encode(Sha256::digest(&bytes))));
-        match decode_text(bytes) {
-            Ok(text) => Some((file, text)),
-            Err((problem, remedy)) => {
-                self.fault(&file, "file", problem, remedy);
-                None
-            }
-        }
+        Some((file, bytes))
     }
 
     /// Deserializes a TOML table; an error names the line and key reported by the parser.

@@ -6,7 +6,7 @@ use std::path::Path;
 use nalgebra::Vector3;
 
 use super::{Reader, TableLine, read_table};
-use crate::measure::setup::{Shape, SurveyMarker, fixed_target};
+use crate::measure::setup::{POINT_EXTENT_M, Shape, SurveyMarker, fixed_target};
 
 const COLUMNS: [&str; 10] =
     ["id", "shape", "diameter_m", "x_m", "y_m", "z_m", "sigma_m", FIXED_COLUMN, PART_COLUMN, MOTION_COLUMN];
@@ -77,23 +77,39 @@ fn check_motion_and_part(reader: &mut Reader, line: &TableLine<10>, marker: &Sur
     }
 }
 
+/// Parses the diameter of a decal, m; a point has none.
+fn parse_diameter(reader: &mut Reader, line: &TableLine<10>, shape: Shape) -> Option<f64> {
+    let cell = &line.cells[2];
+    if shape == Shape::Point {
+        if !cell.is_empty() {
+            let remedy = "leave it empty, or write the shape of the decal: quadrant or circle";
+            line.cell_fault(reader, 2, format!("is \"{cell}\" for a point, which has no decal"), remedy);
+        }
+        return Some(POINT_EXTENT_M);
+    }
+    let diameter_m = line.parse_number(reader, 2)?;
+    if !(0.001..=10.0).contains(&diameter_m) {
+        let remedy = "give a number from 0.001 to 10 m: metres, not inches or millimetres";
+        line.cell_fault(reader, 2, format!("is {diameter_m:?} m"), remedy);
+    }
+    Some(diameter_m)
+}
+
 fn parse_marker(reader: &mut Reader, line: &TableLine<10>) -> Option<SurveyMarker> {
     let [id, shape, .., fixed, part, motion] = &line.cells;
     let shape = match shape.as_str() {
         "quadrant" => Shape::Quadrant,
         "circle" => Shape::Circle,
+        "point" => Shape::Point,
         other => {
-            line.cell_fault(reader, 1, format!("\"{other}\" is not known"), "write quadrant or circle");
+            line.cell_fault(reader, 1, format!("\"{other}\" is not known"), "write quadrant, circle or point");
             // The other faults of the line are reported too.
             Shape::Circle
         }
     };
-    let [diameter, x, y, z, sigma] = std::array::from_fn(|k| line.parse_number(reader, 2 + k));
+    let diameter = parse_diameter(reader, line, shape);
+    let [x, y, z, sigma] = std::array::from_fn(|k| line.parse_number(reader, 3 + k));
     let (diameter_m, sigma_m) = (diameter?, sigma?);
-    if !(0.001..=10.0).contains(&diameter_m) {
-        let remedy = "give a number from 0.001 to 10 m: metres, not inches or millimetres";
-        line.cell_fault(reader, 2, format!("is {diameter_m:?} m"), remedy);
-    }
     line.check_range(reader, 6, sigma_m, 1e-6..=10.0, "m");
     let fixed = match fixed.as_str() {
         "yes" => true,

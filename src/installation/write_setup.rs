@@ -11,7 +11,7 @@ use super::tables::{
 };
 use super::{INSTALLATION_FILE, write_camera};
 use crate::measure::setup::{
-    Setup, SkinHeight, SurveyMarker, Thermal, TorsionPair, Vibration, Width, WingSide, fixed_target,
+    Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Vibration, Width, WingSide, fixed_target,
 };
 use crate::measure::widths::WidthRow;
 
@@ -171,7 +171,8 @@ fn survey_csv(markers: &[SurveyMarker]) -> io::Result<Vec<u8>> {
     let line = |m: &SurveyMarker| {
         let [x, y, z] = [m.position_m.x, m.position_m.y, m.position_m.z].map(|v| format!("{v:.4}"));
         let (id, shape) = (m.id.clone(), m.shape.name().to_owned());
-        let own = [id, shape, m.diameter_m.to_string(), x, y, z, m.sigma_m.to_string()];
+        let diameter = if m.shape == Shape::Point { String::new() } else { m.diameter_m.to_string() };
+        let own = [id, shape, diameter, x, y, z, m.sigma_m.to_string()];
         own.into_iter().chain(columns.iter().map(|(_, cell)| cell(m))).collect::<Vec<_>>()
     };
     let mut csv = csv::Writer::from_writer(vec![]);

@@ -15,6 +15,7 @@ pub mod mount;
 pub mod observation;
 pub mod ordering;
 pub mod plan;
+pub mod points;
 pub mod raster;
 pub mod render;
 pub mod samples;

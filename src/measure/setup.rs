@@ -4,6 +4,7 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 
 use super::geometry::{Lens, WingFrame};
 use super::observation::Observation;
+use super::raster::Raster;
 pub use super::uncertainty::{SetupUncertainty, Vibration};
 pub use super::widths::Width;
 use crate::ordering::sort_by_value;
@@ -17,6 +18,8 @@ pub enum Shape {
     Quadrant,
     /// Black disc, seen as a flat ellipse near the tip.
     Circle,
+    /// Salient structure without a decal, such as the corner of a panel: found by matching a patch of the ground frame.
+    Point,
 }
 
 impl Shape {
@@ -25,6 +28,7 @@ impl Shape {
         match self {
             Self::Quadrant => "quadrant",
             Self::Circle => "circle",
+            Self::Point => "point",
         }
     }
 }
@@ -36,7 +40,7 @@ pub struct SurveyMarker {
     pub id: String,
     /// Kind of marker.
     pub shape: Shape,
-    /// Outer diameter, m.
+    /// Outer diameter, m; of a point [`POINT_EXTENT_M`].
     pub diameter_m: f64,
     /// Centre on the ground, survey frame, m.
     pub position_m: Vector3<f64>,
@@ -49,6 +53,32 @@ pub struct SurveyMarker {
     pub flight_motion_m: f64,
     /// Control surface or other moving part that carries the marker (`aileron`, `flap`); `None`: the wing itself.
     pub part: Option<String>,
+}
+
+/// Diameter of the neighbourhood that stands for a point in drawings and predicted outlines, m. It is not measured: chosen
+/// as the length of a typical salient structure.
+pub const POINT_EXTENT_M: f64 = 0.1;
+
+/// Patch of a ground frame around a point, which is searched for in frames in flight.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PointTemplate {
+    /// Index in [`Setup::markers`].
+    pub marker: usize,
+    /// Grey values of the patch.
+    pub patch: Raster,
+    /// Column and row of the patch's first pixel in the ground frame, px.
+    pub origin_px: [usize; 2],
+    /// Image of the point in the ground frame, px. It defines the point: [`Orientation::ground`] has its covariance.
+    pub place_px: Vector2<f64>,
+}
+
+impl PointTemplate {
+    /// Returns whether the point is at the middle of the patch, to a pixel.
+    pub fn is_centred(&self) -> bool {
+        let origin = Vector2::new(self.origin_px[0] as f64, self.origin_px[1] as f64);
+        let middle = Vector2::new(self.patch.width() as f64, self.patch.height() as f64).add_scalar(-1.0) * 0.5;
+        (self.place_px - origin - middle).amax() <= 0.5
+    }
 }
 
 /// Typical fixed target, for planning and rendering.
@@ -294,6 +324,8 @@ pub struct Orientation {
     /// Observations of the ground frames. They determine the errors of the survey and the image of the unbent wing to a
     /// fraction of a pixel, which separates the mount's pitch from bending. Empty if only the rotation is known.
     pub ground: Vec<Observation>,
+    /// Patches of the ground frames around points, which frames in flight are matched to.
+    pub templates: Vec<PointTemplate>,
 }
 
 /// Minimum number of points for a wing's surface: two for each of the seven coefficients of its cubic along the span,

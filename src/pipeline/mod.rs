@@ -38,7 +38,7 @@ use crate::installation::Installation;
 use crate::measure::adjust::{self, AdjustmentMethod, Estimate, Observation, Options};
 use crate::measure::environment::{FlightConditions, RefractionReport, correct_observations};
 use crate::measure::identify::{self, Diagnosis, Identities, SizedShape, WingView};
-use crate::measure::setup::{Orientation, Setup};
+use crate::measure::setup::{Orientation, Setup, Shape};
 use crate::record::{GlobalTest, ImageRecord, Parameters, Provenance, Reason, RecordStatus};
 use guard::{PANIC_REASON, catch_panic};
 
@@ -191,7 +191,7 @@ fn outlined_observations(processed: &ProcessedFrame) -> (&[Observation], Vec<Opt
     };
     let is_manual = |marker: usize| processed.manual.iter().any(|(other, _)| *other == marker);
     let outline = |o: &Observation| {
-        let found = detection(o.marker).filter(|_| !is_manual(o.marker))?;
+        let found = detection(o.marker).filter(|d| d.shape != Shape::Point && !is_manual(o.marker))?;
         Some((found.shape, Some(found.semi_major_px)))
     };
     (&processed.observations, processed.observations.iter().map(outline).collect())
@@ -332,7 +332,7 @@ mod tests {
         let fixture = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation");
         let installation = crate::installation::load_without_orientation(&fixture).unwrap();
         let camera_from_survey = nalgebra::Rotation3::identity();
-        let orientation = Orientation { camera_from_survey, covariance_rad2: None, ground: vec![] };
+        let orientation = Orientation { camera_from_survey, covariance_rad2: None, ground: vec![], templates: vec![] };
         for format in [None, Some(Format::Jpeg)] {
             let bytes = decode::BREAKS;
             let record =

@@ -8,8 +8,9 @@ use crate::installation::{ManualObservation, ManualPosition};
 use crate::measure::detect::{self, Detection, ExpectedMarker};
 use crate::measure::identify::{self, IdentifyError, OrientationFit, PredictedMarker, WingView};
 use crate::measure::observation::Observation;
+use crate::measure::points;
 use crate::measure::raster::Raster;
-use crate::measure::setup::{Setup, SurveyMarker};
+use crate::measure::setup::{Orientation, PointTemplate, Setup, Shape, SurveyMarker};
 use crate::measure::view::MAX_PASSES;
 use crate::record::Reason;
 
@@ -89,9 +90,52 @@ pub fn orient_frames(setup: &Setup, frames: &mut [GroundFrame]) -> Result<Orient
         }
     }
     fit.orientation.ground = fit.ground_observations(setup, &detected_markers(frames));
+    cut_templates(setup, frames, &mut fit);
     record_rejected(frames, &mut fit);
     Ok(fit)
 }
+
+/// Number of standard deviations of the survey within which a point is searched for in a further ground frame.
+const TEMPLATE_SIGMAS: f64 = 4.0;
+
+/// Cuts the templates of the points. The first frame in which a point is marked and fits defines it; in the other frames
+/// the place is that which its template shows.
+fn cut_templates(setup: &Setup, frames: &[GroundFrame], fit: &mut OrientationFit) {
+    let is_point = |marker: usize| setup.markers.get(marker).is_some_and(|m| m.shape == Shape::Point);
+    let mut first: Vec<(usize, PointTemplate)> = vec![];
+    for (k, frame) in frames.iter().enumerate() {
+        for mark in frame.manual.iter().filter(|mark| is_point(mark.marker)) {
+            let is_used = fit.residuals.iter().any(|(frame, marker, _)| (*frame, *marker) == (k, mark.marker));
+            let is_new = first.iter().all(|(_, template)| template.marker != mark.marker);
+            let (Some(place), true) = (mark.place, is_used && is_new) else { continue };
+            first.extend(points::cut_template(&frame.raster, mark.marker, place.pixel).map(|template| (k, template)));
+            let ground = fit.orientation.ground.iter_mut().filter(|o| o.marker == mark.marker);
+            ground.for_each(|o| (o.pixel, o.covariance_px2) = (place.pixel, place.covariance_px2));
+        }
+    }
+    let mut templates: Vec<PointTemplate> = first.iter().map(|(_, template)| template.clone()).collect();
+    let defined = Orientation { templates: templates.clone(), ..fit.orientation.clone() };
+    for patch in WingView::on_ground(setup, &defined).predict_patches_on_ground(TEMPLATE_SIGMAS) {
+        let Some((defining, template)) = first.get(patch.template) else { continue };
+        let others = frames.iter().enumerate().filter(|(k, _)| k != defining);
+        templates.extend(others.filter_map(|(_, frame)| {
+            let found = points::match_point(&frame.raster, template, &patch).ok()?;
+            points::cut_template(&frame.raster, template.marker, found.place_px)
+        }));
+    }
+    templates.sort_by_key(|template| template.marker);
+    fit.orientation.templates = templates;
+    // A point without a place is a task for the user, not a failure of the detector.
+    for marker in (0..setup.markers.len()).filter(|k| is_point(*k)) {
+        if frames.iter().all(|frame| frame.manual.iter().all(|mark| mark.marker != marker)) {
+            fit.explain_unused(marker, UNMARKED_POINT);
+        }
+    }
+}
+
+/// Reason why a point that nobody marked is not used.
+const UNMARKED_POINT: &str = "it has no decal and was not marked: mark it in a ground frame with `wingd mark --ground`, and \
+     give the marks with --observations";
 
 /// Estimates the first orientation from the detections, then from detections and manual observations. If the detections
 /// alone fit nothing, both are used at once.
@@ -194,8 +238,11 @@ fn apply_manual_observations(setup: &Setup, fit: Option<&OrientationFit>, frames
             }
             let new =
                 manual_detection(setup, marker, &place, predicted.iter().find(|f| f.marker == observation.marker));
-            let apart =
-                |d: &Detection| (d.centre_px - new.centre_px).norm() > new.semi_minor_px.max(MANUAL_DISTANCE_PX);
+            // A point may be next to a decal.
+            let apart = |d: &Detection| match new.marker {
+                Some(point) => d.marker != Some(point),
+                None => (d.centre_px - new.centre_px).norm() > new.semi_minor_px.max(MANUAL_DISTANCE_PX),
+            };
             all.retain(apart);
             all.push(new);
         }
@@ -229,6 +276,7 @@ fn manual_detection(
         angle_rad: outline.map_or(0.0, |p| p.angle_rad),
         fit_rms: 0.0,
         contrast: 0.0,
+        marker: setup.markers.iter().position(|m| m.id == marker.id).filter(|_| marker.shape == Shape::Point),
     }
 }
 

@@ -45,7 +45,12 @@ fn deflection(seed: u64, range: (f64, f64)) -> f64 {
 }
 
 fn known(world: &World) -> Orientation {
-    Orientation { camera_from_survey: world.camera_from_survey, covariance_rad2: None, ground: vec![] }
+    Orientation {
+        camera_from_survey: world.camera_from_survey,
+        covariance_rad2: None,
+        ground: vec![],
+        templates: vec![],
+    }
 }
 
 /// Whether every marker is either identified or missing with a reason, and none twice.
@@ -223,6 +228,7 @@ fn symmetric_world() -> (Setup, Vec<Detection>) {
             angle_rad: 0.0,
             fit_rms: 1.0,
             contrast: 100.0,
+            marker: None,
         });
     }
     (setup, detections)
@@ -335,6 +341,7 @@ fn dev() -> Dev {
                     angle_rad: 0.0,
                     fit_rms: 2.0,
                     contrast: 150.0,
+                    marker: None,
                 });
             }
         }

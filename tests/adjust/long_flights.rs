@@ -62,6 +62,7 @@ fn rendered(seed: u64, rng: &mut StdRng, count: usize) -> Flight {
         camera_from_survey: ground.camera_from_survey,
         covariance_rad2: Some(Matrix3::identity() * 1e-9),
         ground: seen.map(sight).collect(),
+        templates: vec![],
     };
     let frame = |k: usize| {
         let mut shot = scene.flight_shot(2.8 - 1.1 * k as f64 / count as f64, Light::Plain, 5);

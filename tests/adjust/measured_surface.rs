@@ -39,6 +39,7 @@ fn measure_flight(
         camera_from_survey: scene.camera_from_survey,
         covariance_rad2: Some(Matrix3::identity() * 1e-9),
         ground: observe(random, scene, &ground),
+        templates: vec![],
     };
     let mount = scene.remount(random);
     let mut fly = |k: usize| {

@@ -217,6 +217,7 @@ fn sample_window(rng: &mut StdRng, on_ground: bool, radius_m: Option<f64>) -> Sa
         camera_from_survey: truth.camera_from_survey,
         covariance_rad2: None,
         ground: ground.into_iter().enumerate().map(sight).collect(),
+        templates: vec![],
     };
     let frame =
         seen.into_iter().enumerate().map(|(marker, pixel)| Observation { marker, pixel, covariance_px2 }).collect();

@@ -372,6 +372,7 @@ impl Truth {
             camera_from_survey: self.camera_from_survey,
             covariance_rad2: Some(Matrix3::identity() * 1e-9),
             ground: if with_sights { ground } else { vec![] },
+            templates: vec![],
         }
     }
 

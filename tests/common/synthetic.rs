@@ -298,6 +298,7 @@ impl World {
                 angle_rad: image.angle,
                 fit_rms: 2.0,
                 contrast: 150.0,
+                marker: None,
             });
             view.truth.push(Some(j));
         }

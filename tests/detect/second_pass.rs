@@ -88,6 +88,7 @@ pub fn oriented(scene: &Scene, seed: u64) -> Orientation {
         camera_from_survey: scene.camera_from_survey,
         covariance_rad2: Some(Matrix3::identity() * (SIGHT_PX / scene.setup.lens.focal_px()).powi(2)),
         ground: truth.iter().enumerate().filter_map(sight).collect(),
+        templates: vec![],
     }
 }
 

@@ -99,6 +99,9 @@ struct WingArgs {
     /// Fixed targets, rigid to the cabin, 0 to 4, in the corners of the image
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=4))]
     fixed_marks: Option<u8>,
+    /// Points: salient structures without a decal, 0 to 40; frames/marks.csv has their places in the ground frame
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=40))]
+    points: Option<u8>,
     /// Standard deviation of the survey, m
     #[arg(long, value_name = "M")]
     survey_sigma: Option<f64>,
@@ -206,8 +209,8 @@ fn check_scene_options(options: &SceneOptions) -> TaskResult<()> {
     if !(5.0..=80.0).contains(&options.length_m) {
         return wrong("--length: give 5 to 80 m");
     }
-    if !(4..=200).contains(&options.markers) {
-        return wrong("--markers: give 4 to 200");
+    if !(4..=200).contains(&(options.markers + options.points)) {
+        return wrong("--markers: give 4 to 200, points included");
     }
     if !(options.survey_sigma_m >= 0.0 && options.clutter >= 0.0 && options.clutter <= 20.0) {
         return wrong("--survey-sigma must not be negative, --clutter is 0 to 20");
@@ -227,6 +230,7 @@ impl WingArgs {
         options.camera_height_m = self.camera_height.unwrap_or(options.camera_height_m);
         options.survey_sigma_m = self.survey_sigma.unwrap_or(options.survey_sigma_m);
         options.fixed_targets = self.fixed_marks.map_or(0, usize::from);
+        options.points = self.points.map_or(0, usize::from);
         options.clutter = self.clutter.unwrap_or(options.clutter);
         let lens = &mut options.lens;
         if let Some([width, height]) = self.size.as_deref() {

@@ -4,14 +4,14 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow};
-use nalgebra::{Rotation3, Vector2};
+use nalgebra::{Matrix2, Rotation3, Vector2};
 use serde_json::{Value, json};
 
 use super::SetFrame;
-use crate::installation;
+use crate::installation::{self, ManualObservation, ManualPosition, POINT_SIGMA_PX};
 use crate::measure::raster::Raster;
-use crate::measure::render::{FrameTruth, MarkerTruth, Scene};
-use crate::measure::setup::Setup;
+use crate::measure::render::{FrameTruth, MarkerTruth, Scene, SeededRandom};
+use crate::measure::setup::{Setup, Shape};
 
 /// Writes `installation/`, `frames/` and `truth.json` below `directory`, with the installation as in `specified`; `done` is
 /// called after each frame.
@@ -33,9 +33,32 @@ pub fn write_set(
         entries.push(frame_truth_json(frame, &scene.truth(&frame.shot)));
         done();
     }
+    if let Some(ground) = frames.first() {
+        write_point_marks(&folder, specified, ground, &scene.truth(&ground.shot))?;
+    }
     let truth = json!({ "set": name, "frames": entries });
     let file = directory.join("truth.json");
     fs::write(&file, serde_json::to_string_pretty(&truth)?).with_context(|| format!("cannot write {}", file.display()))
+}
+
+/// Writes `marks.csv`: the places of the points in the ground frame, with the error of a person who marks them; nothing
+/// if there are none.
+fn write_point_marks(folder: &Path, setup: &Setup, frame: &SetFrame, truth: &FrameTruth) -> Result<()> {
+    let mut random = SeededRandom::new(frame.shot.seed, 31);
+    let mark = |(marker, truth): (usize, &MarkerTruth)| {
+        let error = Vector2::from_fn(|_, _| POINT_SIGMA_PX * random.normal());
+        let pixel = truth.pixel.filter(|_| truth.shape == Shape::Point && truth.visible)? + error;
+        let covariance_px2 = Matrix2::identity() * POINT_SIGMA_PX.powi(2);
+        let place = Some(ManualPosition { pixel, covariance_px2 });
+        Some(ManualObservation { image: None, marker, place, note: Default::default() })
+    };
+    let marks: Vec<ManualObservation> = truth.markers.iter().enumerate().filter_map(mark).collect();
+    if marks.is_empty() {
+        return Ok(());
+    }
+    let file = folder.join("marks.csv");
+    let text = installation::observations_text(&marks, setup)?;
+    fs::write(&file, text).with_context(|| format!("cannot write {}", file.display()))
 }
 
 /// Writes a raster as a grey JPEG.

@@ -40,7 +40,8 @@ pub fn survey_block<'a>(
     observed.extend(images.clone().flat_map(|o| [o.pixel.x, o.pixel.y]));
     let variance = input.setup.markers[marker].sigma_m.powi(2);
     let mut covariance = DMatrix::zeros(observed.len(), observed.len());
-    (0..3).for_each(|k| covariance[(k, k)] = variance);
+    covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&input.scene.point_covariances_m2[marker]);
+    (0..3).for_each(|k| covariance[(k, k)] += variance);
     for (k, image) in images.enumerate() {
         let at = 3 + 2 * k;
         covariance.fixed_view_mut::<2, 2>(at, at).copy_from(&image_covariance(&image.covariance_px2));

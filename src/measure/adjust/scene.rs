@@ -10,7 +10,7 @@ use super::values::{CameraPose, UnknownValues};
 use super::{AdjustResult, Observation};
 use crate::environment::Plate;
 use crate::geometry::{BROWN, Lens, cross_matrix, left_jacobian};
-use crate::setup::{Orientation, Setup};
+use crate::setup::{Orientation, Setup, Shape};
 
 /// Step of the numerical derivative with respect to the bow; the image is linear in it to 1e-3 of its effect.
 const BOW_STEP: f64 = 1e-3;
@@ -29,6 +29,8 @@ pub struct WingScene {
     pub neighbours: [Option<NeighbourWing>; ESTIMATED_DIMENSIONS],
     /// Image observations of the ground frames, per marker of the survey.
     pub ground_observations: Vec<Option<Observation>>,
+    /// Additional covariance of each surveyed position, wing frame, m^2 ([`Self::define_points`]); 0 for a decal.
+    pub point_covariances_m2: Vec<Matrix3<f64>>,
     lens: Lens,
     /// Rotation on the ground, before corrections.
     pub camera_from_wing: Matrix3<f64>,
@@ -118,17 +120,41 @@ impl WingScene {
         let camera_from_wing = orientation.camera_from_survey.matrix() * wing_from_survey.transpose();
         let panes = [true, false]
             .map(|flight| Plate::from_window(setup.window.as_ref(), &ground.frame.wing_from_survey, flight));
-        Ok(Self {
+        let mut scene = Self {
             ground,
             grid,
             arms: mounts,
             fixed: setup.markers.iter().map(|m| m.fixed).collect(),
             neighbours,
             ground_observations: ground_sights,
+            point_covariances_m2: vec![Matrix3::zeros(); setup.markers.len()],
             lens: setup.lens,
             camera_from_wing,
             panes,
-        })
+        };
+        scene.define_points(setup);
+        Ok(scene)
+    }
+
+    /// Defines each point without a decal as the spot of the skin that its template shows, because flights are matched to
+    /// the template: the error of the place that a person marked on the ground becomes one of the surveyed position along
+    /// the skin, common to all frames, and the ground observation is exact.
+    fn define_points(&mut self, setup: &Setup) {
+        let points = setup.markers.iter().enumerate().filter(|(_, m)| m.shape == Shape::Point);
+        for (k, marker) in points {
+            let station = &self.ground.stations[k];
+            let point_m = station.surveyed_m;
+            let facing = || -point_m.normalize();
+            let normal = if marker.fixed { facing() } else { self.ground.axis.skin_normal(station.arc_m) };
+            let seen = self.lens.project_with_jacobian(&(self.camera_from_wing * point_m));
+            let (Some((_, by_camera)), Some(observation)) = (seen, &mut self.ground_observations[k]) else { continue };
+            let by_point = by_camera * self.camera_from_wing;
+            let rows = Matrix3::from_rows(&[by_point.row(0).into(), by_point.row(1).into(), normal.transpose()]);
+            let Some(inverse) = rows.try_inverse() else { continue };
+            let by_pixel = inverse.fixed_columns::<2>(0);
+            self.point_covariances_m2[k] = by_pixel * observation.covariance_px2 * by_pixel.transpose();
+            observation.covariance_px2.fill(0.0);
+        }
     }
 
     /// Returns whether ground-frame observations are used.

@@ -5,7 +5,7 @@ use nalgebra::{SVector, Vector2, Vector3};
 
 use super::skin::SkinSurface;
 use crate::geometry::WingFrame;
-use crate::setup::{Setup, SurveyMarker};
+use crate::setup::Setup;
 
 /// State of wing and camera: curvature (3 terms, 1/m), twist (2 terms, rad), camera mount (3 small rotations, camera frame,
 /// rad).
@@ -71,22 +71,28 @@ impl CoarseBeam {
         let tip_x = points.iter().map(|p| p.x).fold(root_x + 1.0, f64::max) + MARGIN_M;
         let (length_m, slopes) = ground_axis(&height, root_x, tip_x);
         let root = Vector2::new(root_x, height(root_x));
-        let mut beam = Self { frame, skin, ground_m, length_m, chord_axis_m, root, slopes, arms: Vec::new() };
-        let arm = |(m, p): (&SurveyMarker, &Vector3<f64>)| if m.fixed { Arm::NONE } else { beam.arm_to(p) };
-        beam.arms = setup.markers.iter().zip(&beam.ground_m).map(arm).collect();
-        beam
+        let beam = Self { frame, skin, ground_m, length_m, chord_axis_m, root, slopes, arms: Vec::new() };
+        let points: Vec<_> = beam.ground_m.iter().zip(&setup.markers).map(|(p, m)| (*p, m.fixed)).collect();
+        beam.with_points(&points)
+    }
+
+    /// Returns the beam with points of the ground (wing frame, m, and whether each is rigid to the cabin) instead of the
+    /// markers.
+    pub(super) fn with_points(&self, points: &[(Vector3<f64>, bool)]) -> Self {
+        let nodes = self.axis_node_positions(&self.slopes, 1.0);
+        let arms = points.iter().map(|(p, fixed)| if *fixed { Arm::NONE } else { self.arm_to(p, &nodes) }).collect();
+        Self { ground_m: points.iter().map(|(p, _)| *p).collect(), arms, ..self.clone() }
     }
 
     /// Returns section and offset of a point on the ground, wing frame, m.
-    fn arm_to(&self, p: &Vector3<f64>) -> Arm {
-        let nodes = self.axis_node_positions(&self.slopes, 1.0);
+    fn arm_to(&self, p: &Vector3<f64>, nodes: &[Vector2<f64>; INTERVALS + 1]) -> Arm {
         let target = Vector2::new(p.x, p.y);
         let mut foot_m = p.x - self.root.x;
         for _ in 0..6 {
-            let section = self.section_at(&nodes, &self.slopes, foot_m, 1.0);
+            let section = self.section_at(nodes, &self.slopes, foot_m, 1.0);
             foot_m += (target - section.axis).dot(&unit_tangent(section.slope));
         }
-        let section = self.section_at(&nodes, &self.slopes, foot_m, 1.0);
+        let section = self.section_at(nodes, &self.slopes, foot_m, 1.0);
         let offset = target - section.axis;
         let tangent = unit_tangent(section.slope);
         let arm_m = Vector3::new(offset.dot(&tangent), tangent.perp(&offset), p.z - self.chord_axis_m);
@@ -188,7 +194,7 @@ impl CoarseBeam {
 }
 
 /// Returns the normal of a target that faces the camera, as fixed targets do, and a direction across it.
-fn facing_attitude(point_m: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
+pub(super) fn facing_attitude(point_m: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
     let normal = -point_m.try_normalize(1e-6)?;
     let across = (Vector3::y() - normal * normal.y).try_normalize(1e-6).unwrap_or_else(Vector3::x);
     Some((normal, across))

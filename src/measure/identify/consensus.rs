@@ -148,10 +148,11 @@ impl<'a> Directions<'a> {
         let similar = setup
             .markers
             .iter()
-            .map(|m| {
+            .enumerate()
+            .map(|(j, m)| {
                 let range = (m.position_m - setup.projection_centre_m).norm();
                 let major = 0.5 * m.diameter_m * focal / range;
-                (0..detections.len()).filter(|i| looks_like(&detections[*i], m.shape, major)).collect()
+                (0..detections.len()).filter(|i| looks_like(&detections[*i], setup, j, major)).collect()
             })
             .collect();
         Self { detections, setup, rays, targets, similar, rays_sigma }

@@ -4,14 +4,15 @@ use super::decide::{Ambiguity, MIN_LOG_ODDS, MatchDecision, decide_pairs};
 use super::fit::MatchedPair;
 use super::matching::{MatchingProblem, RefinedMatch};
 use super::scan::{StateGuess, scan_deflections};
-use super::scene::{WingView, is_usable};
+use super::scene::{PredictedImage, WingView, is_usable};
 use super::{IdentifyError, Identities};
 use crate::detect::Detection;
 use crate::geometry::Lens;
 use crate::ordering::sort_by_value;
+use crate::setup::Shape;
 
 /// Minimum number of pairs; fewer leave no redundancy.
-pub(super) const MIN_IDENTIFIED: usize = 4;
+pub const MIN_IDENTIFIED: usize = 4;
 /// Minimum log odds against false candidates alone, for some hundred guesses.
 const MIN_LOG_ODDS_CHANCE: f64 = 16.0;
 
@@ -101,8 +102,15 @@ pub(super) fn build_identities(problem: &MatchingProblem<'_>, decision: &MatchDe
         marker_of: vec![None; problem.detections.len()],
         missing: Vec::new(),
         tip_deflection_m: problem.scene.deflection_m(&refined.state, problem.scene.outermost_marker()),
-        visible: refined.predicted.iter().flatten().filter(|p| problem.scene.setup.lens.contains(&p.pixel)).count(),
+        visible: 0,
     };
+    let is_shown = |(j, p): (usize, &Option<PredictedImage>)| {
+        // Points are found after the decals, and on the ground only if they were marked.
+        let is_decal = problem.scene.setup.markers.get(j).is_some_and(|m| m.shape != Shape::Point);
+        let is_known = || problem.detections.iter().any(|d| d.marker == Some(j));
+        p.as_ref().is_some_and(|p| problem.scene.setup.lens.contains(&p.pixel)) && (is_decal || is_known())
+    };
+    identities.visible = refined.predicted.iter().enumerate().filter(|shown| is_shown(*shown)).count();
     for j in 0..problem.scene.setup.markers.len() {
         let detection = refined.pairs.iter().find(|p| p.1 == j).map(|p| p.0);
         let ambiguity = decision.ambiguous.iter().find(|d| d.0 == j).map(|d| d.1);

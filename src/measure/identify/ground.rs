@@ -26,8 +26,12 @@ const REJECTED_REASON: &str =
 /// Returns an error if too few markers are found, a frame does not fit the others, or none or more than one solution fits.
 pub fn estimate_orientation(setup: &Setup, frames: &[Vec<Detection>]) -> Result<OrientationFit, IdentifyError> {
     let first = first_consensus(setup, frames)?;
-    let mut orientation =
-        Orientation { camera_from_survey: first.camera_from_survey, covariance_rad2: None, ground: Vec::new() };
+    let mut orientation = Orientation {
+        camera_from_survey: first.camera_from_survey,
+        covariance_rad2: None,
+        ground: Vec::new(),
+        templates: vec![],
+    };
     let mut identities: Vec<Identities> = frames.iter().map(|f| identities_on_ground(setup, &orientation, f)).collect();
     let mut fitted = None;
     // The bias of the outlines depends on the attitude, so there are two passes.
@@ -151,7 +155,7 @@ fn explain_missing(scene: &WingView<'_>, detections: &[Detection], identities: &
         let (surveyed, Some(Some(outline))) = (&scene.setup.markers[*marker], outlines.get(*marker)) else { continue };
         let similar = |d: &&&Detection| {
             is_usable(d)
-                && looks_like(d, surveyed.shape, outline.semi_major_px)
+                && looks_like(d, scene.setup, *marker, outline.semi_major_px)
                 && (d.centre_px - outline.ellipse_px).norm() < outline.semi_major_px
         };
         if let Some(seen) = free.iter().find(similar) {

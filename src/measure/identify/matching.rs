@@ -62,9 +62,10 @@ impl<'a> MatchingProblem<'a> {
             .markers
             .iter()
             .zip(&scene.beam.ground_m)
-            .map(|(marker, p)| {
+            .enumerate()
+            .map(|(j, (marker, p))| {
                 let major = 0.5 * marker.diameter_m * lens.focal_px() / p.norm();
-                let fits = |d: &Detection| is_usable(d) && looks_like(d, marker.shape, major);
+                let fits = |d: &Detection| is_usable(d) && looks_like(d, scene.setup, j, major);
                 (0..detections.len()).filter(|i| fits(&detections[*i])).collect()
             })
             .collect();

@@ -11,6 +11,7 @@
 //! | diagnosis | images that do not fit | causes with sizes | `diagnose/` |
 //! | prediction | identities or observations of a frame | predicted images | `wing_state.rs` |
 //! | guided search | detections in parts of a frame | predicted images | `locate.rs` |
+//! | patches | templates of points | their predicted images | `points.rs` |
 //!
 //! All stages share the wing model of `skin.rs`, `beam.rs` and `scene.rs`; those of frames in flight are functions of the
 //! [`WingView`].
@@ -27,6 +28,7 @@ mod ground;
 mod locate;
 mod matching;
 mod outline;
+mod points;
 mod refine;
 mod scan;
 mod scene;
@@ -44,8 +46,10 @@ pub use diagnose::{
     Cause, Diagnosis, Explanation, OTHER_AIRCRAFT, SizedShape, UNITS, diagnose_ground, diagnose_ground_fit,
     diagnose_observations, is_scale_off,
 };
+pub use flight::MIN_IDENTIFIED;
 pub use ground::estimate_orientation;
 pub use locate::MIN_SEPARATION_PX;
+pub use points::{PATCH_REACH_PX, PatchNodes, PatchPrediction};
 pub use scene::WingView;
 
 /// Identities of a frame's detections.

@@ -172,6 +172,7 @@ impl OrientationAdjustment<'_> {
                 camera_from_survey: rotation,
                 covariance_rad2: Some(by_turn * covariance * by_turn.transpose()),
                 ground: Observation::mean_observations(setup.markers.len(), self.list.iter().map(|image| image.seen)),
+                templates: vec![],
             },
             variance_factor: fit.omega / fit.redundancy.max(1) as f64,
             redundancy: fit.redundancy,

@@ -47,9 +47,14 @@ pub(super) struct PredictedImage {
 }
 
 impl PredictedImage {
+    /// Returns the covariance of the position, px^2, given the `covariance` of the state.
+    pub(super) fn spread_px2(&self, covariance: &Matrix8) -> Matrix2<f64> {
+        self.jacobian * covariance * self.jacobian.transpose() + self.covariance
+    }
+
     /// Returns the standard deviations of the position along u and v, px, given the `covariance` of the state.
     pub(super) fn sigma_px(&self, covariance: &Matrix8) -> Vector2<f64> {
-        let spread = self.jacobian * covariance * self.jacobian.transpose() + self.covariance;
+        let spread = self.spread_px2(covariance);
         Vector2::new(spread[(0, 0)], spread[(1, 1)]).map(|variance| variance.max(0.0).sqrt())
     }
 }
@@ -96,10 +101,14 @@ impl<'a> WingView<'a> {
 
     /// Returns the pixels of all markers; `None` behind the camera.
     pub(super) fn project_markers(&self, state: &WingState) -> Vec<Option<Vector2<f64>>> {
+        self.project_points(&self.beam, state)
+    }
+
+    /// Returns the pixels of the points of a beam; `None` behind the camera.
+    pub(super) fn project_points(&self, beam: &CoarseBeam, state: &WingState) -> Vec<Option<Vector2<f64>>> {
         let rotation = self.camera_from_wing(state);
         let lens = &self.setup.lens;
-        self.beam
-            .marker_positions(state, self.scale)
+        beam.marker_positions(state, self.scale)
             .iter()
             .map(|p| lens.project(&self.apparent_point(&rotation, p)))
             .collect()
@@ -176,10 +185,12 @@ impl<'a> WingView<'a> {
             .collect()
     }
 
-    /// Returns the number of markers that the ground frames show; of all, if their observations are not known.
+    /// Returns the number of markers with a decal that the ground frames show; of all, if their observations are not known.
     pub fn count_shown(&self) -> usize {
-        let shown = self.orientation.ground.len();
-        if shown > 0 { shown } else { self.setup.markers.len() }
+        let has_decal = |k: usize| self.setup.markers.get(k).is_some_and(|m| m.shape != Shape::Point);
+        let ground = &self.orientation.ground;
+        let shown = ground.iter().filter(|o| has_decal(o.marker)).count();
+        if ground.is_empty() { (0..self.setup.markers.len()).filter(|k| has_decal(*k)).count() } else { shown }
     }
 
     /// Returns the vertical deflection of a marker relative to the ground, wing frame, m.
@@ -201,13 +212,13 @@ impl<'a> WingView<'a> {
     }
 }
 
-/// Returns true if kind and major axis of a detection fit a marker at its distance on the ground.
-pub(super) fn looks_like(detection: &Detection, shape: Shape, semi_major_px: f64) -> bool {
-    let limit = match shape {
-        Shape::Circle => 1.35,
-        Shape::Quadrant => 1.5,
-    };
-    detection.shape == shape && is_within_factor(detection.semi_major_px, semi_major_px, limit)
+/// Returns true if a detection may show the marker with an index in the survey: by its known name, or if its kind and
+/// major axis fit the marker at its distance on the ground.
+pub(super) fn looks_like(detection: &Detection, setup: &Setup, marker: usize, semi_major_px: f64) -> bool {
+    let Some(shape) = setup.markers.get(marker).map(|m| m.shape) else { return false };
+    let limit = if shape == Shape::Quadrant { 1.5 } else { 1.35 };
+    let similar = || detection.shape == shape && is_within_factor(detection.semi_major_px, semi_major_px, limit);
+    detection.marker.map_or_else(similar, |known| known == marker)
 }
 
 fn is_within_factor(a: f64, b: f64, limit: f64) -> bool {
@@ -223,6 +234,7 @@ pub(super) fn outline_fits(detection: &Detection, shape: Shape, outline: &DiscOu
     let (longer, shorter) = match shape {
         Shape::Circle => (1.15, 1.15),
         Shape::Quadrant => (1.2, 1.2 + TIPS_PX / minor.max(1.0)),
+        Shape::Point => return detection.shape == shape,
     };
     let (major, predicted) = (detection.semi_major_px, outline.semi_minor_px);
     detection.shape == shape

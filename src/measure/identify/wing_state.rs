@@ -28,9 +28,9 @@ const EXPECTED_SIGMAS: f64 = 3.0;
 /// State fitted to identified detections.
 pub(super) struct FittedState {
     pub(super) state: WingState,
-    covariance: Matrix8,
+    pub(super) covariance: Matrix8,
     /// Predicted images of the markers.
-    images: Vec<Option<PredictedImage>>,
+    pub(super) images: Vec<Option<PredictedImage>>,
 }
 
 impl WingView<'_> {
@@ -110,7 +110,9 @@ impl WingView<'_> {
         let predicted = markers.filter_map(|(marker, (surveyed, outline))| {
             let outline = outline?;
             let seen = observations.iter().any(|o| o.marker == marker);
-            let prediction = self.visible_prediction(surveyed.shape, &outline, Vector2::zeros(), seen)?;
+            // The neighbourhood of a point is drawn as a disc.
+            let drawn = self.visible_prediction(Shape::Circle, &outline, Vector2::zeros(), seen)?;
+            let prediction = MarkerPrediction { shape: surveyed.shape, ..drawn };
             Some(PredictedMarker { marker, prediction, point_px: outline.point_px })
         });
         predicted.collect()
@@ -160,7 +162,8 @@ impl WingView<'_> {
         search_px: Vector2<f64>,
         seen: bool,
     ) -> Option<MarkerPrediction> {
-        self.setup.lens.contains(&outline.ellipse_px).then_some(MarkerPrediction {
+        // Points have no outline that a detector could measure.
+        (shape != Shape::Point && self.setup.lens.contains(&outline.ellipse_px)).then_some(MarkerPrediction {
             shape,
             centre_px: outline.ellipse_px,
             semi_major_px: outline.semi_major_px,
@@ -184,6 +187,7 @@ fn identified_detections(observations: &[Observation]) -> (Vec<Detection>, Ident
         angle_rad: 0.0,
         fit_rms: 0.0,
         contrast: 0.0,
+        marker: None,
     };
     let marker_of = observations.iter().map(|o| Some(o.marker)).collect();
     (observations.iter().map(detection).collect(), Identities { marker_of, ..Identities::default() })

@@ -25,12 +25,13 @@ impl SimulatedFlight<'_> {
         })
     }
 
-    /// Returns whether a marker's image is large and round enough to be measured, on the ground and in flight.
+    /// Returns whether a marker's image is large and round enough to be measured, on the ground and in flight. The structure
+    /// of a point is as large as its patch.
     pub fn is_large_enough(&self, marker: usize) -> bool {
         let Some(SurveyMarker { shape, diameter_m, .. }) = self.setup.markers.get(marker) else { return false };
         let flattest = if *shape == Shape::Quadrant { MAX_QUADRANT_RATIO } else { MAX_DISC_RATIO };
         self.footprints(marker).iter().all(|footprint| {
-            1e3 * diameter_m / footprint.spanwise_mm >= MIN_MEASURED_PX
+            (*shape == Shape::Point || 1e3 * diameter_m / footprint.spanwise_mm >= MIN_MEASURED_PX)
                 && footprint.spanwise_mm <= flattest * footprint.streamwise_mm
         })
     }

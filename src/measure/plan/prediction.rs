@@ -12,7 +12,8 @@ use crate::adjust::ground::GroundShape;
 use crate::adjust::{self, AdjustError, AdjustResult, Mounting, Observation, Options, Solution};
 use crate::environment::apparent_point;
 use crate::ordering::sort_by_value;
-use crate::setup::{Orientation, Setup, SurveyMarker};
+use crate::points;
+use crate::setup::{Orientation, Setup, Shape, SurveyMarker};
 
 /// Predicted standard deviations of one marker: deflection, and position along span, flow and height, m.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -151,6 +152,7 @@ impl<'a> SimulatedFlight<'a> {
                 camera_from_survey: camera_attitude(&ground, &flight) * shape.frame.wing_from_survey,
                 covariance_rad2: None,
                 ground: Vec::new(),
+                templates: vec![],
             },
             ground,
             flight,
@@ -167,8 +169,11 @@ impl<'a> SimulatedFlight<'a> {
 
     /// Simulates the ground frame, unless the orientation has one, and the frame in flight.
     fn take_frames(&mut self) {
-        let variance = self.options.pixel_sigma * self.options.pixel_sigma;
-        let covariance_px2 = Matrix2::identity() * variance;
+        let covariance_px2 = |marker: usize| {
+            let is_point = self.setup.markers.get(marker).is_some_and(|m| m.shape == Shape::Point);
+            let least = if is_point { points::TYPICAL_SIGMA_PX } else { 0.0 };
+            Matrix2::identity() * self.options.pixel_sigma.max(least).powi(2)
+        };
         let turn = &self.orientation.camera_from_survey;
         let see = |p: &Vector3<f64>, in_flight| {
             let survey = self.setup.wing_frame().wing_from_survey.inverse() * p;
@@ -181,14 +186,16 @@ impl<'a> SimulatedFlight<'a> {
         let large = |marker: &usize| !untaken || self.is_large_enough(*marker);
         let flight = self.flight.iter().enumerate().filter(|(marker, _)| large(marker));
         let observations: Vec<_> = flight
-            .filter_map(|(marker, p)| Some(Observation { marker, pixel: see(p, true)?, covariance_px2 }))
+            .filter_map(|(marker, p)| {
+                Some(Observation { marker, pixel: see(p, true)?, covariance_px2: covariance_px2(marker) })
+            })
             .collect();
         // A ground frame that was taken determines which markers are observed, and with which covariance. Its own errors
         // do not matter: the simulated observations are exact.
         let taken = &self.orientation.ground;
         let covariance = |marker: usize| match taken.iter().find(|image| image.marker == marker) {
             Some(image) => Some(image.covariance_px2),
-            None => taken.is_empty().then_some(covariance_px2),
+            None => taken.is_empty().then(|| covariance_px2(marker)),
         };
         let observe = |(marker, p): (usize, &Vector3<f64>)| {
             Some(Observation { marker, covariance_px2: covariance(marker)?, pixel: see(p, false)? })

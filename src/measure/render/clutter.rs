@@ -129,6 +129,37 @@ impl SkinClutter {
         self.spots.push(ClutterSpot { s, z, reach_s, reach_z, kind });
     }
 
+    /// Adds a salient structure at a position, one of four kinds in turn: the end of a gap between panels, the corner of a
+    /// flap, a letter, crossing rows of fasteners.
+    pub(super) fn add_structure(&mut self, random: &mut SeededRandom, kind: usize, s: f64, z: f64) {
+        let gap = random.uniform(0.02, 0.05);
+        let arm = |random: &mut SeededRandom| random.uniform(0.25, 0.6);
+        let (along, across) = (arm(random), arm(random));
+        let depth = random.uniform(0.25, 0.6);
+        let mut block = |ds: f64, dz: f64, reach_s: f64, reach_z: f64| {
+            self.spots.push(ClutterSpot { s: s + ds, z: z + dz, reach_s, reach_z, kind: SpotKind::Block { depth } });
+        };
+        match kind % 4 {
+            0 => {
+                block(along, 0.0, along, 0.3 * gap);
+                block(-0.5 * gap, 0.0, 0.5 * gap, across);
+            }
+            1 => {
+                block(along, -0.5 * gap, along, 0.5 * gap);
+                block(-gap, across - gap, gap, across);
+            }
+            2 => {
+                block(0.25, 0.0, 0.25, gap);
+                block(0.45, 2.0 * gap, 0.05, 2.0 * gap);
+                block(0.2, 1.5 * gap, 0.05, 1.5 * gap);
+            }
+            _ => (-7_i8..=7).for_each(|k| {
+                block(0.0, 0.06 * f64::from(k), 0.02, 0.008);
+                block(0.1 * f64::from(k), 0.0, 0.02, 0.008);
+            }),
+        }
+    }
+
     /// Returns the reflectance of the paint with its slow variation.
     pub fn paint_reflectance(&self, s: f64, z: f64) -> f64 {
         let slow = value_noise(s / 2.3, z / 1.1, self.seed);

@@ -37,6 +37,8 @@ pub struct SceneOptions {
     pub clutter: f64,
     /// Number of fixed targets, at most those of [`fixed_target::POSITIONS`].
     pub fixed_targets: usize,
+    /// Number of points: salient structures without a decal.
+    pub points: usize,
 }
 
 impl SceneOptions {
@@ -73,6 +75,7 @@ impl SceneOptions {
             diameter_m: random.uniform(0.28, 0.38),
             clutter: 1.0,
             fixed_targets: 0,
+            points: 0,
         }
     }
 }
@@ -100,6 +103,7 @@ impl Scene {
         };
         let fixed = scene.fixed_targets(options);
         scene.place_markers(&mut random, options, &fixed);
+        scene.place_points(&mut SeededRandom::new(seed, 13), options);
         scene.markers.extend(fixed);
         scene.simulate_survey(&mut random, options);
         scene
@@ -143,6 +147,27 @@ impl Scene {
         let last = self.markers.len();
         if last >= 2 {
             self.name_torsion_pair(last);
+        }
+    }
+
+    /// Places points on salient structures, from the nearest station to the tip and alternately near the two edges.
+    fn place_points(&mut self, random: &mut SeededRandom, options: &SceneOptions) {
+        let (first, last) = (self.nearest_station(options) + 0.5, 0.95 * self.wing.beam.length_m);
+        for i in 0..options.points {
+            let share = i as f64 / (options.points.max(2) - 1) as f64;
+            for attempt in 0..80 {
+                let s = first + (last - first) * share + random.uniform(-0.4, 0.4);
+                let (low, high) = self.wing.edges(s);
+                let reach = (0.44 * options.lens.width as f64 / options.lens.fx) * s;
+                let edge = if i % 2 == 0 { low } else { high };
+                let z = edge.clamp(-reach, reach) * (1.0 - f64::from(attempt) / 100.0) * random.uniform(0.4, 0.75);
+                self.markers.push(SceneMarker::point(format!("P{:02}", i + 1), s, z));
+                if self.is_last_marker_visible_and_separate(options, &[]) {
+                    self.clutter.add_structure(random, i, s, z);
+                    break;
+                }
+                self.markers.pop();
+            }
         }
     }
 

@@ -6,7 +6,7 @@
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::wing::DeformedWing;
-use crate::setup::Shape;
+use crate::setup::{POINT_EXTENT_M, Shape};
 
 /// Reflectance of the black print.
 const BLACK: f64 = 0.045;
@@ -36,6 +36,12 @@ pub struct SceneMarker {
 }
 
 impl SceneMarker {
+    /// Creates a point without a decal at a position on the skin.
+    pub(super) fn point(id: String, s_m: f64, z_m: f64) -> Self {
+        let (shape, diameter_m) = (Shape::Point, POINT_EXTENT_M);
+        Self { id, shape, diameter_m, s_m, z_m, rotation_rad: 0.0, height_m: 0.0, fixed_m: None }
+    }
+
     /// Returns the marker's disc on a deformed wing.
     pub fn disc_on_wing(&self, pose: &DeformedWing) -> MarkerDisc {
         if let Some(point) = self.fixed_m {

@@ -12,7 +12,7 @@ use super::sensor::SensorModel;
 use super::wing::{DeformedWing, SceneMotion, SceneState, SceneWing};
 use crate::geometry::{Lens, WingFrame};
 use crate::raster::Raster;
-use crate::setup::Setup;
+use crate::setup::{Setup, Shape};
 
 /// Installation together with the truth that its survey only approximates.
 #[derive(Clone, Debug)]
@@ -100,7 +100,8 @@ impl Scene {
             .marker_discs(&pose, &shot.target_shifts_m)
             .into_iter()
             .enumerate()
-            .filter_map(|(i, marker)| (!shot.hidden.contains(&i)).then_some(marker))
+            .filter(|(i, _)| self.markers.get(*i).is_some_and(|m| m.shape != Shape::Point) && !shot.hidden.contains(i))
+            .map(|(_, marker)| marker)
             .collect();
         let lens = &self.lens(shot);
         let radiance = RenderView {

@@ -10,12 +10,13 @@
 //! passes a function that is called at the end of each ([`Work`]).
 
 mod picture;
+mod points;
 
 use nalgebra::Vector2;
 
 use super::detect::{self, Detection, Detections, GuidedDetector, MarkerPrediction};
 use super::geometry::Lens;
-use super::identify::{IdentifyError, Identities, MIN_SEPARATION_PX, WingView};
+use super::identify::{IdentifyError, Identities, MIN_IDENTIFIED, MIN_SEPARATION_PX, WingView};
 use super::observation::Observation;
 use super::raster::Raster;
 use super::setup::Shape;
@@ -82,6 +83,9 @@ pub enum ViewFault {
 }
 
 impl ViewFault {
+    /// Fault of a frame of a wing without decals, until its points are found.
+    const WITHOUT_DECALS: Self = Self::Unidentified(IdentifyError::TooFew { found: 0, needed: MIN_IDENTIFIED });
+
     /// Returns whether the detections could not be identified.
     pub fn is_unnamed(&self) -> bool {
         matches!(self, Self::Mismatch(_) | Self::Unidentified(_))
@@ -131,15 +135,21 @@ pub fn first_tiles(wing: Option<&WingView>, width: usize, height: usize) -> Tile
 /// too, and takes what names more.
 pub fn process_frame(picture: &mut impl Picture, wing: Option<&WingView>, ended: StepEnd) -> FrameMarkers {
     let fitting = wing.filter(|wing| ViewFault::from_size(picture.raster(), &wing.setup.lens).is_none());
-    let located = fitting.and_then(|wing| FrameView { wing, picture, ended }.search());
-    let shown = fitting.map_or(0, |wing| wing.count_shown());
-    match located {
-        Some(located) if located.observations.len() as f64 >= MIN_NAMED_SHARE * shown as f64 => located,
-        located => {
-            let full = process_full_frame(picture, wing, ended);
-            located.filter(|located| located.observations.len() >= full.observations.len()).unwrap_or(full)
+    let Some(wing) = fitting else { return process_full_frame(picture, wing, ended) };
+    let shown = wing.count_shown();
+    let found = if shown == 0 && !wing.orientation.templates.is_empty() {
+        FrameMarkers { fault: Some(ViewFault::WITHOUT_DECALS), ..FrameMarkers::default() }
+    } else {
+        match (FrameView { wing, picture, ended }).search() {
+            Some(located) if located.observations.len() as f64 >= MIN_NAMED_SHARE * shown as f64 => located,
+            located => {
+                let found = detect_full(picture, ended);
+                let full = FrameView { wing, picture, ended }.name_markers(found);
+                located.filter(|located| located.observations.len() >= full.observations.len()).unwrap_or(full)
+            }
         }
-    }
+    };
+    points::add_points(wing, picture, found, ended)
 }
 
 /// Processes a frame as [`process_frame`] does, by a search of the full frame.
@@ -227,9 +237,15 @@ impl<'a, P: Picture> FrameView<'a, P> {
         Some(self.build_unbiased_markers(found, identities, first))
     }
 
-    /// Identifies detections, refines partly hidden or poorly visible markers, and removes the perspective bias. Detections
-    /// of a frame without the camera's size stay without names.
+    /// Identifies detections, refines partly hidden or poorly visible markers, removes the perspective bias, and finds the
+    /// points. Detections of a frame without the camera's size stay without names.
     pub fn name(&mut self, found: Detections) -> FrameMarkers {
+        let found = self.name_markers(found);
+        points::add_points(self.wing, self.picture, found, self.ended)
+    }
+
+    /// Identifies detections as [`Self::name`] does, without points.
+    fn name_markers(&mut self, found: Detections) -> FrameMarkers {
         if let fault @ Some(_) = ViewFault::from_size(self.picture.raster(), &self.wing.setup.lens) {
             return FrameMarkers { detections: found, fault, ..FrameMarkers::default() };
         }

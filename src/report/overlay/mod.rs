@@ -12,6 +12,7 @@ use super::labels::{LabelArea, LabelLayout, leader_line};
 use super::number::count_text;
 use crate::measure::detect::{Detection, Detections, Rejected};
 use crate::measure::raster::Raster;
+use crate::measure::setup::Shape;
 use canvas::Canvas;
 
 const IDENTIFIED_COLOUR: Rgb<u8> = Rgb([70, 235, 110]);
@@ -90,7 +91,9 @@ const GREY_MASK: u8 = 0b1111_1100;
 
 fn draw_marker(canvas: &mut Canvas, m: &Detection, id: Option<&str>, enlarged: f64) -> LabelArea {
     let colour = if id.is_some() { IDENTIFIED_COLOUR } else { UNIDENTIFIED_COLOUR };
-    canvas.ellipse(m.centre_px, [m.semi_major_px, m.semi_minor_px], m.angle_rad, colour);
+    if m.shape != Shape::Point {
+        canvas.ellipse(m.centre_px, [m.semi_major_px, m.semi_minor_px], m.angle_rad, colour);
+    }
     canvas.cross(m.centre_px, 3.0 * canvas.scale as f64, colour);
     let (semi, angle) = principal_axes(&m.covariance_px2);
     canvas.ellipse(m.centre_px, semi.map(|s| s * enlarged), angle, ERROR_COLOUR);
@@ -174,7 +177,6 @@ fn draw_label(
 mod tests {
     use super::*;
     use crate::measure::detect::RejectReason;
-    use crate::measure::setup::Shape;
 
     fn marker(x: f64, y: f64) -> Detection {
         Detection {
@@ -186,6 +188,7 @@ mod tests {
             angle_rad: 0.2,
             fit_rms: 1.0,
             contrast: 100.0,
+            marker: None,
         }
     }
 

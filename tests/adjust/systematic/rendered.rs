@@ -37,6 +37,7 @@ impl Rendered {
             camera_from_survey: truth.camera_from_survey,
             covariance_rad2: Some(nalgebra::Matrix3::identity() * 1e-9),
             ground,
+            templates: vec![],
         };
         let flight = scene.truth(&scene.flight_shot(0.07 * scene.wing.beam.length_m, Light::Plain, seed));
         let mount = remounted(rng, &scene.setup);

@@ -49,6 +49,7 @@ fn sampled_errors(planned: &Setup, seed: u64) -> [[f64; 2]; 2] {
         camera_from_survey: scene.truth(&on_ground).camera_from_survey * tilt(&scene.setup, &configured).inverse(),
         covariance_rad2: Some(Matrix3::identity() * 1e-9),
         ground: observations(&scene, &on_ground, &mut random),
+        templates: vec![],
     };
     let deflection = |k: usize| TIP_DEFLECTION_M * (0.4 + 0.6 * k as f64 / (FRAMES - 1) as f64);
     let shots: Vec<SceneShot> = (0..FRAMES)

@@ -167,6 +167,7 @@ mod tests {
             angle_rad: 0.0,
             fit_rms: 1.0,
             contrast: 100.0,
+            marker: None,
         };
         MeasuredMarker::whole(detection)
     }

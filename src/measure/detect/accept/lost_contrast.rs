@@ -94,6 +94,7 @@ mod tests {
                 angle_rad: 0.0,
                 fit_rms: 1.0,
                 contrast,
+                marker: None,
             };
             let dark = darkness_for_grey_ratio(black / white);
             MeasuredMarker { blur: 0.8, darkness: contrast / white, dark, ..MeasuredMarker::whole(detection) }

@@ -69,6 +69,7 @@ mod tests {
             angle_rad: 0.0,
             fit_rms,
             contrast: 100.0,
+            marker: None,
         };
         let mut disc = MeasuredMarker { blur: 0.8, is_systematic, ..MeasuredMarker::whole(detection) };
         let even = Raster::new(600, 400, vec![160; 600 * 400]).expect("a value for each pixel");

@@ -125,6 +125,7 @@ pub fn judge_fit(image: &Raster, hypothesis: &Hypothesis, fit: &MarkerFit, noise
             angle_rad: ellipse.angle,
             fit_rms: fit.rms,
             contrast,
+            marker: None,
         },
         blur: m[BLUR],
         darkness: contrast / m[LIGHT].max(1.0),

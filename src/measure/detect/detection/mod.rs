@@ -27,8 +27,10 @@ pub struct Detection {
     pub angle_rad: f64,
     /// Root mean square of the fit's residuals, grey levels.
     pub fit_rms: f64,
-    /// Grey levels between white (or skin) and black.
+    /// Grey levels between white (or skin) and black; 0 if the outline was not measured.
     pub contrast: f64,
+    /// Index of the marker in the survey if it is known without identification, as that of a point.
+    pub marker: Option<usize>,
 }
 
 impl Detection {

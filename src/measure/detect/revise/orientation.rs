@@ -92,6 +92,7 @@ impl SizeDeviations {
                 let bands = glare::find_glare_bands(image, &ellipse, GLARE.begin_ratio, fringe);
                 (bands, Hypothesis::new(MarkerPattern::Disc, ellipse, Vec::new()))
             }
+            Shape::Point => return None,
             Shape::Quadrant => {
                 // White must not be taken for lit skin. Without glare, something dark may touch the quadrants.
                 let wider = Ellipse { minor: ellipse.minor + ORIENTATION.outline_error_px, ..ellipse };

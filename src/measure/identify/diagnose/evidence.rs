@@ -86,7 +86,7 @@ pub(super) fn predict_outlines(
 ) -> Vec<Option<DiscOutline>> {
     let camera_from_survey = subject.turn * pose.camera_from_survey;
     let ground = orientation.map_or(vec![], |o| o.ground.clone());
-    let attitude = Orientation { camera_from_survey, covariance_rad2: None, ground };
+    let attitude = Orientation { camera_from_survey, covariance_rad2: None, ground, templates: vec![] };
     let view = WingView::with_beam(&subject.setup, &attitude, orientation.is_some(), subject.beam(&attitude));
     let mut state = pose.state;
     state[0] += 3.0 * subject.bend_m / view.beam.length_m.powi(2);

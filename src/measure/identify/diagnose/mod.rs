@@ -262,7 +262,11 @@ impl WingView<'_> {
         let mut sizes: Vec<(f64, (Shape, f64), Matrix2<f64>)> = vec![];
         let (mut sum, mut weights) = (0.0, 0.0);
         for (i, j) in identities.pairs() {
-            let (Some(d), Some(Some(outline))) = (detections.get(i), outlines.get(j)) else { continue };
+            let (Some(d), Some(Some(outline))) =
+                (detections.get(i).filter(|d| d.shape != Shape::Point), outlines.get(j))
+            else {
+                continue;
+            };
             let size = (d.shape, d.semi_major_px);
             let weight = size_covariance(size, size, Some(&d.covariance_px2)).recip();
             sizes.push((weight, size, *d.covariance_px2));

@@ -13,7 +13,7 @@ use super::{Diagnosis, GROSS, named_image, rank_causes};
 use crate::detect::Detection;
 use crate::observation::Estimate;
 use crate::ordering::sort_by_value;
-use crate::setup::{Orientation, Setup};
+use crate::setup::{Orientation, Setup, Shape};
 
 /// Ratio of detections to markers above which a frame is clutter: a diagnosis would mean nothing and take seconds.
 const CLUTTER_RATIO: usize = 3;
@@ -64,7 +64,7 @@ fn diagnose_ground_frame(setup: &Setup, detections: &[Detection]) -> Option<Diag
     if is_flight && first.cause == Cause::Bend {
         // The shape of a bend in flight is not that of the trial; the identification in flight confirms and measures it.
         let camera_from_survey = first.camera_from_survey;
-        let near = Orientation { camera_from_survey, covariance_rad2: None, ground: vec![] };
+        let near = Orientation { camera_from_survey, covariance_rad2: None, ground: vec![], templates: vec![] };
         let wide = Setup { mount_repeatability_px: WINDOW_PX / 3.0, ..setup.clone() };
         let value = WingView::in_flight(&wide, &near).identify_most(detections)?.tip_deflection_m;
         first.size = vec![Estimate { value, sigma: None }];
@@ -127,7 +127,12 @@ fn rank_pairs(setup: &Setup, detections: &[Detection], found: &Pairing) -> Optio
     let mut pairs = found.pairs.clone();
     let pixels: Vec<Detection> = turn_detections(&right, detections, given.map(|g| g.0));
     add_remaining(&mut right, &pixels, &outlines, &mut pairs);
-    let attitude = Orientation { camera_from_survey: pose.camera_from_survey, covariance_rad2: None, ground: vec![] };
+    let attitude = Orientation {
+        camera_from_survey: pose.camera_from_survey,
+        covariance_rad2: None,
+        ground: vec![],
+        templates: vec![],
+    };
     let identities = Identities::from_pairs(detections.len(), &pairs);
     let centred = correct_centres(&WingView::on_ground(&right.setup, &attitude), &pose.state, detections, &identities);
     rank_causes(&Subject::new(setup, images(&pairs, &centred)), None, given)
@@ -159,8 +164,10 @@ fn log_size_ratio(setup: &Setup, detections: &[Detection]) -> f64 {
     let expected = setup
         .markers
         .iter()
+        .filter(|m| m.shape != Shape::Point)
         .map(|m| 0.5 * m.diameter_m * setup.lens.focal_px() / (m.position_m - setup.projection_centre_m).norm());
-    (median(detections.iter().map(|d| d.semi_major_px).collect()) / median(expected.collect())).ln()
+    let found = detections.iter().filter(|d| d.shape != Shape::Point).map(|d| d.semi_major_px);
+    (median(found.collect()) / median(expected.collect())).ln()
 }
 
 /// Returns detections with the pixels of a modified image.
@@ -201,8 +208,12 @@ fn pair_with(setup: &Setup, detections: &[Detection], start: Option<(Cause, f64)
 
 /// Displaces the markers by a bend.
 fn bend_markers(setup: &mut Setup, bend_m: f64) {
-    let level =
-        Orientation { camera_from_survey: nalgebra::Rotation3::identity(), covariance_rad2: None, ground: vec![] };
+    let level = Orientation {
+        camera_from_survey: nalgebra::Rotation3::identity(),
+        covariance_rad2: None,
+        ground: vec![],
+        templates: vec![],
+    };
     let view = WingView::on_ground(setup, &level);
     let mut state = super::super::beam::WingState::zeros();
     state[0] = 3.0 * bend_m / view.beam.length_m.powi(2);

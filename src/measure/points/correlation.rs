@@ -1,0 +1,138 @@
+//! Places in a search area that look like a template: normalised cross-correlation at whole pixels.
+
+use nalgebra::Vector2;
+
+use super::patch::Patch;
+use crate::identify::PATCH_REACH_PX;
+use crate::ordering::sort_by_value;
+
+/// Search radius from which the correlation begins at half the resolution, px: it then takes a sixteenth of the time.
+const HALVED_FROM_PX: usize = 7;
+/// Search radius at full resolution around the places found at half of it, px.
+const REFINED_PX: usize = 2;
+/// Smallest correlation of a place: the median of unlike patches with one line each is below.
+pub(super) const MIN_CORRELATION: f64 = 0.4;
+/// Largest number of places.
+const MAX_PLACES: usize = 5;
+/// Number of sums that the processor adds at once.
+const LANES: usize = 8;
+
+/// Place that looks like the template.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct LikePlace {
+    /// Shift of the place on the grid of the ground frame, px.
+    pub(super) shift: Vector2<f64>,
+    pub(super) correlation: f64,
+}
+
+/// Finds the places within `search` px of the centre, most alike first.
+pub(super) fn find_like_places(template: &Patch, patch: &Patch, search: [usize; 2]) -> Vec<LikePlace> {
+    let reach = PATCH_REACH_PX;
+    let mut places = if search[0].max(search[1]) < HALVED_FROM_PX {
+        Correlator::new(template, patch, reach).find_peaks([0, 0], search)
+    } else {
+        let (small, half) = (template.halved(), patch.halved());
+        let coarse = Correlator::new(&small, &half, reach / 2).find_peaks([0, 0], search.map(|s| s.div_ceil(2)));
+        let fine = Correlator::new(template, patch, reach);
+        let refine = |place: &LikePlace| {
+            let centre = [2 * place.shift.x as isize, 2 * place.shift.y as isize];
+            fine.find_peaks(centre, [REFINED_PX; 2]).into_iter().next()
+        };
+        coarse.iter().filter_map(refine).collect()
+    };
+    sort_by_value(&mut places, |place| -place.correlation);
+    let mut kept: Vec<LikePlace> = Vec::new();
+    for place in places {
+        if kept.iter().all(|other| (other.shift - place.shift).amax() > REFINED_PX as f64) {
+            kept.push(place);
+        }
+    }
+    kept
+}
+
+/// A template without its mean, and sums over the patch that it is compared with.
+struct Correlator<'a> {
+    patch: &'a Patch,
+    reach: usize,
+    /// Rows of the template, filled with zeros to a multiple of [`LANES`].
+    rows: Vec<Vec<f32>>,
+    norm: f64,
+    /// Sums of the values and of their squares over the patch above and left of each pixel.
+    sums: Vec<[f64; 2]>,
+}
+
+impl<'a> Correlator<'a> {
+    fn new(template: &Patch, patch: &'a Patch, reach: usize) -> Self {
+        let side = 2 * reach + 1;
+        let first = template.reach[0] - reach;
+        let lines: Vec<&[f32]> =
+            (0..side).map(|j| &template.row(j as isize - reach as isize)[first..first + side]).collect();
+        let mean = lines.iter().flat_map(|line| line.iter()).sum::<f32>() / (side * side) as f32;
+        let padded = |line: &&[f32]| {
+            let mut row: Vec<f32> = line.iter().map(|v| v - mean).collect();
+            row.resize(side.next_multiple_of(LANES), 0.0);
+            row
+        };
+        let rows: Vec<Vec<f32>> = lines.iter().map(padded).collect();
+        let norm = rows.iter().flatten().map(|v| f64::from(v * v)).sum::<f64>().sqrt();
+        let (width, height) = (2 * patch.reach[0] + 1, 2 * patch.reach[1] + 1);
+        let mut sums = vec![[0.0; 2]; (width + 1) * (height + 1)];
+        for j in 0..height {
+            let mut line = [0.0; 2];
+            for (i, value) in patch.row(j as isize - patch.reach[1] as isize).iter().enumerate() {
+                let value = f64::from(*value);
+                line = [line[0] + value, line[1] + value * value];
+                let above = sums[j * (width + 1) + i + 1];
+                sums[(j + 1) * (width + 1) + i + 1] = [above[0] + line[0], above[1] + line[1]];
+            }
+        }
+        Self { patch, reach, rows, norm, sums }
+    }
+
+    /// Returns the correlation at a shift; 0 if the patch ends within the template.
+    fn correlation(&self, [x, y]: [isize; 2]) -> f64 {
+        let left = x + self.patch.reach[0] as isize - self.reach as isize;
+        let top = y + self.patch.reach[1] as isize - self.reach as isize;
+        let side = 2 * self.reach + 1;
+        let (width, height) = (2 * self.patch.reach[0] + 1, 2 * self.patch.reach[1] + 1);
+        if left < 0 || top < 0 || left as usize + side > width || top as usize + side > height {
+            return 0.0;
+        }
+        let (left, top) = (left as usize, top as usize);
+        let mut lanes = [0.0_f32; LANES];
+        for (j, row) in self.rows.iter().enumerate() {
+            let line = &self.patch.row((top + j) as isize - self.patch.reach[1] as isize)[left..];
+            for (a, b) in row.chunks_exact(LANES).zip(line.chunks(LANES)) {
+                lanes.iter_mut().zip(a.iter().zip(b)).for_each(|(lane, (a, b))| *lane += a * b);
+            }
+        }
+        let corner = |i: usize, j: usize| self.sums[(top + j) * (width + 1) + left + i];
+        let [all, right, below, both] = [corner(0, 0), corner(side, 0), corner(0, side), corner(side, side)];
+        let area = |k: usize| both[k] - right[k] - below[k] + all[k];
+        let variance = area(1) - area(0) * area(0) / (side * side) as f64;
+        let norm = self.norm * variance.max(0.0).sqrt();
+        if norm > 1e-3 { f64::from(lanes.iter().sum::<f32>()) / norm } else { 0.0 }
+    }
+
+    /// Finds the local maxima within `search` px of a shift, most alike first.
+    fn find_peaks(&self, centre: [isize; 2], search: [usize; 2]) -> Vec<LikePlace> {
+        let [a, b] = search.map(|s| s as isize);
+        let width = (2 * a + 1) as usize;
+        let shifts = (-b..=b).flat_map(|y| (-a..=a).map(move |x| [centre[0] + x, centre[1] + y]));
+        let map: Vec<f64> = shifts.map(|shift| self.correlation(shift)).collect();
+        let mut places: Vec<LikePlace> = Vec::new();
+        for (at, &correlation) in map.iter().enumerate().filter(|(_, c)| **c > MIN_CORRELATION) {
+            let (i, j) = ((at % width) as isize - a, (at / width) as isize - b);
+            let around = (-1..=1).flat_map(|y| (-1..=1).map(move |x| (i + x, j + y)));
+            let inside = around.filter(|(x, y)| x.abs() <= a && y.abs() <= b);
+            let highest = inside.map(|(x, y)| map[(y + b) as usize * width + (x + a) as usize]).fold(0.0, f64::max);
+            if correlation >= highest {
+                let shift = Vector2::new((centre[0] + i) as f64, (centre[1] + j) as f64);
+                places.push(LikePlace { shift, correlation });
+            }
+        }
+        sort_by_value(&mut places, |place| -place.correlation);
+        places.truncate(MAX_PLACES);
+        places
+    }
+}
