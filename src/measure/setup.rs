@@ -333,6 +333,11 @@ pub struct Orientation {
 const MIN_SURFACE_POINTS: usize = 14;
 
 impl Orientation {
+    /// Creates an orientation of which only the rotation is known.
+    pub fn from_rotation(camera_from_survey: Rotation3<f64>) -> Self {
+        Self { camera_from_survey, covariance_rad2: None, ground: Vec::new(), templates: Vec::new() }
+    }
+
     /// Returns for each marker of the survey whether it may shape the wing's surface: the markers that ground frames
     /// showed. Other points cannot be checked; if hardly any marker was observed, all may.
     pub fn shaping_markers(&self, markers: usize) -> Vec<bool> {

@@ -332,7 +332,7 @@ mod tests {
         let fixture = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation");
         let installation = crate::installation::load_without_orientation(&fixture).unwrap();
         let camera_from_survey = nalgebra::Rotation3::identity();
-        let orientation = Orientation { camera_from_survey, covariance_rad2: None, ground: vec![], templates: vec![] };
+        let orientation = Orientation::from_rotation(camera_from_survey);
         for format in [None, Some(Format::Jpeg)] {
             let bytes = decode::BREAKS;
             let record =

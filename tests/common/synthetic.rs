@@ -324,7 +324,7 @@ impl SizeErrors {
         let common_px = self.edge_px + major_px * self.print;
         match shape {
             Shape::Circle => common_px + own * 0.2_f64.hypot(0.003 * major_px),
-            Shape::Quadrant => common_px + self.quadrant_px + own * 1.7_f64.hypot(0.003 * major_px),
+            Shape::Quadrant | Shape::Point => common_px + self.quadrant_px + own * 1.7_f64.hypot(0.003 * major_px),
         }
     }
 }

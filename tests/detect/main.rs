@@ -19,6 +19,7 @@ mod jpeg_kinds;
 mod motion;
 mod near;
 mod paint;
+mod points;
 mod render_truth;
 mod robustness;
 mod second_pass;

@@ -45,6 +45,7 @@ mod output;
 mod pages;
 mod phone_pictures;
 mod plan_command;
+mod points;
 mod power_fails;
 mod program;
 mod recorder_survives;

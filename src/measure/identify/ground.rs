@@ -26,12 +26,7 @@ const REJECTED_REASON: &str =
 /// Returns an error if too few markers are found, a frame does not fit the others, or none or more than one solution fits.
 pub fn estimate_orientation(setup: &Setup, frames: &[Vec<Detection>]) -> Result<OrientationFit, IdentifyError> {
     let first = first_consensus(setup, frames)?;
-    let mut orientation = Orientation {
-        camera_from_survey: first.camera_from_survey,
-        covariance_rad2: None,
-        ground: Vec::new(),
-        templates: vec![],
-    };
+    let mut orientation = Orientation::from_rotation(first.camera_from_survey);
     let mut identities: Vec<Identities> = frames.iter().map(|f| identities_on_ground(setup, &orientation, f)).collect();
     let mut fitted = None;
     // The bias of the outlines depends on the attitude, so there are two passes.

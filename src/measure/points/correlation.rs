@@ -10,6 +10,8 @@ use crate::ordering::sort_by_value;
 const HALVED_FROM_PX: usize = 7;
 /// Search radius at full resolution around the places found at half of it, px.
 const REFINED_PX: usize = 2;
+/// Difference of the correlation at half the resolution within which a place may be the most alike at full resolution.
+const COARSE_MARGIN: f64 = 0.3;
 /// Smallest correlation of a place: the median of unlike patches with one line each is below.
 pub(super) const MIN_CORRELATION: f64 = 0.4;
 /// Largest number of places.
@@ -38,7 +40,8 @@ pub(super) fn find_like_places(template: &Patch, patch: &Patch, search: [usize; 
             let centre = [2 * place.shift.x as isize, 2 * place.shift.y as isize];
             fine.find_peaks(centre, [REFINED_PX; 2]).into_iter().next()
         };
-        coarse.iter().filter_map(refine).collect()
+        let best = coarse.first().map_or(0.0, |place| place.correlation);
+        coarse.iter().filter(|place| place.correlation > best - COARSE_MARGIN).filter_map(refine).collect()
     };
     sort_by_value(&mut places, |place| -place.correlation);
     let mut kept: Vec<LikePlace> = Vec::new();

@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::PointRejection;
 use super::correlation::{LikePlace, find_like_places};
-use super::least_squares::{AdjustedShift, adjust_shift};
+use super::least_squares::{AdjustedShift, CHECK_PASSES, MATCH_PASSES, adjust_shift};
 use super::patch::{Patch, centre_offset, frame_patch, template_patch};
 use crate::identify::{PATCH_REACH_PX, PatchPrediction};
 use crate::raster::Raster;
@@ -123,13 +123,14 @@ impl PatchPair<'_> {
         let mut all: Vec<AdjustedPlace> = Vec::new();
         let mut failure = PointRejection::NoConvergence;
         for (place, _) in places.iter().take_while(|(_, odds)| *odds > best - WIDE_LOG_ODDS).take(MAX_ADJUSTED) {
-            let adjusted = match adjust_shift(&self.template, &self.patch, place.shift, self.offset, slopes) {
-                Ok(adjusted) => adjusted,
-                Err(other) => {
-                    failure = other;
-                    continue;
-                }
-            };
+            let adjusted =
+                match adjust_shift(&self.template, &self.patch, place.shift, self.offset, slopes, &MATCH_PASSES) {
+                    Ok(adjusted) => adjusted,
+                    Err(other) => {
+                        failure = other;
+                        continue;
+                    }
+                };
             let shift = adjusted.shift();
             if all.iter().all(|known| (known.adjusted.shift() - shift).norm() > 1.0) {
                 let odds = -0.5 * ADJUSTED_VALUES * adjusted.misfit(&self.patch).ln() + self.prior_odds(&shift);
@@ -169,7 +170,7 @@ pub fn match_point(
     }
     let start = Vector2::new(BACKWARD_START_PX, -BACKWARD_START_PX);
     let shifted = adjusted.shifted_patch(&pair.patch);
-    let back = adjust_shift(&shifted, &pair.template, start, pair.offset, slopes.map(|by| -by))?.shift();
+    let back = adjust_shift(&shifted, &pair.template, start, pair.offset, slopes.map(|by| -by), &CHECK_PASSES)?.shift();
     if back.dot(&(weight * back)) > MAX_LOOP.0 * MAX_LOOP.0 && back.norm() > MAX_LOOP.1 {
         return Err(PointRejection::Inconsistent);
     }

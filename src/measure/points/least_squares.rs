@@ -25,12 +25,11 @@ const OFFSET: usize = 5;
 const PRIOR_SIGMAS: [f64; UNKNOWNS] = [4.0, 4.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.4, 0.4, 0.4];
 /// Standard deviation of the weights over the patch, px: the structure at the point counts more than its surroundings.
 const WINDOW_SIGMA_PX: f64 = 9.0;
-const MAX_STEPS: usize = 14;
-/// Steps after which the weights follow the residuals; they are constant then, so that the adjustment converges.
-const WEIGHTED_STEPS: std::ops::Range<usize> = 2..5;
+/// Number of pixels of which one estimates the noise.
+const NOISE_STRIDE: usize = 4;
 /// Step at convergence: px, and in standard deviations for a direction that is poorly determined.
-const SETTLED_PX: f64 = 0.01;
-const SETTLED_SIGMAS: f64 = 0.1;
+const SETTLED_PX: f64 = 0.005;
+const SETTLED_SIGMAS: f64 = 0.3;
 /// Multiple of the residuals' standard deviation beyond which weights decrease.
 const ROBUST_LIMIT: f64 = 2.5;
 /// Side of the blocks over which residuals are summed, px: the correlation of blur, interpolation and a block of JPEG's
@@ -48,6 +47,26 @@ const MIN_SIGMA_PX: f64 = 0.02;
 const MAX_SIGMA_PX: f64 = 0.4;
 /// Largest distance of an adjusted shift from its start, px.
 const MAX_SHIFT_PX: f64 = 3.0;
+
+/// Steps of an adjustment with constant weights, so that it converges.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct AdjustmentPass {
+    /// Number of pixels of which one is used; 2 is a chequerboard.
+    stride: usize,
+    steps: usize,
+    /// Whether the weights follow the residuals; before, they are those of the window.
+    robust: bool,
+}
+
+/// Passes of a match.
+pub(super) const MATCH_PASSES: [AdjustmentPass; 4] = [
+    AdjustmentPass { stride: 2, steps: 3, robust: false },
+    AdjustmentPass { stride: 2, steps: 1, robust: true },
+    AdjustmentPass { stride: 2, steps: 1, robust: true },
+    AdjustmentPass { stride: 1, steps: 10, robust: true },
+];
+/// Pass of the check backward.
+pub(super) const CHECK_PASSES: [AdjustmentPass; 1] = [AdjustmentPass { stride: 2, steps: 8, robust: false }];
 
 type Unknowns = SVector<f64, UNKNOWNS>;
 type Normal = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
@@ -94,28 +113,30 @@ pub(super) fn adjust_shift(
     start: Vector2<f64>,
     offset: Vector2<f64>,
     slopes: [Matrix2<f64>; 2],
+    passes: &[AdjustmentPass],
 ) -> Result<AdjustedShift, PointRejection> {
     let mut matching = Matching { offset, slopes, rows: template_rows(template, offset, &slopes) };
     let mut unknowns = matching.start_values(patch, start);
-    let mut normal = matching.normal_matrix();
     let (mut noise, mut last) = (MIN_NOISE, Vector2::repeat(f64::INFINITY));
-    for step in 0..MAX_STEPS {
-        let residuals = matching.residuals(patch, &unknowns);
-        if step < WEIGHTED_STEPS.end {
+    for pass in passes {
+        if pass.robust {
+            let residuals = matching.residuals(patch, &unknowns, 1);
             noise = robust_noise(&residuals);
-        }
-        if WEIGHTED_STEPS.contains(&step) {
             matching.weight_rows(&residuals, noise);
-            normal = matching.normal_matrix();
         }
-        let change = matching.step(&normal, &unknowns, start, &residuals, noise).ok_or(PointRejection::NoStructure)?;
-        unknowns += change;
-        last = change.fixed_rows::<2>(0).into_owned();
-        if !last.norm().is_finite() || (unknowns.fixed_rows::<2>(0) - start).amax() > MAX_SHIFT_PX {
-            return Err(PointRejection::NoConvergence);
-        }
-        if step >= WEIGHTED_STEPS.end && last.norm() < SETTLED_PX {
-            break;
+        let normal = matching.normal_matrix(pass.stride);
+        for _ in 0..pass.steps {
+            let residuals = matching.residuals(patch, &unknowns, pass.stride);
+            let change = matching.step(&normal, &unknowns, start, (&residuals, pass.stride), noise);
+            let change = change.ok_or(PointRejection::NoStructure)?;
+            unknowns += change;
+            last = change.fixed_rows::<2>(0).into_owned();
+            if !last.norm().is_finite() || (unknowns.fixed_rows::<2>(0) - start).amax() > MAX_SHIFT_PX {
+                return Err(PointRejection::NoConvergence);
+            }
+            if last.norm() < SETTLED_PX {
+                break;
+            }
         }
     }
     Ok(AdjustedShift { matching, unknowns, noise, last })
@@ -132,7 +153,8 @@ pub(super) struct AdjustedShift {
 
 /// Standard deviation of residuals from their median size, grey levels.
 fn robust_noise(residuals: &[f64]) -> f64 {
-    MIN_NOISE * robust_sigma(residuals.iter().map(|r| r.abs() / MIN_NOISE).collect())
+    let some = residuals.iter().step_by(NOISE_STRIDE);
+    MIN_NOISE * robust_sigma(some.map(|r| r.abs() / MIN_NOISE).collect())
 }
 
 fn template_rows(template: &Patch, offset: Vector2<f64>, slopes: &[Matrix2<f64>; 2]) -> Vec<PixelRow> {
@@ -179,19 +201,19 @@ impl Matching {
         patch.sample(on_grid.x + unknowns[0], on_grid.y + unknowns[1])
     }
 
-    /// Returns the frame's grey values minus those of the model.
-    fn residuals(&self, patch: &Patch, unknowns: &Unknowns) -> Vec<f64> {
+    /// Returns the grey values of the frame less those of the model, at every `stride`-th pixel.
+    fn residuals(&self, patch: &Patch, unknowns: &Unknowns, stride: usize) -> Vec<f64> {
         let one = |row: &PixelRow| {
             let model: f64 = (GAIN..UNKNOWNS).map(|k| row.design[k] * unknowns[k]).sum();
             f64::from(self.sample_at(patch, row.at, unknowns)) - model
         };
-        self.rows.iter().map(one).collect()
+        self.rows.iter().step_by(stride).map(one).collect()
     }
 
-    /// Returns the normal matrix of the design as it is, for a gain of 1.
-    fn normal_matrix(&self) -> Normal {
+    /// Returns the normal matrix of the design as it is, for a gain of 1, of every `stride`-th pixel.
+    fn normal_matrix(&self, stride: usize) -> Normal {
         let mut sums = [[0.0; UNKNOWNS]; UNKNOWNS];
-        for row in &self.rows {
+        for row in self.rows.iter().step_by(stride) {
             for (own, sums) in row.design.iter().zip(&mut sums) {
                 let weighted = own * row.weight;
                 sums.iter_mut().zip(&row.design).for_each(|(sum, other)| *sum += weighted * other);
@@ -226,12 +248,12 @@ impl Matching {
         normal: &Normal,
         unknowns: &Unknowns,
         start: Vector2<f64>,
-        residuals: &[f64],
+        (residuals, stride): (&[f64], usize),
         noise: f64,
     ) -> Option<Unknowns> {
         let factors = Self::factors(unknowns);
         let mut sums = [0.0; UNKNOWNS];
-        for (row, residual) in self.rows.iter().zip(residuals) {
+        for (row, residual) in self.rows.iter().step_by(stride).zip(residuals) {
             let weighted = row.weight * residual;
             sums.iter_mut().zip(&row.design).for_each(|(sum, own)| *sum += weighted * own);
         }
@@ -316,7 +338,7 @@ impl AdjustedShift {
 
     /// Returns the mean square of the residuals, weighted by the distance from the point, grey levels squared.
     pub(super) fn misfit(&self, patch: &Patch) -> f64 {
-        let residuals = self.matching.residuals(patch, &self.unknowns);
+        let residuals = self.matching.residuals(patch, &self.unknowns, 1);
         let rows = || self.matching.rows.iter();
         let squares: f64 = rows().zip(&residuals).map(|(row, r)| row.window * r * r).sum();
         (squares / rows().map(|row| row.window).sum::<f64>()).max(MIN_NOISE * MIN_NOISE)
@@ -336,7 +358,7 @@ impl AdjustedShift {
         let Self { matching, unknowns, noise, last } = self;
         let shifted = self.shifted_patch(patch);
         let factors = Matching::factors(unknowns);
-        let residuals = matching.residuals(patch, unknowns);
+        let residuals = matching.residuals(patch, unknowns, 1);
         let information = matching.information(&shifted, &factors, *noise);
         let inverse = information.try_inverse().ok_or(PointRejection::NoStructure)?;
         let influence = inverse.fixed_rows::<2>(0) * Normal::from_diagonal(&factors);

@@ -45,10 +45,14 @@ impl Patch {
         self.values[clamp(y, self.reach[1]) * self.width + clamp(x, self.reach[0])]
     }
 
-    /// Returns the gradient at an offset from the centre, 1/px.
+    /// Returns the gradient at an offset from the centre, 1/px, from 3 x 3 pixels (Sobel), which halves the noise of a
+    /// difference.
     pub(super) fn gradient(&self, x: isize, y: isize) -> Vector2<f64> {
-        let across = |dx: isize, dy: isize| f64::from(self.value(x + dx, y + dy) - self.value(x - dx, y - dy));
-        Vector2::new(across(1, 0), across(0, 1)) * 0.5
+        let across = |dx: isize, dy: isize| self.value(x + dx, y + dy) - self.value(x - dx, y - dy);
+        let diagonals = [across(1, 1), across(1, -1)];
+        let along_u = 2.0 * across(1, 0) + diagonals[0] + diagonals[1];
+        let along_v = 2.0 * across(0, 1) + diagonals[0] - diagonals[1];
+        Vector2::new(f64::from(along_u), f64::from(along_v)) / 8.0
     }
 
     /// Interpolates cubically at an offset from the centre.

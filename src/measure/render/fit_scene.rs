@@ -9,7 +9,7 @@ use super::markers::SceneMarker;
 use super::random::SeededRandom;
 use super::scene::Scene;
 use super::wing::{DeformedWing, LinearTaper, SceneSide, SceneState, SceneWing};
-use crate::setup::Setup;
+use crate::setup::{Setup, Shape};
 
 /// Reason why no scene can be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -63,7 +63,12 @@ impl Scene {
                     height_m: 0.0,
                     fixed_m: surveyed.fixed.then_some(point),
                 };
-                if surveyed.fixed { marker } else { place_marker(marker, &pose, &point) }
+                match surveyed.shape {
+                    _ if surveyed.fixed => marker,
+                    // A structure is painted on the skin.
+                    Shape::Point => SceneMarker { height_m: 0.0, ..place_marker(marker, &pose, &point) },
+                    _ => place_marker(marker, &pose, &point),
+                }
             })
             .collect();
         let off = |marker: &&SceneMarker| marker.height_m.abs() > MAX_OFFSET_M;
@@ -73,9 +78,13 @@ impl Scene {
         let options = SceneOptions { lens: setup.lens, tip_deflection_m, ..SceneOptions::random(seed, wing.side) };
         let attitude =
             camera_from_survey.unwrap_or_else(|| aim_camera(&mut random, &wing, &options) * frame.wing_from_survey);
+        let mut clutter = SkinClutter::random(&mut random, &wing, 1.0);
+        let points = markers.iter().filter(|m| m.shape == Shape::Point && m.fixed_m.is_none());
+        let mut structures = SeededRandom::new(seed, 13);
+        points.enumerate().for_each(|(k, m)| clutter.add_structure(&mut structures, k, m.s_m, m.z_m));
         Ok(Self {
             setup: setup.clone(),
-            clutter: SkinClutter::random(&mut random, &wing, 1.0),
+            clutter,
             wing,
             markers,
             frame,

@@ -64,7 +64,7 @@ fn diagnose_ground_frame(setup: &Setup, detections: &[Detection]) -> Option<Diag
     if is_flight && first.cause == Cause::Bend {
         // The shape of a bend in flight is not that of the trial; the identification in flight confirms and measures it.
         let camera_from_survey = first.camera_from_survey;
-        let near = Orientation { camera_from_survey, covariance_rad2: None, ground: vec![], templates: vec![] };
+        let near = Orientation::from_rotation(camera_from_survey);
         let wide = Setup { mount_repeatability_px: WINDOW_PX / 3.0, ..setup.clone() };
         let value = WingView::in_flight(&wide, &near).identify_most(detections)?.tip_deflection_m;
         first.size = vec![Estimate { value, sigma: None }];
@@ -127,12 +127,7 @@ fn rank_pairs(setup: &Setup, detections: &[Detection], found: &Pairing) -> Optio
     let mut pairs = found.pairs.clone();
     let pixels: Vec<Detection> = turn_detections(&right, detections, given.map(|g| g.0));
     add_remaining(&mut right, &pixels, &outlines, &mut pairs);
-    let attitude = Orientation {
-        camera_from_survey: pose.camera_from_survey,
-        covariance_rad2: None,
-        ground: vec![],
-        templates: vec![],
-    };
+    let attitude = Orientation::from_rotation(pose.camera_from_survey);
     let identities = Identities::from_pairs(detections.len(), &pairs);
     let centred = correct_centres(&WingView::on_ground(&right.setup, &attitude), &pose.state, detections, &identities);
     rank_causes(&Subject::new(setup, images(&pairs, &centred)), None, given)
@@ -208,12 +203,7 @@ fn pair_with(setup: &Setup, detections: &[Detection], start: Option<(Cause, f64)
 
 /// Displaces the markers by a bend.
 fn bend_markers(setup: &mut Setup, bend_m: f64) {
-    let level = Orientation {
-        camera_from_survey: nalgebra::Rotation3::identity(),
-        covariance_rad2: None,
-        ground: vec![],
-        templates: vec![],
-    };
+    let level = Orientation::from_rotation(nalgebra::Rotation3::identity());
     let view = WingView::on_ground(setup, &level);
     let mut state = super::super::beam::WingState::zeros();
     state[0] = 3.0 * bend_m / view.beam.length_m.powi(2);
