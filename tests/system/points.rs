@@ -37,7 +37,7 @@ fn true_frames(set: &Path) -> Vec<Value> {
 
 /// Error of the deflection of the outermost point against the survey, over its standard deviation.
 fn normalised_tip(record: &Value, truth: &Value) -> f64 {
-    let id = &record["tip"]["id"];
+    let id = &record["tip"]["marker"];
     let expected = truth["markers"].as_array().unwrap().iter().find(|m| m["id"] == *id).unwrap();
     let number = |value: &Value| value.as_f64().unwrap();
     (number(&record["tip"]["deflection_m"]) - number(&expected["deflection_m"]))
@@ -65,14 +65,13 @@ fn a_wing_without_decals_is_measured_by_its_points() {
         assert!(normalised.abs() < 3.0, "{normalised}");
     }
     // The templates are part of the installation and of its digest.
-    let provenance = |record: &Value| record["provenance"]["installation"].to_string();
-    let before = solve(&set, &frames[..1]);
-    assert!(before[0]["provenance"].to_string().contains("points.png"), "{}", provenance(&before[0]));
+    let record = &solve(&set, &frames[..1])[0];
+    assert!(record["provenance"].to_string().contains("points.png"), "{}", record["provenance"]);
     std::fs::write(set.join("installation/points.png"), b"no image").unwrap();
     let installation = set.join("installation");
     let (status, text) = outcome(&["check", "--installation", installation.to_str().unwrap()]);
     assert_ne!(status, Some(0));
-    assert!(text.contains("points.png: is not an image of 12 templates"), "{text}");
+    assert!(text.contains("points.png: file: is not an image of 12 templates"), "{text}");
 }
 
 #[test]
@@ -103,7 +102,11 @@ fn a_point_has_no_diameter_and_must_be_marked() {
     assert!(text.contains("not used: P01: it has no decal and was not marked"), "{text}");
     let record = &solve(&set, &["frames/flight-1.jpg"])[0];
     let point = record["markers"].as_array().unwrap().iter().find(|m| m["id"] == "P01").unwrap();
-    assert!(point["reason"].as_str().unwrap().starts_with("the ground frames have no template of it"), "{point}");
+    assert!(
+        point["reason"].as_str().unwrap().starts_with("the ground frames have no template of it"),
+        "{}",
+        point["reason"]
+    );
     // A place without a standard deviation has that of a corner in a loupe.
     let marks = std::fs::read_to_string(set.join("frames/marks.csv")).unwrap();
     std::fs::write(set.join("frames/marks.csv"), marks.replace(",0.5,,0.5,", ",,,,")).unwrap();

@@ -4,13 +4,15 @@
 //! |---|---|---|---|
 //! | patch | frame, predicted map of a template | patch of the frame as the ground frame would show it | `patch.rs` |
 //! | correlation | template, patch | places that look alike | `correlation.rs` |
-//! | adjustment | template, patch, a place | shift with covariance | `least_squares.rs` |
+//! | adjustment | template, patch, a place | shift | `least_squares.rs` |
+//! | covariance | adjusted shift | its covariance | `shift_covariance.rs` |
 //! | decision | shift forward and backward, other places | place of the point, or the reason why there is none | `decide.rs` |
 
 mod correlation;
 mod decide;
 mod least_squares;
 mod patch;
+mod shift_covariance;
 
 use nalgebra::Vector2;
 

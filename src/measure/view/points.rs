@@ -32,11 +32,12 @@ pub(super) fn add_points(
     mut found: FrameMarkers,
     ended: StepEnd,
 ) -> FrameMarkers {
-    if wing.orientation.templates.is_empty() || found.fault.as_ref().is_some_and(|fault| !fault.is_unnamed()) {
+    let has_points = wing.setup.markers.iter().any(|m| m.shape == Shape::Point);
+    if !has_points || found.fault.as_ref().is_some_and(|fault| !fault.is_unnamed()) {
         return found;
     }
     let mut finder = PointFinder { wing, picture, nodes: wing.patch_nodes() };
-    if found.identities.is_none() {
+    if found.identities.is_none() && !wing.orientation.templates.is_empty() {
         match finder.locate(&found) {
             Ok(located) => found = located,
             Err(Some(error)) if found.detections.markers.is_empty() => {
