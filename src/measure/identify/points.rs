@@ -5,10 +5,10 @@
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 
+use super::Identities;
 use super::beam::{CoarseBeam, WingState, facing_attitude};
 use super::fit::{MatchedPair, squared_distance};
 use super::scene::{Matrix8, PredictedImage, WingView};
-use super::{Identities, MIN_SEPARATION_PX};
 use crate::detect::{Detection, MarkerPrediction};
 use crate::setup::Shape;
 
@@ -25,6 +25,8 @@ const MAX_NODE_M: f64 = 3.0;
 /// Largest test value of a point's residual: chi-square of two degrees of freedom, 0.1 %; the noise of the predictions is
 /// generous.
 const RESIDUAL_GATE: f64 = 13.8;
+/// Smallest search radius, px: the reach of the adjustment.
+const MIN_SEARCH_PX: f64 = 3.0;
 /// Number of nodes of a patch.
 const NODES: usize = 9;
 /// Terms of the map: x, y, x^2, xy, y^2.
@@ -174,7 +176,7 @@ impl<'a> WingView<'a> {
             let spread = image.spread_px2(covariance);
             if let Some(mut patch) = predict_patch(key, image, inverses, own, spread) {
                 patch.search_px = image.sigma_px(covariance) * sigmas;
-                patch.search_px.add_scalar_mut(MIN_SEPARATION_PX);
+                patch.search_px.add_scalar_mut(MIN_SEARCH_PX);
                 all[*marker].get_or_insert_default().push(patch);
             }
         }
