@@ -18,12 +18,7 @@ fn stages(c: &mut Criterion) {
     let ground = vec![world.ground_view(5, &conditions).detections];
     let flight = world.flight_view(2.0, 5, &conditions).detections;
     let setup = &world.setup;
-    let known = Orientation {
-        camera_from_survey: world.camera_from_survey,
-        covariance_rad2: None,
-        ground: vec![],
-        templates: vec![],
-    };
+    let known = Orientation::from_rotation(world.camera_from_survey);
     c.bench_function("orient", |b| b.iter(|| estimate_orientation(black_box(setup), black_box(&ground)).unwrap()));
     c.bench_function("identify", |b| {
         b.iter(|| WingView::in_flight(black_box(setup), &known).identify_markers(black_box(&flight)).unwrap())

@@ -203,6 +203,12 @@ impl Tracker {
         let Some(mut picture) = processed.decode(|| decode::decode_partial(bytes, format, &first)) else {
             return unread;
         };
+        if wing.count_shown() == 0 && !self.orientation.templates.is_empty() {
+            // Without decals there is nothing that the detector could find.
+            let markers = processed.timed(|ended| view::process_frame(&mut picture, Some(&wing), ended));
+            processed.set_markers(markers);
+            return SearchMode::Full;
+        }
         // A fast tip is not at its previous position; the markers near the root predict it.
         let predict_again = |found: &[Detection]| wing.predict_from_found(found, &seen.as_ref()?.identities);
         let (found, search) =

@@ -1,7 +1,5 @@
 //! Identities are never wrong, orientation needs no initial value, and ambiguity is reported.
 
-use std::path::Path;
-
 use crate::common::synthetic::{Conditions, View, World, normal};
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 use rand::rngs::StdRng;
@@ -45,12 +43,7 @@ fn deflection(seed: u64, range: (f64, f64)) -> f64 {
 }
 
 fn known(world: &World) -> Orientation {
-    Orientation {
-        camera_from_survey: world.camera_from_survey,
-        covariance_rad2: None,
-        ground: vec![],
-        templates: vec![],
-    }
+    Orientation::from_rotation(world.camera_from_survey)
 }
 
 /// Whether every marker is either identified or missing with a reason, and none twice.
@@ -316,7 +309,7 @@ struct Dev {
 
 /// Simulated detections from the truth of the fixture, without an image.
 fn dev() -> Dev {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev");
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev");
     let setup = wingd::installation::load_without_orientation(&root.join("installation")).unwrap().setup;
     let text = std::fs::read_to_string(root.join("truth.json")).unwrap();
     let truth: serde_json::Value = serde_json::from_str(&text).unwrap();
@@ -387,7 +380,7 @@ fn the_picture_orients_as_well_as_pixels_without_error() {
     let dev = dev();
     let (_, view, rotation) = &dev.frames[0];
     let truth = Rotation3::from_matrix(rotation);
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/frames/ground.jpg");
+    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/frames/ground.jpg");
     let picture = wingd::pipeline::decode::decode_image(&std::fs::read(file).unwrap(), None).unwrap();
     let found = wingd::measure::detect::detect(&picture).markers;
     let off = |detections: Vec<Detection>| {

@@ -63,7 +63,7 @@ impl Case {
             markers: points.iter().enumerate().map(marker).collect(),
             window: None,
         };
-        let orientation = Orientation { camera_from_survey, covariance_rad2: None, ground: vec![], templates: vec![] };
+        let orientation = Orientation::from_rotation(camera_from_survey);
         let observations = points.iter().enumerate().map(observe).collect();
         Self { setup, orientation, observations, flight: points.iter().map(|p| p.1).collect() }
     }

@@ -55,7 +55,8 @@ pub fn orientation() -> Orientation {
         Rotation3::from_matrix_unchecked(Matrix3::new(0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0));
     let observation =
         |marker| Observation { marker, pixel: Vector2::new(1900.0, 1500.0), covariance_px2: Matrix2::identity() };
-    Orientation { camera_from_survey, covariance_rad2: None, ground: (0..9).map(observation).collect() }
+    let ground = (0..9).map(observation).collect();
+    Orientation { ground, ..Orientation::from_rotation(camera_from_survey) }
 }
 
 /// Window with a bowed pane in flight.

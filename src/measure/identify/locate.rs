@@ -123,7 +123,7 @@ impl WingView<'_> {
     }
 
     /// Searches for markers until all predictions have a search radius below `settled_px`, or all markers were searched for.
-    fn locate<T: SearchTarget>(
+    fn locate<T: PredictedArea>(
         &self,
         prior: StatePrior,
         mut found: Vec<Detection>,
@@ -181,26 +181,26 @@ impl WingView<'_> {
 }
 
 /// Predicted image of a marker or point with the area in which it is searched for.
-pub(super) trait SearchTarget: Clone {
+pub(super) trait PredictedArea: Clone {
     /// Returns half the larger side of the area, px.
     fn radius_px(&self) -> f64;
 }
 
-impl SearchTarget for MarkerPrediction {
+impl PredictedArea for MarkerPrediction {
     fn radius_px(&self) -> f64 {
         self.search_px.amax()
     }
 }
 
-impl SearchTarget for Vec<PatchPrediction> {
+impl PredictedArea for Vec<PatchPrediction> {
     fn radius_px(&self) -> f64 {
         self.first().map_or(f64::INFINITY, |p| p.search_px.amax())
     }
 }
 
 /// Returns the next markers to search for, at least `least`, those with the smallest search radius first.
-fn next_markers<T: SearchTarget>(predicted_by_marker: &[Option<T>], searched: &[bool], least: usize) -> Vec<usize> {
-    let far = |j: usize| predicted_by_marker[j].as_ref().map_or(f64::INFINITY, SearchTarget::radius_px);
+fn next_markers<T: PredictedArea>(predicted_by_marker: &[Option<T>], searched: &[bool], least: usize) -> Vec<usize> {
+    let far = |j: usize| predicted_by_marker[j].as_ref().map_or(f64::INFINITY, PredictedArea::radius_px);
     let mut open: Vec<usize> =
         (0..predicted_by_marker.len()).filter(|&j| !searched[j] && predicted_by_marker[j].is_some()).collect();
     sort_by_value(&mut open, |&i| far(i));

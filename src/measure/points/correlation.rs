@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use super::patch::Patch;
+use super::patch::GreyPatch;
 use crate::identify::PATCH_REACH_PX;
 use crate::ordering::sort_by_value;
 
@@ -28,7 +28,7 @@ pub(super) struct LikePlace {
 }
 
 /// Finds the places within `search` px of the centre, most alike first.
-pub(super) fn find_like_places(template: &Patch, patch: &Patch, search: [usize; 2]) -> Vec<LikePlace> {
+pub(super) fn find_like_places(template: &GreyPatch, patch: &GreyPatch, search: [usize; 2]) -> Vec<LikePlace> {
     let reach = PATCH_REACH_PX;
     let mut places = if search[0].max(search[1]) < HALVED_FROM_PX {
         Correlator::new(template, patch, reach).find_peaks([0, 0], search)
@@ -55,7 +55,7 @@ pub(super) fn find_like_places(template: &Patch, patch: &Patch, search: [usize; 
 
 /// A template without its mean, and sums over the patch that it is compared with.
 struct Correlator<'a> {
-    patch: &'a Patch,
+    patch: &'a GreyPatch,
     reach: usize,
     /// Rows of the template, filled with zeros to a multiple of [`LANES`].
     rows: Vec<Vec<f32>>,
@@ -65,7 +65,7 @@ struct Correlator<'a> {
 }
 
 impl<'a> Correlator<'a> {
-    fn new(template: &Patch, patch: &'a Patch, reach: usize) -> Self {
+    fn new(template: &GreyPatch, patch: &'a GreyPatch, reach: usize) -> Self {
         let side = 2 * reach + 1;
         let first = template.reach[0] - reach;
         let lines: Vec<&[f32]> =

@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Vector2};
 use super::PointRejection;
 use super::correlation::{LikePlace, find_like_places};
 use super::least_squares::{AdjustedShift, CHECK_PASSES, MATCH_PASSES, adjust_shift};
-use super::patch::{Patch, centre_offset, frame_patch, template_patch};
+use super::patch::{GreyPatch, centre_offset, frame_patch, template_patch};
 use crate::identify::{PATCH_REACH_PX, PatchPrediction};
 use crate::raster::Raster;
 use crate::setup::PointTemplate;
@@ -50,8 +50,8 @@ pub struct PointMatch {
 /// Template and patch of the frame on one grid.
 struct PatchPair<'a> {
     prediction: &'a PatchPrediction,
-    template: Patch,
-    patch: Patch,
+    template: GreyPatch,
+    patch: GreyPatch,
     offset: Vector2<f64>,
     /// Derivative of the grid of the ground frame with respect to the frame.
     inverse: Matrix2<f64>,

@@ -7,7 +7,7 @@
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 use super::PointRejection;
-use super::patch::Patch;
+use super::patch::GreyPatch;
 use crate::estimation::robust::robust_sigma;
 use crate::identify::PATCH_REACH_PX;
 
@@ -83,8 +83,8 @@ pub(super) struct Matching {
 /// # Errors
 /// Returns the reason if nothing determines the shift, or the adjustment does not converge.
 pub(super) fn adjust_shift(
-    template: &Patch,
-    patch: &Patch,
+    template: &GreyPatch,
+    patch: &GreyPatch,
     start: Vector2<f64>,
     offset: Vector2<f64>,
     slopes: [Matrix2<f64>; 2],
@@ -132,7 +132,7 @@ fn robust_noise(residuals: &[f64]) -> f64 {
     MIN_NOISE * robust_sigma(some.map(|r| r.abs() / MIN_NOISE).collect())
 }
 
-fn template_rows(template: &Patch, offset: Vector2<f64>, slopes: &[Matrix2<f64>; 2]) -> Vec<PixelRow> {
+fn template_rows(template: &GreyPatch, offset: Vector2<f64>, slopes: &[Matrix2<f64>; 2]) -> Vec<PixelRow> {
     let reach = PATCH_REACH_PX as isize;
     let scale = 1.0 / PATCH_REACH_PX as f64;
     let row = |x: isize, y: isize| {
@@ -152,7 +152,7 @@ fn template_rows(template: &Patch, offset: Vector2<f64>, slopes: &[Matrix2<f64>;
 
 impl Matching {
     /// Returns the values at the start: the gain and offset of equal mean and contrast.
-    fn start_values(&self, patch: &Patch, start: Vector2<f64>) -> Unknowns {
+    fn start_values(&self, patch: &GreyPatch, start: Vector2<f64>) -> Unknowns {
         let mut unknowns = Unknowns::zeros();
         unknowns.fixed_rows_mut::<2>(0).copy_from(&start);
         let sampled: Vec<f64> =
@@ -170,14 +170,14 @@ impl Matching {
     }
 
     /// Returns the grey value of the frame's patch at an offset from the point in the template.
-    pub(super) fn sample_at(&self, patch: &Patch, at: Vector2<f64>, unknowns: &Unknowns) -> f32 {
+    pub(super) fn sample_at(&self, patch: &GreyPatch, at: Vector2<f64>, unknowns: &Unknowns) -> f32 {
         let sheared = (self.slopes[0] * unknowns[2] + self.slopes[1] * unknowns[3]) * at;
         let on_grid = at - self.offset + sheared;
         patch.sample(on_grid.x + unknowns[0], on_grid.y + unknowns[1])
     }
 
     /// Returns the grey values of the frame less those of the model, at every `stride`-th pixel.
-    pub(super) fn residuals(&self, patch: &Patch, unknowns: &Unknowns, stride: usize) -> Vec<f64> {
+    pub(super) fn residuals(&self, patch: &GreyPatch, unknowns: &Unknowns, stride: usize) -> Vec<f64> {
         let one = |row: &PixelRow| {
             let model: f64 = (GAIN..UNKNOWNS).map(|k| row.design[k] * unknowns[k]).sum();
             f64::from(self.sample_at(patch, row.at, unknowns)) - model

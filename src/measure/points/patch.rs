@@ -18,14 +18,14 @@ pub(super) const MARGIN_PX: usize = 3;
 
 /// Grey values around a centre, which is the ground frame's pixel nearest to a point.
 #[derive(Clone, Debug)]
-pub(super) struct Patch {
+pub(super) struct GreyPatch {
     /// Largest offsets from the centre, px.
     pub(super) reach: [usize; 2],
     width: usize,
     values: Vec<f32>,
 }
 
-impl Patch {
+impl GreyPatch {
     /// Creates a patch from its values at offsets from the centre.
     pub(super) fn from_values(reach: [usize; 2], mut value: impl FnMut(f64, f64) -> f32) -> Self {
         let [a, b] = reach.map(|r| r as i32);
@@ -132,15 +132,16 @@ pub(super) fn centre_offset(template: &PointTemplate) -> Vector2<f64> {
 }
 
 /// Returns the patch of a template, smoothed as the frame shows it.
-pub(super) fn template_patch(template: &PointTemplate, prediction: &PatchPrediction) -> Patch {
+pub(super) fn template_patch(template: &PointTemplate, prediction: &PatchPrediction) -> GreyPatch {
     let [width, height] = [template.patch.width(), template.patch.height()];
     let centre = template.place_px.map(f64::round) - Vector2::new(template.origin_px[0], template.origin_px[1]).cast();
     let reach = [(width - 1) / 2, (height - 1) / 2];
-    let grey = Patch::from_values(reach, |x, y| f32::from(template.patch.nearest_value(centre.x + x, centre.y + y)));
+    let grey =
+        GreyPatch::from_values(reach, |x, y| f32::from(template.patch.nearest_value(centre.x + x, centre.y + y)));
     let taps = gaussian_taps(&-excess_blur(prediction), |_| 0.5);
     match taps.len() {
         1 => grey,
-        _ => Patch::from_values(reach, |x, y| {
+        _ => GreyPatch::from_values(reach, |x, y| {
             taps.iter().map(|(at, weight)| weight * grey.sample(x + at.x, y + at.y)).sum()
         }),
     }
@@ -153,7 +154,7 @@ pub(super) fn frame_patch(
     prediction: &PatchPrediction,
     offset: Vector2<f64>,
     search: [usize; 2],
-) -> Option<(Patch, f64)> {
+) -> Option<(GreyPatch, f64)> {
     let reach = PATCH_REACH_PX as f64 + 1.0;
     let (right, bottom) = (frame.width() as f64 - 2.0, frame.height() as f64 - 2.0);
     let corners = [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)];
@@ -169,7 +170,7 @@ pub(super) fn frame_patch(
     let taps: Vec<(Vector2<f64>, f32)> =
         gaussian_taps(&excess_blur(prediction), step).into_iter().map(|(at, w)| (jacobian * at, w)).collect();
     let (mut saturated, mut count) = (0_usize, 0_usize);
-    let patch = Patch::from_values(search.map(|s| s + PATCH_REACH_PX + MARGIN_PX), |x, y| {
+    let patch = GreyPatch::from_values(search.map(|s| s + PATCH_REACH_PX + MARGIN_PX), |x, y| {
         let at = prediction.frame_point(&(Vector2::new(x, y) + offset));
         count += 1;
         saturated += usize::from(frame.nearest_value(at.x, at.y) >= SATURATED_LEVEL);

@@ -10,7 +10,7 @@ use super::PointRejection;
 use super::least_squares::{
     AdjustedShift, BLOCK_PX, GAIN, MIN_NOISE, Matching, Normal, PRIOR_SIGMAS, PixelRow, UNKNOWNS, Unknowns,
 };
-use super::patch::Patch;
+use super::patch::GreyPatch;
 use crate::identify::PATCH_REACH_PX;
 
 /// Number of neighbouring pixels whose interpolated gradients have one independent value.
@@ -37,7 +37,7 @@ pub(super) struct PatchShift {
 
 impl Matching {
     /// Returns the products of the gradients of both patches, with the priors of all unknowns but the shift.
-    fn information(&self, shifted: &Patch, factors: &Unknowns, noise: f64) -> Normal {
+    fn information(&self, shifted: &GreyPatch, factors: &Unknowns, noise: f64) -> Normal {
         let reach = PATCH_REACH_PX as isize;
         let side = 2 * reach + 1;
         let mut sums = [[0.0; UNKNOWNS]; UNKNOWNS];
@@ -61,7 +61,7 @@ impl Matching {
 
     /// Returns the factors by which standard deviations of the shift are raised because noise may feign information: that of
     /// each direction less three standard deviations of the products of noise over itself. `None` if no direction has any.
-    fn raise_weak_directions(&self, inverse: &Normal, shifted: &Patch, gain: f64) -> Option<Matrix2<f64>> {
+    fn raise_weak_directions(&self, inverse: &Normal, shifted: &GreyPatch, gain: f64) -> Option<Matrix2<f64>> {
         let products = inverse.fixed_view::<2, 2>(0, 0).try_inverse()?;
         let axes = SymmetricEigen::new((products + products.transpose()) * 0.5);
         let reach = PATCH_REACH_PX as isize;
@@ -107,7 +107,7 @@ impl AdjustedShift {
     }
 
     /// Returns the mean square of the residuals, weighted by the distance from the point, grey levels squared.
-    pub(super) fn misfit(&self, patch: &Patch) -> f64 {
+    pub(super) fn misfit(&self, patch: &GreyPatch) -> f64 {
         let residuals = self.matching.residuals(patch, &self.unknowns, 1);
         let rows = || self.matching.rows.iter();
         let squares: f64 = rows().zip(&residuals).map(|(row, r)| row.window * r * r).sum();
@@ -115,16 +115,16 @@ impl AdjustedShift {
     }
 
     /// Returns the patch at the shift.
-    pub(super) fn shifted_patch(&self, patch: &Patch) -> Patch {
+    pub(super) fn shifted_patch(&self, patch: &GreyPatch) -> GreyPatch {
         let at = |x: f64, y: f64| self.matching.offset + Vector2::new(x, y);
-        Patch::from_values([PATCH_REACH_PX + 1; 2], |x, y| self.matching.sample_at(patch, at(x, y), &self.unknowns))
+        GreyPatch::from_values([PATCH_REACH_PX + 1; 2], |x, y| self.matching.sample_at(patch, at(x, y), &self.unknowns))
     }
 
     /// Returns the shift with its covariance.
     ///
     /// # Errors
     /// Returns the reason if no direction is well determined, or the adjustment did not converge.
-    pub(super) fn conclude(&self, patch: &Patch) -> Result<PatchShift, PointRejection> {
+    pub(super) fn conclude(&self, patch: &GreyPatch) -> Result<PatchShift, PointRejection> {
         let Self { matching, unknowns, noise, last } = self;
         let shifted = self.shifted_patch(patch);
         let factors = Matching::factors(unknowns);
