@@ -10,11 +10,10 @@ use super::tables::{self, InstallationDocument, OpticsTable, VibrationTable};
 use super::ties::CadModel;
 use super::{INSTALLATION_FILE, Reader, camera, plausible, survey, ties, window};
 use crate::measure::setup::{
-    Setup, SetupUncertainty, SkinHeight, SurveyMarker, Thermal, TorsionPair, Vibration, Width, WingSide,
+    DEFAULT_REPEATABILITY_PX, Setup, SetupUncertainty, SkinHeight, SurveyMarker, Thermal, TorsionPair, Vibration,
+    Width, WingSide,
 };
 
-/// Default shift between two mountings, px (paper, section 3.1.3).
-const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
 /// Default standard deviation of the projection centre, each axis, m: a tape measure held at the lens.
 pub const DEFAULT_CENTRE_SIGMA_M: f64 = 0.010;
 

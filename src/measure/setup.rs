@@ -103,6 +103,9 @@ impl Thermal {
     }
 }
 
+/// Default standard deviation of the image shift between two mountings, px (paper, section 3.1.3).
+pub const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
+
 /// Standard deviation of the length in flight over that on the ground if nothing is configured: the effect of 70 K on
 /// aluminium.
 pub const DEFAULT_SCALE_SIGMA: f64 = 23.1e-6 * 70.0;

@@ -68,6 +68,7 @@ unknowns! {
     InteriorOrientation = "interior orientation", "lens" lasting;
     FlightScale = "scale of the camera in flight", "camera in flight";
     FlightPrincipalPoint = "principal point in flight", "camera in flight";
+    ImageShift = "shift of the image by stabilisation", "camera in flight";
     PaneShift = "panes' shift", "window" lasting;
     PaneBow = "panes' bow", "window";
 }
@@ -185,6 +186,9 @@ widths! {
     /// standard deviation of the principal point in flight against that on ground
     PrincipalPoint = "camera" "flight_principal_point_sigma_px", PIXEL, 0.3, max 1000.0, flight,
         Some("interior orientation in flight"), [FlightPrincipalPoint];
+    /// standard deviation of the image's shift from frame to frame by stabilisation of lens or sensor, each axis; 0: it has
+    /// none, or it is switched off
+    Stabilisation = "camera" "stabilised_px", PIXEL, 0.0, max 1000.0, flight, None, [ImageShift];
     /// standard deviation of the twist caused by a control surface's torque, at its position: four positions from 0.45 to
     /// 0.9 of the length (0.9 of it common to a flight's frames, 0.436 independent per frame)
     Torque = "wing" "torque_sigma_deg", DEGREE, 1.0, max 20.0, flight, Some("control-surface torque"), [Torque];

@@ -10,7 +10,7 @@ use wingd::measure::setup::{Setup, SetupUncertainty, StiffnessSection, Width};
 use wingd::measure::stress::{BendingCurvature, DEFAULT_STEPS};
 
 use crate::common::beam_truth::{
-    Aircraft, Effects, Truth, WingState, median, normal, normal3, random_wing, remounted, rms, rng,
+    Aircraft, CameraMotion, Effects, Truth, WingState, median, normal, normal3, random_wing, remounted, rms, rng,
 };
 
 pub const NOISE_PX: f64 = 0.05;
@@ -214,8 +214,8 @@ pub struct SampledErrors {
 
 /// Whether the program reports an error: a rejecting test, or a remark on a displacement, on fixed targets or on motion.
 fn is_reported(solution: &Solution) -> bool {
-    const WORDS: [&str; 6] =
-        ["are jointly", "contradict", "inconsistent", "(default", "the larger drift", "one common cause"];
+    const WORDS: [&str; 7] =
+        ["are jointly", "contradict", "inconsistent", "(default", "the larger drift", "one common cause", "stabilis"];
     let remarked = solution.remarks.iter().any(|remark| WORDS.iter().any(|words| remark.contains(words)));
     remarked || solution.global_test == Some(GlobalTest::Rejected)
 }
@@ -228,6 +228,18 @@ pub fn sample_errors(
     wings: usize,
     effects: impl Fn(&mut StdRng) -> Effects,
 ) -> SampledErrors {
+    sample_errors_with_claims(seed, set_up, frames, wings, effects, |_, _| ())
+}
+
+/// Samples as [`sample_errors`] does; `claim` then changes what the installation states.
+pub fn sample_errors_with_claims(
+    seed: u64,
+    set_up: SetUp,
+    frames: usize,
+    wings: usize,
+    effects: impl Fn(&mut StdRng) -> Effects,
+    claim: impl Fn(&mut StdRng, &mut Setup),
+) -> SampledErrors {
     let mut rng = rng(seed);
     let (high_m, low_m) = deflections_m();
     let mut drawn = SampledErrors::default();
@@ -239,7 +251,8 @@ pub fn sample_errors(
         setup.uncertainty = set_up.priors();
         remove_known_priors(&mut setup);
         let orientation = aircraft.orientation(&mut rng, NOISE_PX);
-        let (mount, shift) = set_up.mounting(&mut rng, &setup);
+        let (mount, shift) = moved_camera(&mut rng, &effects.camera, &setup, set_up);
+        claim(&mut rng, &mut setup);
         let fuel = aircraft.truth.fuel();
         let whens: Vec<WingState> = (0..frames)
             .map(|k| {
@@ -250,9 +263,11 @@ pub fn sample_errors(
             .collect();
         let seen: Vec<_> = whens
             .iter()
-            .map(|when| {
+            .enumerate()
+            .map(|(k, when)| {
                 let drift = normal3(&mut rng) * setup.uncertainty[Width::MountDrift];
-                aircraft.frame(&mut rng, *when, (mount + drift, shift), NOISE_PX)
+                let sag = Vector3::x() * (effects.camera.sag_rad * k as f64 / (frames.max(2) - 1) as f64);
+                aircraft.frame(&mut rng, *when, (mount + drift + sag, shift), NOISE_PX)
             })
             .collect();
         let mounting = if set_up == SetUp::Stayed { Mounting::Ground } else { Mounting::Numbered(0) };
@@ -272,6 +287,21 @@ pub fn sample_errors(
         drawn.all.extend(&shown);
     }
     drawn
+}
+
+/// Rotation and shift of the camera: as the set-up has them, or as the motion says.
+fn moved_camera(rng: &mut StdRng, motion: &CameraMotion, setup: &Setup, set_up: SetUp) -> (Vector3<f64>, Vector3<f64>) {
+    let (mut mount, mut shift) = set_up.mounting(rng, setup);
+    if motion.remount_px > 0.0 {
+        mount = normal3(rng) * (motion.remount_px / setup.lens.focal_px());
+    }
+    if motion.remount_m > 0.0 {
+        shift = normal3(rng).normalize() * motion.remount_m;
+    }
+    if motion.turn_rad > 0.0 {
+        mount += normal3(rng).normalize() * motion.turn_rad;
+    }
+    (mount, shift)
 }
 
 /// Skin bulge shared by many panels, relative to the displacement of each marker.

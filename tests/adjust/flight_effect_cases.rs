@@ -1,8 +1,8 @@
 //! Promise: in-flight effects that images do not show are covered by their priors. The tables of all effects, one by one and at
 //! sizes that must be covered or detected: `make table TABLE=kinds`.
 
-use crate::aircraft::{SetUp, sample_errors};
-use crate::effect_kinds::{KINDS, figures};
+use crate::aircraft::{SetUp, sample_errors, sample_errors_with_claims};
+use crate::effect_kinds::{CLAIMS, KINDS, figures};
 
 /// Deflections alone, with effects that resemble pitch, bending or root rotation: only priors can cover them.
 #[test]
@@ -18,5 +18,37 @@ fn unobservable_effects_are_covered_by_their_priors() {
         let [deflection, ..] = figures(&shown);
         println!("{} times {times}, {set_up:?}: {deflection:.2}", kind.name);
         assert!(deflection < most, "{} times {times}, {set_up:?}: {deflection:.2}", kind.name);
+    }
+}
+
+/// Widths that are stated too small: the result counts with the width that the data ask for, or a remark names the width.
+/// `all` bounds the deflections of all wings, `reported` is the least fraction with a remark.
+#[test]
+fn a_stated_width_that_the_data_refute_is_widened_or_named() {
+    let cases = [
+        ("axis stated as exact, 0.2 m off", SetUp::Default, 5, 1.4, 0.9),
+        ("axis stated as exact, 0.2 m off", SetUp::Careful, 1, 1.4, 0.5),
+        ("repeatability 1 px stated, 20 px", SetUp::Careful, 5, 1.5, 0.0),
+        ("repeatability 1 px stated, 20 px", SetUp::Fixed, 1, 1.4, 0.8),
+        ("remounted 10 mm off", SetUp::Careful, 5, 1.4, 0.0),
+        ("stabilised, 50 px", SetUp::Careful, 5, 1.4, 1.0),
+        ("stabilised, 50 px", SetUp::Fixed, 5, 1.4, 1.0),
+    ];
+    for (name, set_up, frames, most, least) in cases {
+        let kind = CLAIMS.iter().find(|kind| kind.name == name && kind.set_up == set_up).unwrap();
+        let shown = sample_errors_with_claims(9800, set_up, frames, 16, kind.draw, kind.claim);
+        let [deflection, ..] = figures(&shown.all);
+        println!("{name}, {set_up:?}, {frames}: {deflection:.2}, reported {:.0} %", 100.0 * shown.reported_fraction);
+        assert!(deflection < most && shown.reported_fraction > least - 1e-9, "{name}, {set_up:?}: {deflection:.2}");
+    }
+}
+
+/// Installations whose widths are true have no remark, and no wider standard deviation.
+#[test]
+fn true_widths_are_not_called_contradicted() {
+    for (set_up, frames) in [(SetUp::Default, 1), (SetUp::Careful, 5), (SetUp::Stayed, 1), (SetUp::Fixed, 5)] {
+        let reported = sample_errors(9900, set_up, frames, 24, |_| Default::default()).reported_fraction;
+        println!("{set_up:?}, {frames}: reported {:.0} %", 100.0 * reported);
+        assert!(reported < 0.05, "{set_up:?}, {frames}: {reported}");
     }
 }

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Vector3};
 use rand::Rng;
 use rand::rngs::StdRng;
 use wingd::measure::adjust::flight_prior::{FlightPrior, ReducedNormals};
@@ -25,6 +25,17 @@ pub struct SampledAircraft {
     pub now: WingState,
 }
 
+/// Difference of a flight from the others of an installation.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Difference {
+    /// Relative increase of the load.
+    pub load: f64,
+    /// Torque of the ailerons in addition, as the twist at their place, rad.
+    pub torque_rad: f64,
+    /// Shift of the camera to another seat, m.
+    pub seat_m: f64,
+}
+
 /// Observations of one flight.
 pub struct SampledFlight {
     pub seen: Vec<Vec<Observation>>,
@@ -43,11 +54,18 @@ impl SampledAircraft {
 
     /// Samples a flight with new fuel, deflection, mounting and other flight-specific effects.
     pub fn sample_flight(&mut self, rng: &mut StdRng, frames: usize) -> SampledFlight {
+        self.sample_other_flight(rng, frames, &Difference::default())
+    }
+
+    /// Samples a flight that differs from the others.
+    pub fn sample_other_flight(&mut self, rng: &mut StdRng, frames: usize, other: &Difference) -> SampledFlight {
         let effects = combined_effects(rng);
         self.aircraft.start_next_flight(rng, effects);
+        self.aircraft.effects.torque_rad += other.torque_rad;
         let (mount, shift) = self.set_up.mounting(rng, &self.setup);
+        let shift = shift + if other.seat_m > 0.0 { normal3(rng).normalize() * other.seat_m } else { Vector3::zeros() };
         let fuel = self.aircraft.truth.fuel() * rng.random_range(0.7..1.0);
-        let heavy = rng.random_range(0.9..1.1);
+        let heavy = rng.random_range(0.9..1.1) * (1.0 + other.load);
         let when = |k: usize| {
             let share = k as f64 / (FRAMES - 1) as f64;
             WingState::Flight { deflection_m: heavy * (3.2 - 1.2 * share), fuel: fuel * (1.0 - 0.24 * share) }
@@ -90,6 +108,11 @@ impl SampledAircraft {
             }
         }
         all
+    }
+
+    pub fn solve_flight(&self, seen: &[Vec<Observation>], prior: Option<FlightPrior>) -> Vec<Solution> {
+        let options = self.options(seen.len(), prior);
+        adjust::solve_flight(&self.setup, &self.orientation, seen, &options).unwrap()
     }
 
     pub fn solve_single_frame(&self, seen: &[Observation], prior: Option<FlightPrior>) -> Solution {
@@ -198,10 +221,7 @@ fn changes_since_the_flights_of_the_prior_are_noticed() {
         let flights: Vec<SampledFlight> = (0..3).map(|_| drawn.sample_flight(&mut rng, FRAMES)).collect();
         let prior = combine_flights(&drawn.flight_normals(&flights), &drawn.setup).unwrap();
         let last = drawn.sample_flight(&mut rng, FRAMES);
-        let flight = |seen: &[Vec<Observation>]| {
-            let options = drawn.options(FRAMES, Some(prior.clone()));
-            adjust::solve_flight(&drawn.setup, &drawn.orientation, seen, &options).unwrap()
-        };
+        let flight = |seen: &[Vec<Observation>]| drawn.solve_flight(seen, Some(prior.clone()));
         let single = |seen: &[Observation]| [drawn.solve_single_frame(seen, Some(prior.clone()))];
         falsely += usize::from(is_noticed(&single(&last.seen[0])) || is_noticed(&flight(&last.seen)));
         let panes = SampledFlight { seen: last.seen.iter().map(|seen| through_other_panes(seen)).collect() };

@@ -19,7 +19,7 @@ pub use super::statistics::{median, rms};
 pub use fleet::{random_wing, remounted};
 
 pub use super::random::{normal, normal2, normal3, rng};
-pub use aircraft::{Aircraft, Effects, WingState};
+pub use aircraft::{Aircraft, CameraMotion, Effects, WingState};
 pub use swing::{ModeShape, SecondMode};
 
 const STEPS: usize = 2000;

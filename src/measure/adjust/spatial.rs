@@ -15,6 +15,7 @@ use super::prior_scales::PriorScales;
 use super::scene::WingScene;
 use super::shapes::{TYPICAL_CURVATURE_PER_M, bounded_amplitude, shape_covariance};
 use super::snooping::{self, SnoopingModel, SnoopingResult, SolvedGroup, Suspect, SuspectTarget};
+use super::stated_widths::{WidenedPriors, contradiction_remark, widen_refuted_priors};
 use super::{AdjustError, AdjustResult, Observation, Options, Solution, VarianceComponent};
 use crate::estimation::{EstimationError, Fit, SolveOptions, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};
@@ -25,6 +26,9 @@ const MIN_MARKERS: usize = 6;
 const AMPLITUDE_PASSES: usize = 3;
 /// Change of the logarithm of the amplitude below which it has settled.
 const AMPLITUDE_SETTLED: f64 = 0.05;
+
+/// Maximum number of passes in which stated widths are increased.
+const WIDENING_PASSES: usize = 3;
 
 /// Candidate numbers of curvature terms, compared if none is given.
 const CANDIDATE_ORDERS: [usize; 2] = [8, 10];
@@ -146,6 +150,21 @@ fn remove_outliers(mut single: SingleFrame) -> AdjustResult<SnoopingResult<Singl
     snooping::snoop_one_by_one(single, all, observations)
 }
 
+/// Removes outliers, and widens the priors whose stated widths the remaining observations refute.
+fn remove_outliers_and_widen(single: SingleFrame) -> AdjustResult<SnoopingResult<SingleFrame>> {
+    let mut clean = remove_outliers(single)?;
+    for _ in 0..WIDENING_PASSES {
+        let SolvedFrame { frame, fit, .. } = &clean.solved;
+        let widened = widen_refuted_priors(&frame.problem, fit, &clean.model.widened);
+        if !widened.differs_from(&clean.model.widened) {
+            break;
+        }
+        let usage = flight::FlightUsage::all_used(1, clean.model.input.setup.markers.len());
+        clean = remove_outliers(SingleFrame { widened, usage, ..clean.model })?;
+    }
+    Ok(clean)
+}
+
 /// Tries all common displacements and returns the result that fits best, if it removes only few markers.
 fn explain_by_displacement<'a>(single: &SingleFrame<'a>) -> Option<SnoopingResult<SingleFrame<'a>>> {
     let with =
@@ -211,9 +230,10 @@ pub fn solve_spatial_with<T>(
         usage,
         terms,
         prior_scales: PriorScales::default(),
+        widened: WidenedPriors::default(),
         common_displacement: None,
     };
-    let mut clean = remove_outliers(single.clone())?;
+    let mut clean = remove_outliers_and_widen(single.clone())?;
     if clean.tested_sum.is_some() {
         clean = explain_by_displacement(&single).unwrap_or(clean);
     }
@@ -231,6 +251,12 @@ pub fn solve_spatial_with<T>(
         with_variance_sources(blocks, &frame.problem, fit, None, |sources| outcome.solution(removed.iter(), sources));
     let derived = derive(&outcome);
     remarks.extend(solution.remarks);
+    remarks.extend(contradiction_remark(
+        setup,
+        options.keeps_ground_mounting(),
+        (&frame.problem, fit),
+        &single.widened,
+    ));
     remarks.extend(snooping::fixed_target_remark(single.prior_scales.fixed_targets));
     remarks.extend(
         single

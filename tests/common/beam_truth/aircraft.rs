@@ -72,6 +72,23 @@ pub struct Effects {
     pub kink_rad: f64,
     /// Fraction of the root moment relieved by an engine.
     pub engine: f64,
+    /// What happens to the camera since the ground frame.
+    pub camera: CameraMotion,
+}
+
+/// Motion of a camera since the ground frame, each by its size; 0: absent, or as the installation states it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CameraMotion {
+    /// Standard deviation of a remount's rotation about each axis, px.
+    pub remount_px: f64,
+    /// Size of a remount's shift, m, in a random direction.
+    pub remount_m: f64,
+    /// Size of a rotation of the mounting, rad, about a random axis.
+    pub turn_rad: f64,
+    /// Rotation about the pitch axis from a flight's first frame to its last, rad.
+    pub sag_rad: f64,
+    /// Standard deviation of the image's shift from frame to frame by stabilisation, each axis, px.
+    pub stabilised_px: f64,
 }
 
 /// One wing with its sampled effects.
@@ -305,7 +322,11 @@ impl Aircraft {
         (mount_rad, shift_m): (Vector3<f64>, Vector3<f64>),
         sigma_px: f64,
     ) -> Vec<Observation> {
-        let lens = self.lens_in_flight();
+        let mut lens = self.lens_in_flight();
+        if self.effects.camera.stabilised_px > 0.0 {
+            let jump = super::normal2(rng) * self.effects.camera.stabilised_px;
+            (lens.cx, lens.cy) = (lens.cx + jump.x, lens.cy + jump.y);
+        }
         let phases = [normal(rng) * 10.0, normal(rng) * 10.0];
         let turn = Rotation3::new(mount_rad) * self.truth.camera_from_survey;
         let centre = self.truth.setup.projection_centre_m + shift_m;

@@ -6,6 +6,7 @@ use crate::adjust::AdjustResult;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::outcome::FrameOutcome;
 use crate::adjust::snooping::{ResidualSum, SolvedGroup};
+use crate::adjust::stated_widths::widen_refuted_priors;
 use crate::estimation::{Fit, SolveOptions};
 
 /// Flight problem with its solution.
@@ -42,6 +43,19 @@ impl Flight<'_> {
             self.hyperparameters.update_from_frame(frame, layout, &solved.fit);
         }
         Ok(solved)
+    }
+
+    /// Widens the priors whose stated widths the frames refute.
+    ///
+    /// # Errors
+    /// Returns an error if the flight has no solution.
+    pub fn widen_refuted_priors(&mut self, solved: SolvedFlight) -> AdjustResult<SolvedFlight> {
+        let widened = widen_refuted_priors(&solved.flight_problem.problem, &solved.fit, &self.widened);
+        if !widened.differs_from(&self.widened) {
+            return Ok(solved);
+        }
+        self.widened = widened;
+        self.solve_rough(Some(&solved.fit))
     }
 
     /// Computes the converged solution, starting from a rough one.

@@ -3,6 +3,7 @@
 
 use nalgebra::Vector3;
 
+use super::camera::image_shift;
 use super::wing::torque_term;
 use crate::adjust::beam::{BeamSection, Bending, SectionMotion};
 use crate::adjust::input::{AdjustmentInput, FrameObservations};
@@ -259,6 +260,7 @@ pub fn frame_terms(
         if in_flight { in_plane_and_torque_terms(input, FLIGHT_AND_FRAME_SIGMA.1) } else { shared_terms(input, 1.0) };
     terms.extend(moving_parts(input.scene, &input.setup.markers));
     terms.extend(row_terms(input, frame_observations, scales));
+    terms.extend(image_shift(input.setup.uncertainty[Width::Stabilisation].max(scales.stabilised_px)));
     terms
 }
 

@@ -88,14 +88,23 @@ const SKIN_HEIGHT_SHAPE: [f64; RAISE_TERMS] = [1.0, 0.2, 0.1, 0.05];
 const LEGENDRE_BY_POWERS: [[f64; RAISE_TERMS]; RAISE_TERMS] =
     [[1.0, 0.0, 0.0, 0.0], [-1.0, 2.0, 0.0, 0.0], [1.0, -6.0, 6.0, 0.0], [-1.0, 12.0, -30.0, 20.0]];
 
+/// Step in which a stated skin height is widened, m: a drawing's precision.
+pub const AXIS_HEIGHT_STEP_M: f64 = 0.01;
+
+/// Covariance of the axis height by the skin height alone, whose mean has the standard deviation `sigma_m`.
+pub fn axis_height_covariance(sigma_m: f64) -> DMatrix<f64> {
+    let of_shape = |(doubt, powers): (f64, [f64; RAISE_TERMS])| {
+        let powers = DVector::from_column_slice(&powers) * (doubt * sigma_m);
+        &powers * powers.transpose()
+    };
+    SKIN_HEIGHT_SHAPE.into_iter().zip(LEGENDRE_BY_POWERS).map(of_shape).sum()
+}
+
 /// Height of the bending axis above the surveyed axis, coefficients of the powers of s/L, m. The prior combines the
 /// uncertainty of the surface through the markers and of the skin height.
 pub fn axis_height(ground: &GroundShape) -> ParameterTerm {
-    let mut covariance = DMatrix::from_column_slice(RAISE_TERMS, RAISE_TERMS, ground.axis_covariance.as_slice());
-    for (doubt, powers) in SKIN_HEIGHT_SHAPE.into_iter().zip(LEGENDRE_BY_POWERS) {
-        let powers = DVector::from_column_slice(&powers) * (doubt * ground.skin_height_sigma_m);
-        covariance += &powers * powers.transpose();
-    }
+    let surface = DMatrix::from_column_slice(RAISE_TERMS, RAISE_TERMS, ground.axis_covariance.as_slice());
+    let covariance = surface + axis_height_covariance(ground.skin_height_sigma_m);
     ParameterTerm {
         unknown: Unknown::AxisHeight,
         missing: "the height of the bending axis cannot be determined",

@@ -1,0 +1,223 @@
+//! Stated standard deviations as claims that the data may refute.
+//!
+//! What all other information says about an unknown follows from the solution: the prior's residual divided by the prior's
+//! covariance, and the part of that covariance that the solution took away. From both follow the probability of the
+//! residual if the stated width is true, and the width that the data ask for.
+
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
+
+use super::terms::{self, AXIS_HEIGHT_STEP_M};
+use crate::estimation::quality::chi_square_tail;
+use crate::estimation::{Fit, Prior, Problem};
+use crate::setup::Setup;
+use crate::widths::{Unknown, Width};
+
+/// Unknowns whose stated widths are tested. The widths of skin and vibrations are estimated from the frames instead.
+const TESTED: [Unknown; 13] = [
+    Unknown::MountingRotation,
+    Unknown::MountingShift,
+    Unknown::AxisHeight,
+    Unknown::RootOffset,
+    Unknown::ChordOffset,
+    Unknown::SpanDirection,
+    Unknown::GroundBend,
+    Unknown::ConstantBend,
+    Unknown::RootRotation,
+    Unknown::RootShift,
+    Unknown::FlightScale,
+    Unknown::FlightPrincipalPoint,
+    Unknown::ThermalScale,
+];
+
+/// Fraction of a stated variance that the data must determine for a direction to be tested: below, the linear model does not
+/// carry as far as the residual asks.
+const MIN_DETERMINED: f64 = 2e-3;
+/// Largest cost of a wider prior, twice a logarithm of probability: the stated width counts as one observation, and one of
+/// some ten claims is wrong by any factor.
+const CLAIM_COST: f64 = 3.0;
+/// Gain of the logarithm of the evidence from which a wider prior is used.
+const WIDENING_GAIN: f64 = 0.3;
+/// Significance level from which a stated width is called contradicted. With all widths of an installation, less than 2 % of
+/// correct installations have a remark.
+const CONTRADICTION_ALPHA: f64 = 3e-3;
+/// The same for a width that the result counts with at least three times as large.
+const DOUBT_ALPHA: f64 = 0.02;
+/// Increase of the variance of a width three times as large.
+const DOUBTED_INCREASE: f64 = 8.0;
+/// Candidate increases of a stated variance, as powers of two.
+const INCREASES: std::ops::Range<i32> = -2..14;
+
+/// Increases of the stated variances of some unknowns, as multiples.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct WidenedPriors(Vec<(Unknown, f64)>);
+
+impl WidenedPriors {
+    fn increase(&self, unknown: Unknown) -> f64 {
+        self.0.iter().find(|(widened, _)| *widened == unknown).map_or(0.0, |(_, increase)| *increase)
+    }
+
+    /// Adds the increase to the priors of a term with its stated widths.
+    pub fn apply_to(&self, unknown: Unknown, prior: Prior) -> Prior {
+        match self.increase(unknown) {
+            0.0 => prior,
+            increase => Prior { covariance: &prior.covariance + step(unknown, &prior.covariance) * increase, ..prior },
+        }
+    }
+
+    /// Returns whether other unknowns are widened than in `other`, or by another size.
+    pub fn differs_from(&self, other: &Self) -> bool {
+        TESTED.iter().any(|unknown| {
+            let [a, b] = [self, other].map(|widened| 1.0 + widened.increase(*unknown));
+            (a / b).ln().abs() > 1.0
+        })
+    }
+}
+
+/// Increase of a prior's covariance by one unit: for the axis the part that belongs to the skin height, else the stated
+/// covariance.
+fn step(unknown: Unknown, stated: &DMatrix<f64>) -> DMatrix<f64> {
+    match unknown {
+        Unknown::AxisHeight => terms::axis_height_covariance(AXIS_HEIGHT_STEP_M),
+        _ => stated.clone(),
+    }
+}
+
+/// Evidence about the width of one unknown.
+pub struct WidthEvidence {
+    /// Squared score and information in independent directions, per unit of [`step`].
+    directions: Vec<(f64, f64)>,
+    /// Increase in the solution.
+    current: f64,
+    /// Mean square of the unknown's values, in stated variances.
+    square: f64,
+}
+
+impl WidthEvidence {
+    /// Evidence from independent scores; see the fields.
+    pub fn new(mut directions: Vec<(f64, f64)>, current: f64) -> Self {
+        directions.retain(|(_, information)| *information > MIN_DETERMINED / (1.0 + current));
+        Self { directions, current, square: 0.0 }
+    }
+
+    fn from_fit(problem: &Problem, fit: &Fit, unknown: Unknown, widened: &WidenedPriors) -> Option<Self> {
+        let own: Vec<&Prior> = problem.priors.iter().filter(|prior| prior.name.unknown == unknown.name()).collect();
+        let columns: Vec<usize> = own.iter().flat_map(|prior| prior.columns.iter().copied()).collect();
+        let current = widened.increase(unknown);
+        let n = columns.len();
+        if n == 0 {
+            return None;
+        }
+        let (mut weight, mut root) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
+        let mut first = 0;
+        let mut square = 0.0;
+        let off = DVector::from_iterator(
+            n,
+            own.iter()
+                .flat_map(|p| p.columns.iter().zip(p.mean.iter()).map(|(column, mean)| fit.global[*column] - mean)),
+        );
+        for prior in own {
+            let size = prior.columns.len();
+            let one = match unknown {
+                Unknown::AxisHeight => step(unknown, &prior.covariance),
+                _ => &prior.covariance / (1.0 + current),
+            };
+            let inverse = prior.covariance.clone().cholesky()?.inverse();
+            let values = off.rows(first, size).into_owned();
+            square += one.clone().cholesky().map_or(0.0, |factor| values.dot(&factor.solve(&values)));
+            root.view_mut((first, first), (size, size)).copy_from(&one.cholesky()?.l());
+            weight.view_mut((first, first), (size, size)).copy_from(&inverse);
+            first += size;
+        }
+        let posterior = fit.covariance.select_columns(&columns).select_rows(&columns);
+        let information = &weight - &weight * posterior * &weight;
+        let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(root.tr_mul(&information) * &root);
+        let score = eigenvectors.tr_mul(&root.tr_mul(&(&weight * off)));
+        let pairs = score.iter().zip(eigenvalues.iter()).map(|(score, information)| (score * score, *information));
+        let evidence = Self::new(pairs.collect(), current);
+        (!evidence.directions.is_empty()).then_some(Self { square: square / n as f64, ..evidence })
+    }
+
+    /// Logarithm of the evidence for an increase relative to that for the stated width.
+    fn gain(&self, increase: f64) -> f64 {
+        let of_data = |change: f64| {
+            let one = |(score, information): &(f64, f64)| {
+                change * score / (1.0 + change * information) - (change * information).ln_1p()
+            };
+            self.directions.iter().map(one).sum::<f64>()
+        };
+        let claim = (increase.ln_1p() + 1.0 / (1.0 + increase) - 1.0).min(CLAIM_COST);
+        0.5 * (of_data(increase - self.current) - of_data(-self.current) - claim)
+    }
+
+    /// Increase that the data ask for; 0 if they do not.
+    pub fn increase(&self) -> f64 {
+        let best = INCREASES.map(|power| 2f64.powi(power)).max_by(|a, b| self.gain(*a).total_cmp(&self.gain(*b)));
+        best.filter(|increase| self.gain(*increase) > WIDENING_GAIN).unwrap_or(0.0)
+    }
+
+    /// Returns whether the stated width is to be called contradicted.
+    fn is_contradicted(&self) -> bool {
+        let probability = self.probability();
+        probability < CONTRADICTION_ALPHA || probability < DOUBT_ALPHA && self.current >= DOUBTED_INCREASE
+    }
+
+    /// Probability of so large a residual if the stated width is true.
+    fn probability(&self) -> f64 {
+        let one = |(score, information): &(f64, f64)| score / (information * (1.0 - self.current * information));
+        chi_square_tail(self.directions.len() as f64, self.directions.iter().map(one).sum())
+    }
+}
+
+fn all_evidence<'a>(
+    problem: &'a Problem,
+    fit: &'a Fit,
+    widened: &'a WidenedPriors,
+) -> impl Iterator<Item = (Unknown, WidthEvidence)> + 'a {
+    TESTED.into_iter().filter_map(|unknown| Some((unknown, WidthEvidence::from_fit(problem, fit, unknown, widened)?)))
+}
+
+/// Returns the increases that a solution asks for, each counted from the stated width. Widths that one residual may refute,
+/// such as those of the mounting's and the root's rotation, are all increased.
+pub fn widen_refuted_priors(problem: &Problem, fit: &Fit, widened: &WidenedPriors) -> WidenedPriors {
+    let increases = all_evidence(problem, fit, widened).map(|(unknown, evidence)| (unknown, evidence.increase()));
+    WidenedPriors(increases.filter(|(_, increase)| *increase > 0.0).collect())
+}
+
+/// Formats a positive number with two significant digits.
+fn two_digits(value: f64) -> String {
+    let decimals = (1.0 - value.log10().floor()).clamp(0.0, 6.0);
+    format!("{value:.0$}", decimals as usize)
+}
+
+/// Remark that names the stated width that the data contradict most, if one is contradicted. `stayed`: the camera is stated
+/// to have stayed since the ground frames.
+pub fn contradiction_remark(
+    setup: &Setup,
+    stayed: bool,
+    (problem, fit): (&Problem, &Fit),
+    widened: &WidenedPriors,
+) -> Option<String> {
+    let contradicted = all_evidence(problem, fit, widened).filter(|(_, evidence)| evidence.is_contradicted());
+    let (unknown, evidence) = contradicted.min_by(|a, b| a.1.probability().total_cmp(&b.1.probability()))?;
+    let row = Width::ROWS.iter().find(|row| row.unknowns.contains(&unknown));
+    let (key, unit, stated) = match (unknown, row) {
+        (Unknown::MountingRotation, _) if !stayed => {
+            ("camera.mount_repeatability_px".into(), "px", setup.mount_repeatability_px)
+        }
+        (_, Some(row)) => {
+            (format!("{}.{}", row.section, row.key), row.unit.name, setup.uncertainty[row.width] / row.unit.factor)
+        }
+        (_, None) => ("thermal.sigma_k".into(), "times the stated value", 1.0),
+    };
+    let (step, counted) = match unknown {
+        Unknown::AxisHeight => (AXIS_HEIGHT_STEP_M, stated.hypot(AXIS_HEIGHT_STEP_M * evidence.current.sqrt())),
+        _ => (stated, stated * (1.0 + evidence.current).sqrt()),
+    };
+    let moved = if stayed && unknown == Unknown::MountingRotation { "; the camera did not stay as it was" } else { "" };
+    Some(format!(
+        "{key} = {stated} is contradicted: the {} is off by about {} {unit}{moved}. The result counts with {} {unit}",
+        unknown.name(),
+        two_digits(step * evidence.square.sqrt()),
+        two_digits(counted),
+    ))
+}
