@@ -107,25 +107,22 @@ impl WidthEvidence {
         if n == 0 {
             return None;
         }
+        let means = own.iter().flat_map(|prior| prior.mean.iter());
+        let off = DVector::from_iterator(n, columns.iter().zip(means).map(|(column, mean)| fit.global[*column] - mean));
         let (mut weight, mut root) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
-        let mut first = 0;
-        let mut square = 0.0;
-        let off = DVector::from_iterator(
-            n,
-            own.iter()
-                .flat_map(|p| p.columns.iter().zip(p.mean.iter()).map(|(column, mean)| fit.global[*column] - mean)),
-        );
+        let (mut first, mut square) = (0, 0.0);
         for prior in own {
             let size = prior.columns.len();
             let one = match unknown {
                 Unknown::AxisHeight => step(unknown, &prior.covariance),
                 _ => &prior.covariance / (1.0 + current),
             };
-            let inverse = prior.covariance.clone().cholesky()?.inverse();
+            let factor = one.cholesky()?;
             let values = off.rows(first, size).into_owned();
-            square += one.clone().cholesky().map_or(0.0, |factor| values.dot(&factor.solve(&values)));
-            root.view_mut((first, first), (size, size)).copy_from(&one.cholesky()?.l());
-            weight.view_mut((first, first), (size, size)).copy_from(&inverse);
+            square += values.dot(&factor.solve(&values));
+            let at = ((first, first), (size, size));
+            root.view_mut(at.0, at.1).copy_from(&factor.l());
+            weight.view_mut(at.0, at.1).copy_from(&prior.covariance.clone().cholesky()?.inverse());
             first += size;
         }
         let posterior = fit.covariance.select_columns(&columns).select_rows(&columns);
@@ -163,7 +160,9 @@ impl WidthEvidence {
 
     /// Probability of so large a residual if the stated width is true.
     fn probability(&self) -> f64 {
-        let one = |(score, information): &(f64, f64)| score / (information * (1.0 - self.current * information));
+        let one = |(score, information): &(f64, f64)| {
+            score / (information * (1.0 - self.current * information).max(MIN_DETERMINED))
+        };
         chi_square_tail(self.directions.len() as f64, self.directions.iter().map(one).sum())
     }
 }

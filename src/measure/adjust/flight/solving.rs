@@ -2,6 +2,7 @@
 
 use super::flight_problem::FlightProblem;
 use super::frames::Flight;
+use super::usage::RemovedObservation;
 use crate::adjust::AdjustResult;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::outcome::FrameOutcome;
@@ -45,17 +46,24 @@ impl Flight<'_> {
         Ok(solved)
     }
 
-    /// Widens the priors whose stated widths the frames refute.
+    /// Widens the priors whose stated widths the frames refute, and then finds the outliers again.
     ///
     /// # Errors
     /// Returns an error if the flight has no solution.
-    pub fn widen_refuted_priors(&mut self, solved: SolvedFlight) -> AdjustResult<SolvedFlight> {
+    pub fn widen_refuted_priors(
+        &mut self,
+        solved: SolvedFlight,
+        removed: &mut Vec<RemovedObservation>,
+    ) -> AdjustResult<SolvedFlight> {
         let widened = widen_refuted_priors(&solved.flight_problem.problem, &solved.fit, &self.widened);
         if !widened.differs_from(&self.widened) {
             return Ok(solved);
         }
         self.widened = widened;
-        self.solve_rough(Some(&solved.fit))
+        self.usage.reset_except(&[]);
+        let (solved, found) = self.remove_outliers()?;
+        *removed = found;
+        Ok(solved)
     }
 
     /// Computes the converged solution, starting from a rough one.

@@ -161,7 +161,7 @@ impl Flight<'_> {
     }
 
     /// Relative increase of the pitch's drift variance that a trend through the flight asks for: a mount sags. Single frames
-    /// hardly tell pitch from bending, their trend does.
+    /// hardly separate pitch from bending, their trend does.
     fn pitch_trend_increase(&self, solved: &SolvedFlight) -> f64 {
         let frames = self.frames.len();
         let pitch = self.input.scene.camera_from_wing * Vector3::z();
