@@ -40,7 +40,7 @@ const WIDENING_GAIN: f64 = 0.3;
 /// Significance level from which a stated width is called contradicted. With all widths of an installation, less than 2 % of
 /// correct installations have a remark.
 const CONTRADICTION_ALPHA: f64 = 3e-3;
-/// The same for a width that the result counts with at least three times as large.
+/// Significance level for a width that the result counts with at least three times as large.
 const DOUBT_ALPHA: f64 = 0.02;
 /// Increase of the variance of a width three times as large.
 const DOUBTED_INCREASE: f64 = 8.0;
