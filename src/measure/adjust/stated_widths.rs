@@ -39,9 +39,9 @@ const CLAIM_COST: f64 = 3.0;
 const WIDENING_GAIN: f64 = 0.3;
 /// Significance level from which a stated width is called contradicted. With all widths of an installation, less than 2 % of
 /// correct installations have a remark.
-const CONTRADICTION_ALPHA: f64 = 3e-3;
+const CONTRADICTION_ALPHA: f64 = 1e-3;
 /// Significance level for a width that the result counts with at least three times as large.
-const DOUBT_ALPHA: f64 = 0.02;
+const DOUBT_ALPHA: f64 = 0.01;
 /// Increase of the variance of a width three times as large.
 const DOUBTED_INCREASE: f64 = 8.0;
 /// Candidate increases of a stated variance, as powers of two.
