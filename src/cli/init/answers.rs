@@ -152,6 +152,7 @@ mod tests {
             root_offset: Some(0.7),
             temperatures: Some([12.0, -50.0]),
             torsion: Some(["M18".into(), "M19".into()]),
+            stabilised: Some(20.0),
             no_questions: true,
         };
         let table: toml::Table = all.fill_template(TEMPLATE).parse().unwrap();
@@ -159,6 +160,7 @@ mod tests {
         assert_eq!(table["wing"]["side"].as_str(), Some("left"));
         assert_eq!(table["wing"]["root_offset_m"].as_float(), Some(0.7));
         assert_eq!(table["camera"]["projection_centre_m"].as_array().unwrap().len(), 3);
+        assert_eq!(table["camera"]["stabilised_px"].as_float(), Some(20.0));
         assert_eq!(table["wing"]["span_direction"].as_array().unwrap().len(), 2);
         assert_eq!(table["thermal"]["flight_temperature_c"].as_float(), Some(-50.0));
         assert_eq!(table["torsion"][0]["leading"].as_str(), Some("M18"));
