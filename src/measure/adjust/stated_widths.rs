@@ -6,7 +6,7 @@
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-use super::terms::{self, AXIS_HEIGHT_STEP_M};
+use super::beam::RAISE_TERMS;
 use crate::estimation::quality::chi_square_tail;
 use crate::estimation::{Fit, Prior, Problem};
 use crate::setup::Setup;
@@ -47,6 +47,27 @@ const DOUBTED_INCREASE: f64 = 8.0;
 /// Candidate increases of a stated variance, as powers of two.
 const INCREASES: std::ops::Range<i32> = -2..14;
 
+/// Distribution of the uncertainty of the axis height along the span: mean, then Legendre polynomials of degree 1 to 3. An
+/// error in the relative height of the axis in a section is similar along the wing. The difference from root to tip (twice
+/// the second value) is 40 % of the mean's standard deviation, the variation between the spars of different sections; the
+/// bends are 50 % and 25 % of the slope. An assumption.
+const SKIN_HEIGHT_SHAPE: [f64; RAISE_TERMS] = [1.0, 0.2, 0.1, 0.05];
+/// Legendre polynomials of degree 0 to 3 on (0, 1) (rows) as powers of s/L (columns).
+const LEGENDRE_BY_POWERS: [[f64; RAISE_TERMS]; RAISE_TERMS] =
+    [[1.0, 0.0, 0.0, 0.0], [-1.0, 2.0, 0.0, 0.0], [1.0, -6.0, 6.0, 0.0], [-1.0, 12.0, -30.0, 20.0]];
+
+/// Step in which a stated skin height is widened, m: a drawing's precision.
+const AXIS_HEIGHT_STEP_M: f64 = 0.01;
+
+/// Covariance of the axis height by the skin height alone, whose mean has the standard deviation `sigma_m`.
+pub fn axis_height_covariance(sigma_m: f64) -> DMatrix<f64> {
+    let of_shape = |(doubt, powers): (f64, [f64; RAISE_TERMS])| {
+        let powers = DVector::from_column_slice(&powers) * (doubt * sigma_m);
+        &powers * powers.transpose()
+    };
+    SKIN_HEIGHT_SHAPE.into_iter().zip(LEGENDRE_BY_POWERS).map(of_shape).sum()
+}
+
 /// Increases of the stated variances of some unknowns, as multiples.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct WidenedPriors(Vec<(Unknown, f64)>);
@@ -77,7 +98,7 @@ impl WidenedPriors {
 /// covariance.
 fn step(unknown: Unknown, stated: &DMatrix<f64>) -> DMatrix<f64> {
     match unknown {
-        Unknown::AxisHeight => terms::axis_height_covariance(AXIS_HEIGHT_STEP_M),
+        Unknown::AxisHeight => axis_height_covariance(AXIS_HEIGHT_STEP_M),
         _ => stated.clone(),
     }
 }

@@ -14,7 +14,7 @@ mod wing;
 
 pub use camera::{MIN_DRIFT_RAD, mount_drift_rad, mount_repeatability_rad, mounting_rotation_prior};
 pub use motion::{common_displacement, flight_terms, frame_terms, row_terms};
-pub use wing::{AXIS_HEIGHT_STEP_M, axis_height_covariance, curvature_term, twist_term};
+pub use wing::{curvature_term, twist_term};
 
 use nalgebra::Matrix3;
 

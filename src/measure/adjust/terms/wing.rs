@@ -1,12 +1,13 @@
 //! Wing terms: deformation in flight, and dimensions from drawings.
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, Vector3};
 
 use crate::adjust::beam::{BeamGrid, BeamSection, MAX_TWIST_TERMS, RAISE_TERMS, SectionMotion, TORQUE_POSITIONS};
 use crate::adjust::curve::AxisCurve;
 use crate::adjust::estimated_dimensions::dimension_sigmas;
 use crate::adjust::ground::GroundShape;
 use crate::adjust::shapes::shape_covariance;
+use crate::adjust::stated_widths::axis_height_covariance;
 use crate::adjust::term::{ParameterTerm, TermEffect};
 use crate::estimation::Prior;
 use crate::setup::{DEFAULT_SCALE_SIGMA, SetupUncertainty, Thermal};
@@ -77,27 +78,6 @@ pub fn torque_term(sigma_rad: f64) -> Option<ParameterTerm> {
             sections: |curve, k| twist_motions(curve, MAX_TWIST_TERMS + k),
         },
     })
-}
-
-/// Distribution of the uncertainty of the axis height along the span: mean, then Legendre polynomials of degree 1 to 3. An
-/// error in the relative height of the axis in a section is similar along the wing. The difference from root to tip (twice
-/// the second value) is 40 % of the mean's standard deviation, the variation between the spars of different sections; the
-/// bends are 50 % and 25 % of the slope. An assumption.
-const SKIN_HEIGHT_SHAPE: [f64; RAISE_TERMS] = [1.0, 0.2, 0.1, 0.05];
-/// Legendre polynomials of degree 0 to 3 on (0, 1) (rows) as powers of s/L (columns).
-const LEGENDRE_BY_POWERS: [[f64; RAISE_TERMS]; RAISE_TERMS] =
-    [[1.0, 0.0, 0.0, 0.0], [-1.0, 2.0, 0.0, 0.0], [1.0, -6.0, 6.0, 0.0], [-1.0, 12.0, -30.0, 20.0]];
-
-/// Step in which a stated skin height is widened, m: a drawing's precision.
-pub const AXIS_HEIGHT_STEP_M: f64 = 0.01;
-
-/// Covariance of the axis height by the skin height alone, whose mean has the standard deviation `sigma_m`.
-pub fn axis_height_covariance(sigma_m: f64) -> DMatrix<f64> {
-    let of_shape = |(doubt, powers): (f64, [f64; RAISE_TERMS])| {
-        let powers = DVector::from_column_slice(&powers) * (doubt * sigma_m);
-        &powers * powers.transpose()
-    };
-    SKIN_HEIGHT_SHAPE.into_iter().zip(LEGENDRE_BY_POWERS).map(of_shape).sum()
 }
 
 /// Height of the bending axis above the surveyed axis, coefficients of the powers of s/L, m. The prior combines the
