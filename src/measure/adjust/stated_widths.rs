@@ -36,7 +36,7 @@ const MIN_DETERMINED: f64 = 2e-3;
 /// some ten claims is wrong by any factor.
 const CLAIM_COST: f64 = 3.0;
 /// Gain of the logarithm of the evidence from which a wider prior is used.
-const WIDENING_GAIN: f64 = 0.3;
+const WIDENING_GAIN: f64 = 1.0;
 /// Significance level from which a stated width is called contradicted. With all widths of an installation, less than 2 % of
 /// correct installations have a remark.
 const CONTRADICTION_ALPHA: f64 = 1e-3;
