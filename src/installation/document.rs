@@ -61,12 +61,13 @@ pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
         root_offset_m: document.wing.root_offset_m,
         axis_chord_offset_m: document.wing.axis_chord_offset_m,
         skin_height: skin.map(|s| SkinHeight { root_m: s.root, tip_m: s.tip, tip_span_m: s.tip_span_m }),
-        uncertainty: SetupUncertainty { lens: camera.covariance, ..uncertainty_from_document(&document) },
+        uncertainty: SetupUncertainty::DEFAULT,
         thermal: document.thermal.as_ref().map(thermal_from_table),
         torsion,
         markers: markers?,
         window,
     };
+    setup.uncertainty = SetupUncertainty { lens: camera.covariance, ..uncertainty_of(&setup, &document) };
     if document.configured_width(Width::SpanDirection).is_none() {
         // A direction that the line of the markers contradicts is not known to the default.
         let skew_deg =
@@ -99,8 +100,8 @@ impl InstallationDocument {
     }
 }
 
-fn uncertainty_from_document(document: &InstallationDocument) -> SetupUncertainty {
-    let mut uncertainty = SetupUncertainty::DEFAULT;
+fn uncertainty_of(setup: &Setup, document: &InstallationDocument) -> SetupUncertainty {
+    let mut uncertainty = SetupUncertainty::default_for(setup.reach_m());
     document.widths().for_each(|(width, value)| uncertainty[width] = width.row().unit.factor * value);
     uncertainty.skin_scaled_by_frames = document.configured_width(Width::SkinMotion).is_none();
     uncertainty.vibration = document.wing.vibration.as_deref().map_or(uncertainty.vibration, combine_modes);

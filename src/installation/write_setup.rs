@@ -111,11 +111,11 @@ fn installation_document(setup: &Setup) -> InstallationDocument {
 
 /// Adds to a section's table the widths that are not default.
 fn section<T: SectionTable>(setup: &Setup, table: T) -> Section<T> {
-    let uncertainty = &setup.uncertainty;
+    let (uncertainty, reach_m) = (&setup.uncertainty, setup.reach_m());
     let given = |row: &WidthRow| match row.width {
         // A configured motion of the skin is not estimated from the frames.
         Width::SkinMotion => Some(uncertainty[row.width]).filter(|_| !uncertainty.skin_scaled_by_frames),
-        width => nondefault(uncertainty[width] / row.unit.factor, row.default),
+        width => nondefault(uncertainty[width], row.default_for(reach_m)).map(|value| value / row.unit.factor),
     };
     let rows = Width::ROWS.iter().filter(|row| row.section == T::NAME);
     Section { table, widths: GivenWidths(rows.filter_map(|row| Some((row.width, given(row)?))).collect()) }

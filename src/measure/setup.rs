@@ -272,6 +272,11 @@ impl Setup {
         wing.map(|(k, m)| (k, frame.wing_point(&m.position_m))).collect()
     }
 
+    /// Returns the span from the bending root to the outermost marker on the wing, m; 0 without one.
+    pub fn reach_m(&self) -> f64 {
+        self.wing_markers().iter().fold(0.0, |reach: f64, (_, point)| reach.max(point.x - self.root_offset_m))
+    }
+
     /// Returns whether the lens is below the inner third of the markers on the wing, as on a high wing or in a survey whose
     /// z points down.
     pub fn is_lens_below_wing(&self) -> bool {

@@ -11,7 +11,7 @@ use wingd::measure::adjust::{self, GlobalTest, LiveAdjustment, Mounting, Observa
 use wingd::measure::setup::{Orientation, Setup, Width};
 
 use crate::aircraft::{EffectErrors, NOISE_PX, SURVEY_M, SetUp, combined_effects};
-use crate::common::beam_truth::{Aircraft, WingState, median, normal3, rms, rng};
+use crate::common::beam_truth::{Aircraft, Structure, WingState, median, normal3, rms, rng};
 
 pub const FRAMES: usize = 5;
 
@@ -44,10 +44,10 @@ pub struct SampledFlight {
 impl SampledAircraft {
     pub fn new(rng: &mut StdRng, set_up: SetUp) -> Self {
         let effects = combined_effects(rng);
-        let truth = set_up.truth(rng);
+        let truth = set_up.truth(rng, Structure::default());
         let aircraft = Aircraft::new(rng, truth, effects);
         let mut setup = aircraft.surveyed(rng, SURVEY_M);
-        setup.uncertainty = set_up.priors();
+        setup.uncertainty = set_up.priors(setup.reach_m());
         let orientation = aircraft.orientation(rng, NOISE_PX);
         Self { aircraft, setup, orientation, set_up, now: WingState::Survey }
     }

@@ -33,3 +33,4 @@ mod stress;
 mod systematic;
 mod variance_components;
 mod window;
+mod wings_as_built;

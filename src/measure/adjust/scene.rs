@@ -100,7 +100,7 @@ impl WingScene {
     pub fn new(setup: &Setup, orientation: &Orientation) -> AdjustResult<Self> {
         let trusted = trusted_markers(setup, orientation);
         let ground = GroundShape::new(setup, &trusted)?;
-        let neighbours = NeighbourWing::all_from_setup(setup, &trusted)?;
+        let neighbours = NeighbourWing::all_from_setup(setup, &trusted, &ground)?;
         let arcs: Vec<f64> = ground.stations.iter().map(|s| s.arc_m).collect();
         let grid = BeamGrid::new(&ground, &arcs);
         let mounts = grid.marker_arms(&ground.stations);

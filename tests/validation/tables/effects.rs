@@ -2,7 +2,7 @@
 
 use crate::aircraft::{SET_UPS, SampledErrors, SetUp, sample_errors};
 use crate::common::beam_truth::{median, rms};
-use crate::effect_kinds::{KINDS, Kind, figures};
+use crate::effect_kinds::{BUILDS, KINDS, Kind, figures};
 
 /// Table options from the environment: `WINGS=100 FRAMES=1,5,20 SET_UP=Stayed KIND=torque SEED=7000 TIMES=1`.
 struct TableOptions {
@@ -33,7 +33,7 @@ impl TableOptions {
         let (set_ups, kinds) = (word("SET_UP"), word("KIND"));
         let is_selected = move |s: &SetUp| set_ups.is_empty() || set_ups.split(',').any(|w| w == format!("{s:?}"));
         let set_ups: Vec<_> = SET_UPS.into_iter().filter(is_selected).collect();
-        let all = move |set_up| KINDS.iter().enumerate().map(move |(k, kind)| (set_up, k, kind));
+        let all = move |set_up| KINDS.iter().chain(&BUILDS).enumerate().map(move |(k, kind)| (set_up, k, kind));
         let of = move |frames: usize| {
             let rows = set_ups.clone().into_iter().flat_map(all);
             rows.map(move |(set_up, k, kind)| (frames, set_up, kind, self.seed + k as u64))
