@@ -19,11 +19,11 @@ pub struct Kind {
     pub draw: fn(&mut StdRng, f64) -> Effects,
 }
 
-const fn kind(name: &'static str, named: f64, draw: fn(&mut StdRng, f64) -> Effects) -> Kind {
+pub const fn kind(name: &'static str, named: f64, draw: fn(&mut StdRng, f64) -> Effects) -> Kind {
     Kind { name, holds: 1.0, named, draw }
 }
 
-fn sign(rng: &mut StdRng) -> f64 {
+pub fn sign(rng: &mut StdRng) -> f64 {
     if rng.random::<bool>() { 1.0 } else { -1.0 }
 }
 

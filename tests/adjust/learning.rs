@@ -10,7 +10,7 @@ use wingd::measure::adjust::flight_prior::{FlightPrior, ReducedNormals};
 use wingd::measure::adjust::{self, GlobalTest, LiveAdjustment, Mounting, Observation, Options, Solution};
 use wingd::measure::setup::{Orientation, Setup, Width};
 
-use crate::aircraft::{EffectErrors, NOISE_PX, SURVEY_M, SetUp, combined_effects};
+use crate::aircraft::{EffectErrors, NOISE_PX, SURVEY_M, SetUp, combined_effects, set_widths};
 use crate::common::beam_truth::{Aircraft, Structure, WingState, median, normal3, rms, rng};
 
 pub const FRAMES: usize = 5;
@@ -48,6 +48,7 @@ impl SampledAircraft {
         let aircraft = Aircraft::new(rng, truth, effects);
         let mut setup = aircraft.surveyed(rng, SURVEY_M);
         setup.uncertainty = set_up.priors(setup.reach_m());
+        set_widths(&mut setup);
         let orientation = aircraft.orientation(rng, NOISE_PX);
         Self { aircraft, setup, orientation, set_up, now: WingState::Survey }
     }

@@ -11,7 +11,7 @@ use wingd::measure::setup::{Orientation, Setup, SetupUncertainty, Width};
 
 use crate::aircraft::{EffectErrors, NOISE_PX, SURVEY_M, SetUp, combined_effects};
 use crate::common::beam_truth::{
-    Aircraft, Truth, WingState, median, normal, normal3, random_wing, remounted, rms, rng,
+    Aircraft, Structure, Truth, WingState, median, normal, normal3, random_wing, remounted, rms, rng,
 };
 use crate::effect_kinds::figures;
 
@@ -346,11 +346,11 @@ fn twist_and_moment_are_in_sigma_from_the_first_frame_to_the_last() {
         let mut rng = rng(308);
         let mut shown = CHECKED.map(|_| EffectErrors::default());
         for _ in 0..10 {
-            let truth = set_up.truth(&mut rng);
+            let truth = set_up.truth(&mut rng, Structure::default());
             let effects = combined_effects(&mut rng);
             let aircraft = Aircraft::new(&mut rng, truth, effects);
             let mut setup = aircraft.surveyed(&mut rng, SURVEY_M);
-            setup.uncertainty = set_up.priors();
+            setup.uncertainty = set_up.priors(setup.reach_m());
             let orientation = aircraft.orientation(&mut rng, NOISE_PX);
             let (mut turn, shift) = set_up.mounting(&mut rng, &setup);
             let mounting = if set_up == SetUp::Stayed { Mounting::Ground } else { Mounting::Numbered(0) };

@@ -6,6 +6,7 @@
 mod aircraft;
 mod aircraft_join;
 mod budget;
+mod builds;
 #[path = "../common/mod.rs"]
 mod common;
 mod common_displacement;

@@ -2,8 +2,9 @@
 //! and joints that give with the load are covered by the standard deviations. The table of all of them: `make table TABLE=kinds`.
 
 use crate::aircraft::{SetUp, sample_errors};
+use crate::builds::BUILDS;
 use crate::common::beam_truth::rms;
-use crate::effect_kinds::{BUILDS, figures};
+use crate::effect_kinds::figures;
 
 /// 12 wings know a normalised error to 20 %.
 const WINGS: usize = 12;

@@ -11,6 +11,7 @@ use wingd::measure::setup::{
 };
 
 mod aircraft;
+mod camera_motion;
 mod fleet;
 mod sections;
 mod structure;
@@ -20,7 +21,8 @@ pub use super::statistics::{median, rms};
 pub use fleet::{random_wing, remounted};
 
 pub use super::random::{normal, normal2, normal3, rng};
-pub use aircraft::{Aircraft, CameraMotion, Effects, WingState};
+pub use aircraft::{Aircraft, Effects, WingState};
+pub use camera_motion::CameraMotion;
 use structure::SpaceAxis;
 pub use structure::Structure;
 pub use swing::{ModeShape, SecondMode};

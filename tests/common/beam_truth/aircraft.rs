@@ -8,7 +8,7 @@ use wingd::measure::adjust::Observation;
 use wingd::measure::geometry::Lens;
 use wingd::measure::setup::{Orientation, Setup, fixed_target};
 
-use super::{STEPS, SpaceAxis, Structure, Truth, Wing, normal, normal3, value_at};
+use super::{CameraMotion, STEPS, SpaceAxis, Structure, Truth, Wing, normal, normal3, value_at};
 
 /// Precision of the projection centre from a tape measure at the lens, m.
 const TAPE_M: f64 = 0.010;
@@ -86,21 +86,6 @@ pub struct Effects {
     pub joint_rad: f64,
     /// What happens to the camera since the ground frame.
     pub camera: CameraMotion,
-}
-
-/// Motion of a camera since the ground frame, each by its size; 0: absent, or as the installation states it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct CameraMotion {
-    /// Standard deviation of a remount's rotation about each axis, px.
-    pub remount_px: f64,
-    /// Size of a remount's shift, m, in a random direction.
-    pub remount_m: f64,
-    /// Size of a rotation of the mounting, rad, about a random axis.
-    pub turn_rad: f64,
-    /// Rotation about the pitch axis from a flight's first frame to its last, rad.
-    pub sag_rad: f64,
-    /// Standard deviation of the image's shift from frame to frame by stabilisation, each axis, px.
-    pub stabilised_px: f64,
 }
 
 /// One wing with its sampled effects.

@@ -1,8 +1,9 @@
 //! In-flight effects: all figures of a kind, and all kinds at the sizes that must be covered or detected.
 
 use crate::aircraft::{SET_UPS, SampledErrors, SetUp, sample_errors};
+use crate::builds::BUILDS;
 use crate::common::beam_truth::{median, rms};
-use crate::effect_kinds::{BUILDS, KINDS, Kind, figures};
+use crate::effect_kinds::{KINDS, Kind, figures};
 
 /// Table options from the environment: `WINGS=100 FRAMES=1,5,20 SET_UP=Stayed KIND=torque SEED=7000 TIMES=1`.
 struct TableOptions {
