@@ -126,7 +126,7 @@ fn skin_bulges(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
 /// Prior standard deviations of the shapes of in-plane bending at the tip, relative to the first: the first mode, a part that is
 /// larger outboard, and turns at [`IN_PLANE_TURNS`]. Twist inboard of a break of dihedral or sweep turns what lies outboard of
 /// it in the wing's plane: 1 degree of twist and 4 degrees of break 25 mm at a tip 20 m away.
-const IN_PLANE_RATIOS: [f64; 2 + IN_PLANE_TURNS.len()] = [1.0, 0.4, 0.2, 0.2, 0.2, 0.2];
+const IN_PLANE_RATIOS: [f64; 2 + IN_PLANE_TURNS.len()] = [1.0, 0.4, 0.3, 0.3, 0.3, 0.3];
 /// Places at which the axis may turn in the wing's plane, as fractions of the length: joints, engines, breaks of the planform.
 const IN_PLANE_TURNS: [f64; 4] = [0.25, 0.35, 0.5, 0.7];
 
