@@ -28,7 +28,7 @@ fn a_stated_width_that_the_data_refute_is_widened_or_named() {
     let cases = [
         ("axis stated as exact, 0.2 m off", SetUp::Default, 5, 1.4, 0.9),
         ("axis stated as exact, 0.2 m off", SetUp::Careful, 1, 1.4, 0.5),
-        ("repeatability 1 px stated, 20 px", SetUp::Fixed, 1, 1.4, 0.8),
+        ("repeatability 1 px stated, 20 px", SetUp::Fixed, 1, 1.4, 0.5),
         ("stabilised, 50 px", SetUp::Careful, 5, 1.4, 1.0),
         ("stabilised, 50 px", SetUp::Fixed, 5, 1.4, 1.0),
     ];

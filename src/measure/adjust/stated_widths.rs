@@ -32,18 +32,9 @@ const TESTED: [Unknown; 13] = [
 /// Fraction of a stated variance that the data must determine for a direction to be tested: below, the linear model does not
 /// carry as far as the residual asks.
 const MIN_DETERMINED: f64 = 2e-3;
-/// Largest cost of a wider prior, twice a logarithm of probability: the stated width counts as one observation, and one of
-/// some ten claims is wrong by any factor.
-const CLAIM_COST: f64 = 3.0;
-/// Gain of the logarithm of the evidence from which a wider prior is used.
-const WIDENING_GAIN: f64 = 1.0;
-/// Significance level from which a stated width is called contradicted. With all widths of an installation, less than 2 % of
-/// correct installations have a remark.
+/// Significance level from which a stated width is contradicted: named, and wider in the result. With all widths of an
+/// installation, less than 2 % of correct installations have a remark.
 const CONTRADICTION_ALPHA: f64 = 1e-3;
-/// Significance level for a width that the result counts with at least three times as large.
-const DOUBT_ALPHA: f64 = 0.01;
-/// Increase of the variance of a width three times as large.
-const DOUBTED_INCREASE: f64 = 8.0;
 /// Candidate increases of a stated variance, as powers of two.
 const INCREASES: std::ops::Range<i32> = -2..14;
 
@@ -155,28 +146,24 @@ impl WidthEvidence {
         (!evidence.directions.is_empty()).then_some(Self { square: square / n as f64, ..evidence })
     }
 
-    /// Logarithm of the evidence for an increase relative to that for the stated width.
+    /// Logarithm of the probability of the scores with an increase relative to that with the current one.
     fn gain(&self, increase: f64) -> f64 {
-        let of_data = |change: f64| {
-            let one = |(score, information): &(f64, f64)| {
-                change * score / (1.0 + change * information) - (change * information).ln_1p()
-            };
-            self.directions.iter().map(one).sum::<f64>()
+        let change = increase - self.current;
+        let one = |(score, information): &(f64, f64)| {
+            change * score / (1.0 + change * information) - (change * information).ln_1p()
         };
-        let claim = (increase.ln_1p() + 1.0 / (1.0 + increase) - 1.0).min(CLAIM_COST);
-        0.5 * (of_data(increase - self.current) - of_data(-self.current) - claim)
+        0.5 * self.directions.iter().map(one).sum::<f64>()
     }
 
-    /// Increase that the data ask for; 0 if they do not.
+    /// Increase that the data ask for; 0 if they do not contradict the stated width.
     pub fn increase(&self) -> f64 {
         let best = INCREASES.map(|power| 2f64.powi(power)).max_by(|a, b| self.gain(*a).total_cmp(&self.gain(*b)));
-        best.filter(|increase| self.gain(*increase) > WIDENING_GAIN).unwrap_or(0.0)
+        best.filter(|_| self.is_contradicted()).unwrap_or(0.0)
     }
 
     /// Returns whether the stated width is to be called contradicted.
     fn is_contradicted(&self) -> bool {
-        let probability = self.probability();
-        probability < CONTRADICTION_ALPHA || probability < DOUBT_ALPHA && self.current >= DOUBTED_INCREASE
+        self.probability() < CONTRADICTION_ALPHA
     }
 
     /// Probability of so large a residual if the stated width is true.
