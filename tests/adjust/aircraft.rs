@@ -243,18 +243,6 @@ pub fn sample_errors(
     wings: usize,
     effects: impl Fn(&mut StdRng) -> Effects,
 ) -> SampledErrors {
-    sample_errors_with_claims(seed, set_up, frames, wings, effects, |_, _| ())
-}
-
-/// Samples as [`sample_errors`] does; `claim` then changes what the installation states.
-pub fn sample_errors_with_claims(
-    seed: u64,
-    set_up: SetUp,
-    frames: usize,
-    wings: usize,
-    effects: impl Fn(&mut StdRng) -> Effects,
-    claim: impl Fn(&mut StdRng, &mut Setup),
-) -> SampledErrors {
     let mut rng = rng(seed);
     let (high_m, low_m) = deflections_m();
     let mut drawn = SampledErrors::default();
@@ -268,7 +256,7 @@ pub fn sample_errors_with_claims(
         set_widths(&mut setup);
         let orientation = aircraft.orientation(&mut rng, NOISE_PX);
         let (mount, shift) = moved_camera(&mut rng, &effects.camera, &setup, set_up);
-        claim(&mut rng, &mut setup);
+        effects.claims.state_in(&mut setup);
         let fuel = aircraft.truth.fuel();
         let whens: Vec<WingState> = (0..frames)
             .map(|k| {

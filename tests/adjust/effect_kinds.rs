@@ -3,10 +3,9 @@
 use nalgebra::{Vector2, Vector3};
 use rand::Rng;
 use rand::rngs::StdRng;
-use wingd::measure::setup::{Setup, SkinHeight, Width};
 
-use crate::aircraft::{EffectErrors, SetUp, combined_effects};
-use crate::common::beam_truth::{CameraMotion, Effects, rms};
+use crate::aircraft::{EffectErrors, combined_effects};
+use crate::common::beam_truth::{CameraMotion, Claims, Effects, rms};
 
 /// A kind of effect.
 pub struct Kind {
@@ -86,293 +85,34 @@ pub const KINDS: [Kind; 24] = [
     kind("engine, 10 %", 0.0, |_, by| Effects { engine: 0.1 * by, ..Effects::default() }),
 ];
 
-/// A quantity that an installation states too surely, or a camera that moves more than stated.
-pub struct ClaimKind {
-    pub name: &'static str,
-    pub set_up: SetUp,
-    /// Numbers of frames of a flight to which it applies.
-    pub frames: &'static [usize],
-    /// What happens.
-    pub draw: fn(&mut StdRng) -> Effects,
-    /// What the installation states.
-    pub claim: fn(&mut StdRng, &mut Setup),
+fn moved(camera: CameraMotion) -> Effects {
+    Effects { camera, ..Effects::default() }
 }
 
-fn camera(motion: CameraMotion) -> Effects {
-    Effects { camera: motion, ..Effects::default() }
+fn remounted_px(remount_px: f64) -> Effects {
+    let claims = Claims { repeatability_px: Some(1.0), ..Claims::default() };
+    Effects { claims, ..moved(CameraMotion { remount_px, ..CameraMotion::default() }) }
 }
 
-fn state_one_pixel(_: &mut StdRng, setup: &mut Setup) {
-    setup.mount_repeatability_px = 1.0;
-}
-
-/// States a height of the axis that is wrong by this much, as exact.
-fn state_axis_height(rng: &mut StdRng, setup: &mut Setup, off_m: f64) {
-    let off_m = off_m * sign(rng);
-    setup.uncertainty[Width::SkinHeight] = 0.0;
-    setup.skin_height =
-        setup.skin_height.map(|skin| SkinHeight { root_m: skin.root_m + off_m, tip_m: skin.tip_m + off_m, ..skin });
-}
-
-const BOTH: &[usize] = &[1, 5];
-
-pub const CLAIMS: &[ClaimKind] = &[
-    ClaimKind {
-        name: "repeatability 1 px stated, 10 px",
-        set_up: SetUp::Default,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { remount_px: 10.0, ..CameraMotion::default() }),
-        claim: state_one_pixel,
+/// Cameras that move more than stated, and installations that state too much precision. `stayed`: of a camera that is said to
+/// have stayed.
+pub const CLAIMS: [Kind; 8] = [
+    kind("1 px stated, 1 px", 0.0, |_, by| remounted_px(by)),
+    Kind { holds: 0.0, ..kind("1 px stated, 10 px", 1.0, |_, by| remounted_px(10.0 * by)) },
+    kind("axis stated as exact, 0.1 m off", 2.0, |r, by| {
+        let claims = Claims { axis_off_m: Some(0.1 * by * sign(r)), ..Claims::default() };
+        Effects { claims, ..Effects::default() }
+    }),
+    kind("stayed, turned by 0.1 mrad", 2.0, |_, by| moved(CameraMotion { turn_rad: 1e-4 * by, ..Default::default() })),
+    Kind {
+        holds: 0.0,
+        ..kind("stayed, taken down", 1.0, |_, by| {
+            moved(CameraMotion { remount_px: 10.0 * by, remount_m: 0.002 * by, ..Default::default() })
+        })
     },
-    ClaimKind {
-        name: "repeatability 1 px stated, 10 px",
-        set_up: SetUp::Careful,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { remount_px: 10.0, ..CameraMotion::default() }),
-        claim: state_one_pixel,
-    },
-    ClaimKind {
-        name: "repeatability 1 px stated, 10 px",
-        set_up: SetUp::Fixed,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { remount_px: 10.0, ..CameraMotion::default() }),
-        claim: state_one_pixel,
-    },
-    ClaimKind {
-        name: "repeatability 1 px stated, 20 px",
-        set_up: SetUp::Default,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { remount_px: 20.0, ..CameraMotion::default() }),
-        claim: state_one_pixel,
-    },
-    ClaimKind {
-        name: "repeatability 1 px stated, 20 px",
-        set_up: SetUp::Careful,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { remount_px: 20.0, ..CameraMotion::default() }),
-        claim: state_one_pixel,
-    },
-    ClaimKind {
-        name: "repeatability 1 px stated, 20 px",
-        set_up: SetUp::Fixed,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { remount_px: 20.0, ..CameraMotion::default() }),
-        claim: state_one_pixel,
-    },
-    ClaimKind {
-        name: "repeatability 1 px stated, 1 px",
-        set_up: SetUp::Default,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { remount_px: 1.0, ..CameraMotion::default() }),
-        claim: state_one_pixel,
-    },
-    ClaimKind {
-        name: "repeatability 1 px stated, 1 px",
-        set_up: SetUp::Careful,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { remount_px: 1.0, ..CameraMotion::default() }),
-        claim: state_one_pixel,
-    },
-    ClaimKind {
-        name: "repeatability 1 px stated, 1 px",
-        set_up: SetUp::Fixed,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { remount_px: 1.0, ..CameraMotion::default() }),
-        claim: state_one_pixel,
-    },
-    ClaimKind {
-        name: "axis stated as exact, 0.1 m off",
-        set_up: SetUp::Default,
-        frames: BOTH,
-        draw: |_| Effects::default(),
-        claim: |rng, setup| state_axis_height(rng, setup, 0.1),
-    },
-    ClaimKind {
-        name: "axis stated as exact, 0.1 m off",
-        set_up: SetUp::Careful,
-        frames: BOTH,
-        draw: |_| Effects::default(),
-        claim: |rng, setup| state_axis_height(rng, setup, 0.1),
-    },
-    ClaimKind {
-        name: "axis stated as exact, 0.1 m off",
-        set_up: SetUp::Stayed,
-        frames: BOTH,
-        draw: |_| Effects::default(),
-        claim: |rng, setup| state_axis_height(rng, setup, 0.1),
-    },
-    ClaimKind {
-        name: "axis stated as exact, 0.2 m off",
-        set_up: SetUp::Default,
-        frames: BOTH,
-        draw: |_| Effects::default(),
-        claim: |rng, setup| state_axis_height(rng, setup, 0.2),
-    },
-    ClaimKind {
-        name: "axis stated as exact, 0.2 m off",
-        set_up: SetUp::Careful,
-        frames: BOTH,
-        draw: |_| Effects::default(),
-        claim: |rng, setup| state_axis_height(rng, setup, 0.2),
-    },
-    ClaimKind {
-        name: "axis stated as exact, 0.2 m off",
-        set_up: SetUp::Stayed,
-        frames: BOTH,
-        draw: |_| Effects::default(),
-        claim: |rng, setup| state_axis_height(rng, setup, 0.2),
-    },
-    ClaimKind {
-        name: "stayed, turned by 0.1 mrad",
-        set_up: SetUp::Stayed,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { turn_rad: 1e-4, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "stayed, turned by 0.2 mrad",
-        set_up: SetUp::Stayed,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { turn_rad: 2e-4, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "stayed, taken down",
-        set_up: SetUp::Stayed,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { remount_px: 10.0, remount_m: 0.002, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "remounted 5 mm off",
-        set_up: SetUp::Default,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { remount_m: 5e-3, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "remounted 5 mm off",
-        set_up: SetUp::Careful,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { remount_m: 5e-3, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "remounted 5 mm off",
-        set_up: SetUp::Fixed,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { remount_m: 5e-3, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "remounted 10 mm off",
-        set_up: SetUp::Default,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { remount_m: 10e-3, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "remounted 10 mm off",
-        set_up: SetUp::Careful,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { remount_m: 10e-3, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "remounted 10 mm off",
-        set_up: SetUp::Fixed,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { remount_m: 10e-3, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "stabilised, 20 px",
-        set_up: SetUp::Default,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { stabilised_px: 20.0, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "stabilised, 20 px",
-        set_up: SetUp::Careful,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { stabilised_px: 20.0, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "stabilised, 20 px",
-        set_up: SetUp::Fixed,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { stabilised_px: 20.0, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "stabilised, 50 px",
-        set_up: SetUp::Default,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { stabilised_px: 50.0, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "stabilised, 50 px",
-        set_up: SetUp::Careful,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { stabilised_px: 50.0, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "stabilised, 50 px",
-        set_up: SetUp::Fixed,
-        frames: BOTH,
-        draw: |_| camera(CameraMotion { stabilised_px: 50.0, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "mount sags by 0.5 mrad",
-        set_up: SetUp::Default,
-        frames: &[5],
-        draw: |_| camera(CameraMotion { sag_rad: 5.000000e-04, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "mount sags by 0.5 mrad",
-        set_up: SetUp::Stayed,
-        frames: &[5],
-        draw: |_| camera(CameraMotion { sag_rad: 5.000000e-04, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "mount sags by 0.5 mrad",
-        set_up: SetUp::Fixed,
-        frames: &[5],
-        draw: |_| camera(CameraMotion { sag_rad: 5.000000e-04, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "mount sags by 1.0 mrad",
-        set_up: SetUp::Default,
-        frames: &[5],
-        draw: |_| camera(CameraMotion { sag_rad: 1.000000e-03, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "mount sags by 1.0 mrad",
-        set_up: SetUp::Stayed,
-        frames: &[5],
-        draw: |_| camera(CameraMotion { sag_rad: 1.000000e-03, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind {
-        name: "mount sags by 1.0 mrad",
-        set_up: SetUp::Fixed,
-        frames: &[5],
-        draw: |_| camera(CameraMotion { sag_rad: 1.000000e-03, ..CameraMotion::default() }),
-        claim: |_, _| (),
-    },
-    ClaimKind { name: "nothing", set_up: SetUp::Default, frames: BOTH, draw: |_| Effects::default(), claim: |_, _| () },
-    ClaimKind { name: "nothing", set_up: SetUp::Careful, frames: BOTH, draw: |_| Effects::default(), claim: |_, _| () },
-    ClaimKind { name: "nothing", set_up: SetUp::Stayed, frames: BOTH, draw: |_| Effects::default(), claim: |_, _| () },
-    ClaimKind { name: "nothing", set_up: SetUp::Fixed, frames: BOTH, draw: |_| Effects::default(), claim: |_, _| () },
+    kind("remounted 5 mm off", 2.0, |_, by| moved(CameraMotion { remount_m: 5e-3 * by, ..Default::default() })),
+    kind("stabilised, 20 px", 2.5, |_, by| moved(CameraMotion { stabilised_px: 20.0 * by, ..Default::default() })),
+    kind("mount sags by 0.5 mrad", 2.0, |_, by| moved(CameraMotion { sag_rad: 5e-4 * by, ..Default::default() })),
 ];
 
 /// Normalised errors of the largest of the three deflections, of twist and of moment.

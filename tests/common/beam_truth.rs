@@ -22,7 +22,7 @@ pub use fleet::{random_wing, remounted};
 
 pub use super::random::{normal, normal2, normal3, rng};
 pub use aircraft::{Aircraft, Effects, WingState};
-pub use camera_motion::CameraMotion;
+pub use camera_motion::{CameraMotion, Claims};
 use structure::SpaceAxis;
 pub use structure::Structure;
 pub use swing::{ModeShape, SecondMode};

@@ -8,7 +8,7 @@ use wingd::measure::adjust::Observation;
 use wingd::measure::geometry::Lens;
 use wingd::measure::setup::{Orientation, Setup, fixed_target};
 
-use super::{CameraMotion, STEPS, SpaceAxis, Structure, Truth, Wing, normal, normal3, value_at};
+use super::{CameraMotion, Claims, STEPS, SpaceAxis, Structure, Truth, Wing, normal, normal3, value_at};
 
 /// Precision of the projection centre from a tape measure at the lens, m.
 const TAPE_M: f64 = 0.010;
@@ -86,6 +86,8 @@ pub struct Effects {
     pub joint_rad: f64,
     /// What happens to the camera since the ground frame.
     pub camera: CameraMotion,
+    /// What the installation states too surely.
+    pub claims: Claims,
 }
 
 /// One wing with its sampled effects.
