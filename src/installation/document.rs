@@ -59,6 +59,7 @@ pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
             tables::Side::Blank => None,
         }),
         root_offset_m: document.wing.root_offset_m,
+        breaks_m: document.wing.breaks.iter().flatten().map(|one| one.span_m).collect(),
         axis_chord_offset_m: document.wing.axis_chord_offset_m,
         skin_height: skin.map(|s| SkinHeight { root_m: s.root, tip_m: s.tip, tip_span_m: s.tip_span_m }),
         uncertainty: SetupUncertainty::DEFAULT,
@@ -173,6 +174,7 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &InstallationDocume
         check("wing.vibration.frequency_hz", mode.frequency_hz, 0.0..=1000.0, "Hz");
         check("wing.vibration.amplitude_m", mode.amplitude_m, 0.0..=5.0, "m");
     }
+    wing.breaks.iter().flatten().for_each(|one| check("wing.breaks.span_m", one.span_m, -50.0..=200.0, "m"));
     if let Some(skin) = &wing.skin_height_m {
         check("wing.skin_height_m.root", skin.root, -5.0..=5.0, "m");
         check("wing.skin_height_m.tip", skin.tip, -5.0..=5.0, "m");

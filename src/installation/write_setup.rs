@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use super::document::{DEFAULT_CENTRE_SIGMA_M, DEFAULT_TEMPERATURE_SIGMA_K};
 use super::section::{GivenWidths, Section, SectionTable};
 use super::tables::{
-    CameraTable, InstallationDocument, Side, SkinTable, SurveyTable, ThermalTable, TorsionTable, VibrationTable,
-    WingTable,
+    BreakTable, CameraTable, InstallationDocument, Side, SkinTable, SurveyTable, ThermalTable, TorsionTable,
+    VibrationTable, WingTable,
 };
 use super::{INSTALLATION_FILE, write_camera};
 use crate::measure::setup::{
@@ -141,6 +141,8 @@ fn wing_table(setup: &Setup) -> WingTable {
         flow_direction: setup.flow_direction.map(Into::into),
         side: setup.configured_side.map(|side| if side == WingSide::Left { Side::Left } else { Side::Right }),
         root_offset_m: setup.root_offset_m,
+        breaks: Some(setup.breaks_m.iter().map(|at| BreakTable { span_m: *at }).collect())
+            .filter(|all: &Vec<_>| !all.is_empty()),
         axis_chord_offset_m: setup.axis_chord_offset_m,
         skin_height_m: setup.skin_height.map(skin),
         vibration: vibrates.then(|| vec![VibrationTable { frequency_hz, amplitude_m: amplitude }]),
@@ -203,7 +205,7 @@ mod tests {
 
     #[test]
     fn an_installation_reads_back_as_written() {
-        let setup = fixture();
+        let setup = Setup { breaks_m: vec![12.5], ..fixture() };
         assert_eq!(read_back(&setup), setup);
     }
 

@@ -103,6 +103,9 @@ impl Thermal {
     }
 }
 
+/// Largest number of breaks of the dihedral: a gull wing with a winglet has two, one more remains.
+pub const MAX_BREAKS: usize = 3;
+
 /// Default standard deviation of the image shift between two mountings, px (paper, section 3.1.3).
 pub const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
 
@@ -209,6 +212,8 @@ pub struct Setup {
     pub configured_side: Option<WingSide>,
     /// Span from the projection centre to the start of the bending, m.
     pub root_offset_m: f64,
+    /// Spans from the projection centre at which the dihedral breaks, m; the survey finds further ones.
+    pub breaks_m: Vec<f64>,
     /// Z of the bending axis in the wing frame, m; the markers' mean if not given.
     pub axis_chord_offset_m: Option<f64>,
     /// Height of the skin above the bending axis; 0 if not given.

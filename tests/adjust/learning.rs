@@ -207,9 +207,10 @@ fn have_remark(solutions: &[Solution], words: &str) -> bool {
     solutions.iter().all(|s| s.remarks.iter().any(|remark| remark.contains(words)))
 }
 
-/// Whether the flight prior is contradicted or the global test rejects.
+/// Whether the flight prior or a stated width is contradicted or the global test rejects.
 fn is_noticed(solutions: &[Solution]) -> bool {
-    have_remark(solutions, "is inconsistent") || solutions.iter().all(|s| s.global_test == Some(GlobalTest::Rejected))
+    let is_contradicted = ["is inconsistent", "is contradicted"].iter().any(|words| have_remark(solutions, words));
+    is_contradicted || solutions.iter().all(|s| s.global_test == Some(GlobalTest::Rejected))
 }
 
 /// Counts single frames and flights of eight aircraft whose installation changed after three flights.

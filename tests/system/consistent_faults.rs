@@ -39,6 +39,11 @@ const FAULTS: [Fault; 24] = [
         &["camera.projection_centre_m", "40035 m", "metres"],
     ),
     (INSTALLATION, |t| t.replace("root_offset_m = 0.55", "root_offset_m = 49"), &["wing.root_offset_m", "inboard"]),
+    (
+        INSTALLATION,
+        |t| t.replace("root_offset_m = 0.55", "root_offset_m = 0.55\nbreaks = [{ span_m = 99.0 }]"),
+        &["wing.breaks.span_m", "99", "markers"],
+    ),
     (INSTALLATION, |t| t.replace("root_offset_m = 0.55", "root_offset_m = 550"), &["wing.root_offset_m", "550"]),
     (
         INSTALLATION,

@@ -88,7 +88,7 @@ impl GroundShape {
         let (skin, skin_height_sigma_m) = skin_height(setup, &points);
         let all = height_weights(setup, trusted);
         let weights: Vec<f64> = wing.iter().map(|k| all[*k]).collect();
-        let smooth = SurfaceFrame::new(&points, axis_z, setup.root_offset_m)?;
+        let smooth = SurfaceFrame::new(&points, axis_z, setup)?;
         let surface = match breaks_x_m {
             Some(x_m) => {
                 SurveySurface::fit_robust(&points, &weights, &SurfaceFrame { breaks_x_m: x_m.to_vec(), ..smooth })
@@ -222,7 +222,7 @@ pub fn find_skin_outliers(setup: &Setup) -> Vec<SkinOutlier> {
     let all = height_weights(setup, &[]);
     let weights: Vec<f64> = wing.iter().map(|k| all[*k]).collect();
     let axis_z = points.iter().map(|p| p.z).sum::<f64>() / points.len().max(1) as f64;
-    let Ok(frame) = SurfaceFrame::new(&points, axis_z, setup.root_offset_m) else { return vec![] };
+    let Ok(frame) = SurfaceFrame::new(&points, axis_z, setup) else { return vec![] };
     let frame = SurveySurface::fit_broken(&points, &weights, frame).frame;
     let mut remaining: Vec<usize> = (0..points.len()).collect();
     let mut off = vec![];

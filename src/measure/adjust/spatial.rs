@@ -156,8 +156,7 @@ fn remove_outliers_and_widen(single: SingleFrame) -> AdjustResult<SnoopingResult
     for _ in 0..WIDENING_PASSES {
         let SolvedFrame { frame, fit, .. } = &clean.solved;
         let widened = widen_refuted_priors(&frame.problem, fit, &clean.model.widened);
-        // Level 0: nothing is tested.
-        if clean.model.input.options.global_alpha <= 0.0 || !widened.differs_from(&clean.model.widened) {
+        if !clean.model.input.options.tests_widths() || !widened.differs_from(&clean.model.widened) {
             break;
         }
         let usage = flight::FlightUsage::all_used(1, clean.model.input.setup.markers.len());

@@ -56,8 +56,7 @@ impl Flight<'_> {
         removed: &mut Vec<RemovedObservation>,
     ) -> AdjustResult<SolvedFlight> {
         let widened = widen_refuted_priors(&solved.flight_problem.problem, &solved.fit, &self.widened);
-        // Level 0: nothing is tested.
-        if self.input.options.global_alpha <= 0.0 || !widened.differs_from(&self.widened) {
+        if !self.input.options.tests_widths() || !widened.differs_from(&self.widened) {
             return Ok(solved);
         }
         self.widened = widened;

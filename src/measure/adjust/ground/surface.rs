@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector, Matrix4, Vector3};
 
 use crate::adjust::{AdjustError, AdjustResult};
 use crate::estimation::robust;
+use crate::setup::{MAX_BREAKS, Setup};
 
 /// Coordinates of the skin's surface and its breaks.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,18 +23,19 @@ pub struct SurfaceFrame {
 const MIN_REACH_M: f64 = 0.5;
 
 impl SurfaceFrame {
-    /// Creates the coordinates for points in the wing frame, m, without breaks. `axis_z`, `root_x`: origin of chord and span, m.
+    /// Creates the coordinates for points in the wing frame, m, with the stated breaks. `axis_z`: origin of the chord, m.
     ///
     /// # Errors
     /// Returns an error if no point is sufficiently far outboard of the root.
-    pub fn new(points: &[Vector3<f64>], axis_z: f64, root_x: f64) -> AdjustResult<Self> {
+    pub fn new(points: &[Vector3<f64>], axis_z: f64, setup: &Setup) -> AdjustResult<Self> {
+        let root_x = setup.root_offset_m;
         let reach = points.iter().fold(f64::MIN, |last, p| last.max(p.x)) - root_x;
         if reach.is_nan() || reach <= MIN_REACH_M {
             return Err(AdjustError::Input(format!(
                 "the outermost marker is {reach:.2} m outboard of the bending root, more than {MIN_REACH_M} m are needed; check span_direction and root_offset_m"
             )));
         }
-        Ok(Self { axis_z, root_x, reach, breaks_x_m: vec![] })
+        Ok(Self { axis_z, root_x, reach, breaks_x_m: setup.breaks_m.clone() })
     }
 
     /// Row of the surface's design matrix for one point.
@@ -65,8 +67,6 @@ const TYPICAL_REACH_M: f64 = 31.0;
 /// Standard deviation of the change of slope at a break: up to that of an upright winglet.
 const BREAK_SIGMA: f64 = 3.0;
 const TYPICAL_TAPER: f64 = 0.3;
-/// Largest number of breaks of the dihedral: a gull wing with a winglet has two, one more remains.
-const MAX_BREAKS: usize = 3;
 /// Decrease of the sum of squares by which a break is established, in units of the residuals' variance. Chance exceeds it
 /// once in a million at one place; the places that are tried are some sixty.
 const BREAK_SIGNIFICANCE: f64 = 30.0;
