@@ -160,11 +160,12 @@ fn five_flights_reduce_a_single_frames_sigma_to_that_of_its_mounting() {
     let mut rng = rng(8200);
     let (mut alone, mut prior, mut bounds_m) =
         (EffectErrors::default(), EffectErrors::default(), <[Vec<f64>; 3]>::default());
+    let mut refused = 0;
     for _ in 0..24 {
         let mut drawn = SampledAircraft::new(&mut rng, SetUp::Default);
         let flights: Vec<SampledFlight> = (0..5).map(|_| drawn.sample_flight(&mut rng, FRAMES)).collect();
         let normals_of_flights = drawn.flight_normals(&flights);
-        assert_eq!(normals_of_flights.len(), 5);
+        refused += 5 - normals_of_flights.len();
         let last = &drawn.sample_flight(&mut rng, 1).seen[0];
         let bound = bound_m(&drawn, &normals_of_flights[0], last);
         bounds_m.iter_mut().zip(bound).for_each(|(all, one)| all.push(one));
@@ -174,6 +175,9 @@ fn five_flights_reduce_a_single_frames_sigma_to_that_of_its_mounting() {
     }
     print_errors("alone", &alone);
     print_errors("with the prior", &prior);
+    // A dozen widths are tested at 1e-3 in each flight: more than four of 120 in one run of 40.
+    println!("flights refused: {refused} of 120");
+    assert!(refused <= 4, "{refused}");
     let bounds_mm = median_mm(&bounds_m);
     println!("bound: {bounds_mm:.1?} mm");
     let (alone_mm, prior_mm) = (median_mm(&alone.tip_sigmas_m), median_mm(&prior.tip_sigmas_m));

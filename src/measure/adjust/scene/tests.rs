@@ -105,6 +105,7 @@ fn computed_pixel(scene: &WingScene, marker: usize, x: &[f64; ALL]) -> (Vector2<
     };
     let bending = Bending {
         curvature_per_m: &x[..C],
+        compliances: [0.0; COMPLIANCES],
         twist_rad: &x[C..C + T],
         scale: x[ALL - 1],
         raise_m: std::array::from_fn(|j| x[C + T + j]),
