@@ -25,7 +25,7 @@ const SPAN: &str = "[0.39073113, 0.92050485]";
 /// A file, its change, and the expected message.
 type Fault = (&'static str, fn(&str) -> String, &'static [&'static str]);
 
-const FAULTS: [Fault; 24] = [
+const FAULTS: [Fault; 25] = [
     (
         INSTALLATION,
         |t| t.replace(SPAN, "[-0.39073113, -0.92050485]"),

@@ -173,6 +173,11 @@ impl Bending<'_> {
         raise_m: [0.0; RAISE_TERMS],
     };
 
+    /// Rise of the root with the load, m.
+    pub fn root_rise_m(&self) -> f64 {
+        self.compliances[1] * self.root_curvature_per_m()
+    }
+
     /// Curvature of the root by the leading coefficient, 1/m: the load to which compliances refer.
     fn root_curvature_per_m(&self) -> f64 {
         self.curvature_per_m.first().map_or(0.0, |leading| leading * curvature_basis(0.0)[0])

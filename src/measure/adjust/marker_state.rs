@@ -72,7 +72,7 @@ impl MarkerState {
             std::array::from_fn(|k| section.axis_by_bending[k] + carried.by_slope * section.slope_by_bending[k]);
         let by_twist = section.twist_by_terms.map(|t| carried.by_twist * t);
         let root_m = grid.root_m() + Vector3::y() * bending.raise_m[0];
-        let by_scale = (carried.position_m - root_m) / bending.scale;
+        let by_scale = (carried.position_m - root_m - Vector3::y() * bending.root_rise_m()) / bending.scale;
         let up = carried.by_ground * Vector3::y();
         let by_raise = std::array::from_fn(|j| section.axis_by_raise[j] - up * section.raise_by_terms[j]);
         let (by_estimated, from_root_m) = (Default::default(), Some(carried.position_m - root_m));

@@ -10,7 +10,7 @@ use crate::adjust::example::{orientation, setup, window};
 use crate::adjust::shapes::curvature_integrals;
 use crate::setup::{Setup, SetupUncertainty};
 
-const STEPS: usize = 4000;
+const STEPS: usize = 16000;
 const C: usize = 5;
 const T: usize = 3;
 /// Curvature, twist, raise, mounting, ground rotation, centre, ground position, scale.
