@@ -15,7 +15,7 @@ use super::prior_scales::PriorScales;
 use super::scene::WingScene;
 use super::shapes::{TYPICAL_CURVATURE_PER_M, bounded_amplitude, shape_covariance};
 use super::snooping::{self, SnoopingModel, SnoopingResult, SolvedGroup, Suspect, SuspectTarget};
-use super::stated_widths::{WidenedPriors, contradiction_remark, widen_refuted_priors};
+use super::stated_widths::{WIDENING_PASSES, WidenedPriors, contradiction_remark, widen_refuted_priors};
 use super::{AdjustError, AdjustResult, Observation, Options, Solution, VarianceComponent};
 use crate::estimation::{EstimationError, Fit, SolveOptions, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};
@@ -26,9 +26,6 @@ const MIN_MARKERS: usize = 6;
 const AMPLITUDE_PASSES: usize = 3;
 /// Change of the logarithm of the amplitude below which it has settled.
 const AMPLITUDE_SETTLED: f64 = 0.05;
-
-/// Maximum number of passes in which stated widths are increased.
-const WIDENING_PASSES: usize = 3;
 
 /// Candidate numbers of curvature terms, compared if none is given.
 const CANDIDATE_ORDERS: [usize; 2] = [8, 10];
@@ -150,7 +147,7 @@ fn remove_outliers(mut single: SingleFrame) -> AdjustResult<SnoopingResult<Singl
     snooping::snoop_one_by_one(single, all, observations)
 }
 
-/// Removes outliers, and widens the priors whose stated widths the remaining observations refute.
+/// Removes outliers, and widens the priors whose stated widths the remaining observations refute, as long as there is a solution.
 fn remove_outliers_and_widen(single: SingleFrame) -> AdjustResult<SnoopingResult<SingleFrame>> {
     let mut clean = remove_outliers(single)?;
     for _ in 0..WIDENING_PASSES {
@@ -160,7 +157,12 @@ fn remove_outliers_and_widen(single: SingleFrame) -> AdjustResult<SnoopingResult
             break;
         }
         let usage = flight::FlightUsage::all_used(1, clean.model.input.setup.markers.len());
-        clean = remove_outliers(SingleFrame { widened, usage, ..clean.model })?;
+        let wider = remove_outliers(SingleFrame { widened, usage, ..clean.model.clone() });
+        let Ok(mut wider) = wider else { break };
+        if wider.solved.converge().is_err() {
+            break;
+        }
+        clean = wider;
     }
     Ok(clean)
 }

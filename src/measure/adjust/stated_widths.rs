@@ -13,8 +13,9 @@ use crate::estimation::{Fit, Prior, Problem};
 use crate::setup::Setup;
 use crate::widths::{Unknown, Width};
 
-/// Unknowns whose stated widths are tested. The widths of skin and vibrations are estimated from the frames instead.
-const TESTED: [Unknown; 13] = [
+/// Unknowns whose stated widths are tested. The widths of skin and vibrations are estimated from the frames instead; a wrong
+/// scale of the images is a wrong image, and diagnosed as such.
+const TESTED: [Unknown; 12] = [
     Unknown::MountingRotation,
     Unknown::MountingShift,
     Unknown::AxisHeight,
@@ -25,7 +26,6 @@ const TESTED: [Unknown; 13] = [
     Unknown::ConstantBend,
     Unknown::RootRotation,
     Unknown::RootShift,
-    Unknown::FlightScale,
     Unknown::FlightPrincipalPoint,
     Unknown::ThermalScale,
 ];
@@ -168,10 +168,12 @@ impl WidthEvidence {
         0.5 * self.directions.iter().map(one).sum::<f64>()
     }
 
-    /// Increase that the data ask for; 0 if they do not contradict the stated width.
-    pub fn increase(&self) -> f64 {
-        let best = INCREASES.map(|power| 2f64.powi(power)).max_by(|a, b| self.gain(*a).total_cmp(&self.gain(*b)));
-        best.filter(|_| self.is_contradicted()).unwrap_or(0.0)
+    /// Increase that the data ask for, and how much more probable it makes them, as a logarithm; wide increases are less
+    /// probable than small ones (a density of 1 over the increase). `None` if the data do not contradict the stated width.
+    pub fn increase(&self) -> Option<(f64, f64)> {
+        let found = INCREASES.map(|power| 2f64.powi(power)).map(|increase| (increase, self.gain(increase)));
+        let best = found.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|_| self.is_contradicted());
+        best.map(|(increase, gain)| (increase, gain - increase.ln_1p()))
     }
 
     /// Returns whether the stated width is to be called contradicted.
@@ -196,11 +198,19 @@ fn all_evidence<'a>(
     TESTED.into_iter().filter_map(|unknown| Some((unknown, WidthEvidence::from_fit(problem, fit, unknown, widened)?)))
 }
 
-/// Returns the increases that a solution asks for, each counted from the stated width. Widths that one residual may refute,
-/// such as those of the mounting's and the root's rotation, are all increased.
+/// Largest number of widths that are increased in one result.
+pub const WIDENING_PASSES: usize = 3;
+
+/// Returns the increases that a solution asks for, each counted from the stated width: of those that are increased already,
+/// and of the one whose increase explains the data best. One residual may refute several widths, such as those of the
+/// mounting's and the root's rotation; the smallest increase is the most probable.
 pub fn widen_refuted_priors(problem: &Problem, fit: &Fit, widened: &WidenedPriors) -> WidenedPriors {
-    let increases = all_evidence(problem, fit, widened).map(|(unknown, evidence)| (unknown, evidence.increase()));
-    WidenedPriors(increases.filter(|(_, increase)| *increase > 0.0).collect())
+    let asked = |(unknown, evidence): (Unknown, WidthEvidence)| Some((unknown, evidence.increase()?));
+    let (mut again, new): (Vec<_>, Vec<_>) = all_evidence(problem, fit, widened)
+        .filter_map(asked)
+        .partition(|(unknown, _)| widened.increase(*unknown) > 0.0);
+    again.extend(new.into_iter().max_by(|(_, a), (_, b)| a.1.total_cmp(&b.1)));
+    WidenedPriors(again.into_iter().map(|(unknown, (increase, _))| (unknown, increase)).collect())
 }
 
 /// Words of the remark on a contradicted width.
@@ -237,6 +247,8 @@ pub fn contradiction_remark(
         }
         (_, None) => ("thermal.sigma_k".into(), "times the stated value", 1.0),
     };
+    // The rotation is named by its size, other unknowns by the root mean square of their values.
+    let values = if unknown == Unknown::MountingRotation { 3.0 } else { 1.0 };
     let (step, counted) = match unknown {
         Unknown::AxisHeight => (AXIS_HEIGHT_STEP_M, stated.hypot(AXIS_HEIGHT_STEP_M * evidence.current.sqrt())),
         _ => (stated, stated * (1.0 + evidence.current).sqrt()),
@@ -245,7 +257,7 @@ pub fn contradiction_remark(
     Some(format!(
         "{key} = {stated} {CONTRADICTED} {} is off by about {} {unit}{moved}. The result counts with {} {unit}",
         unknown.name(),
-        two_digits(step * evidence.square.sqrt()),
+        two_digits(step * (values * evidence.square).sqrt()),
         two_digits(counted),
     ))
 }

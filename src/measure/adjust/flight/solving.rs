@@ -7,7 +7,7 @@ use crate::adjust::AdjustResult;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::outcome::FrameOutcome;
 use crate::adjust::snooping::{ResidualSum, SolvedGroup};
-use crate::adjust::stated_widths::widen_refuted_priors;
+use crate::adjust::stated_widths::{WIDENING_PASSES, widen_refuted_priors};
 use crate::estimation::{Fit, SolveOptions};
 
 /// Flight problem with its solution.
@@ -46,24 +46,27 @@ impl Flight<'_> {
         Ok(solved)
     }
 
-    /// Widens the priors whose stated widths the frames refute, and then finds the outliers again.
-    ///
-    /// # Errors
-    /// Returns an error if the flight has no solution.
+    /// Widens the priors whose stated widths the frames refute, and then finds the outliers again, as long as there is a
+    /// solution.
     pub fn widen_refuted_priors(
         &mut self,
-        solved: SolvedFlight,
+        mut solved: SolvedFlight,
         removed: &mut Vec<RemovedObservation>,
-    ) -> AdjustResult<SolvedFlight> {
-        let widened = widen_refuted_priors(&solved.flight_problem.problem, &solved.fit, &self.widened);
-        if !self.input.options.tests_widths() || !widened.differs_from(&self.widened) {
-            return Ok(solved);
+    ) -> SolvedFlight {
+        for _ in 0..WIDENING_PASSES {
+            let widened = widen_refuted_priors(&solved.flight_problem.problem, &solved.fit, &self.widened);
+            if !self.input.options.tests_widths() || !widened.differs_from(&self.widened) {
+                break;
+            }
+            let mut wider = Self { widened, ..self.clone() };
+            wider.usage.reset_except(&[]);
+            let Ok((found, outliers)) = wider.remove_outliers() else { break };
+            if wider.solve_converged(&found.fit).is_err() {
+                break;
+            }
+            (*self, solved, *removed) = (wider, found, outliers);
         }
-        self.widened = widened;
-        self.usage.reset_except(&[]);
-        let (solved, found) = self.remove_outliers()?;
-        *removed = found;
-        Ok(solved)
+        solved
     }
 
     /// Computes the converged solution, starting from a rough one.

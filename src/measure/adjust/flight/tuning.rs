@@ -180,7 +180,7 @@ impl Flight<'_> {
         }
         let posterior = own + (&total * &solved.fit.covariance * total.transpose())[0];
         let evidence = WidthEvidence::new(vec![(value * value / variance, square - posterior / variance)], 0.0);
-        evidence.increase() * square / frames as f64
+        evidence.increase().map_or(0.0, |(increase, _)| increase * square / frames as f64)
     }
 
     /// Takes shifts of the image from frame to frame for the cause of a large drift if no rotation explains the frames as
