@@ -85,11 +85,6 @@ pub struct Options {
 }
 
 impl Options {
-    /// Returns whether stated widths are tested; at level 0 nothing is.
-    fn tests_widths(&self) -> bool {
-        self.global_alpha > 0.0
-    }
-
     /// Returns whether the single frame was taken without a remount since the ground frames.
     fn keeps_ground_mounting(&self) -> bool {
         self.mountings.as_deref() == Some(&[Mounting::Ground])

@@ -152,8 +152,9 @@ fn remove_outliers_and_widen(single: SingleFrame) -> AdjustResult<SnoopingResult
     let mut clean = remove_outliers(single)?;
     for _ in 0..WIDENING_PASSES {
         let SolvedFrame { frame, fit, .. } = &clean.solved;
-        let widened = widen_refuted_priors(&frame.problem, fit, &clean.model.widened);
-        if !clean.model.input.options.tests_widths() || !widened.differs_from(&clean.model.widened) {
+        let (tested, options) = ((fit, clean.tested_sum), clean.model.input.options);
+        let widened = widen_refuted_priors(&frame.problem, tested, &clean.model.widened, options);
+        if !widened.differs_from(&clean.model.widened) {
             break;
         }
         let usage = flight::FlightUsage::all_used(1, clean.model.input.setup.markers.len());

@@ -54,8 +54,10 @@ impl Flight<'_> {
         removed: &mut Vec<RemovedObservation>,
     ) -> SolvedFlight {
         for _ in 0..WIDENING_PASSES {
-            let widened = widen_refuted_priors(&solved.flight_problem.problem, &solved.fit, &self.widened);
-            if !self.input.options.tests_widths() || !widened.differs_from(&self.widened) {
+            let tested = (&solved.fit, solved.tested_sum);
+            let problem = &solved.flight_problem.problem;
+            let widened = widen_refuted_priors(problem, tested, &self.widened, self.input.options);
+            if !widened.differs_from(&self.widened) {
                 break;
             }
             let mut wider = Self { widened, ..self.clone() };
