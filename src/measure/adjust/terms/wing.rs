@@ -59,8 +59,8 @@ fn compliance_term<const FIRST: usize>(unknown: Unknown, sigmas: &[f64]) -> Para
 /// Standard deviation of the place of the pivot about which the root rotates, from the root, as a fraction of the length: half
 /// the width of a fuselage.
 const PIVOT_SIGMA: f64 = 0.06;
-/// Standard deviation of the rotation of a joint over that of the root: 3 mrad on an airliner whose tip rises by 3 m.
-const JOINT_RATIO: f64 = 2.0;
+/// Standard deviation of the rotation of a joint over that of the root: 1.5 mrad on an airliner whose tip rises by 3 m.
+const JOINT_RATIO: f64 = 1.0;
 
 /// Root and joints that give with the load, without those that are fixed.
 pub fn compliance_terms(uncertainty: &SetupUncertainty, length_m: f64) -> impl Iterator<Item = ParameterTerm> {
