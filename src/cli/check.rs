@@ -12,6 +12,7 @@ use crate::clock::SystemClock;
 use crate::config::{self, Config};
 use crate::daemon::{self, machine, memory};
 use crate::installation::{self, Fault};
+use crate::measure::plan::{NarrowWidth, find_narrow_widths};
 use crate::measure::setup::Setup;
 use crate::pipeline::recording::cad_record;
 use crate::store::{self, RealDisk, is_vacant, unwritable_reason, verify};
@@ -117,6 +118,16 @@ fn advisory_findings(setup: &Setup) -> Vec<Finding> {
                    `wingd plan` shows the gain from fixed targets";
         all.push(("fixed marks", how.to_owned()));
     }
+    all.extend(find_narrow_widths(setup).into_iter().map(|narrow| {
+        let NarrowWidth { key, unit, values, tip_sigmas_m } = narrow;
+        let [stated_mm, usual_mm] = tip_sigmas_m.map(|sigma_m| 1e3 * sigma_m);
+        let how = format!(
+            "{key} = {} hides what images may not show: with the default of {} {unit} the tip deflection of one frame is known \
+             to {usual_mm:.0} mm, not to {stated_mm:.0} mm. State it only if a measurement supports it",
+            values[0], values[1]
+        );
+        ("narrow width", how)
+    }));
     let span = setup.span_direction.try_normalize(0.0);
     let normal = setup.window.as_ref().and_then(|w| w.normal);
     if let (Some(span), Some(normal)) = (span, normal) {

@@ -65,6 +65,10 @@ pub(super) fn run(args: &MountCheckArgs) -> TaskResult<Completion> {
     Ok(Completion::from_success(complete))
 }
 
+/// Line for a shift of the image that no movement of the camera explains.
+const STABILISED: &str = "\nthe image shifted without a rotation of the camera: stabilisation of lens or sensor. Switch it off, or \
+    set camera.stabilised_px";
+
 fn comparison_text(args: &MountCheckArgs, setup: &Setup, before: &str, after: &str, m: &CameraMovement) -> String {
     let priors = &setup.uncertainty;
     let (verdict, meaning) = match MountVerdict::new(m, setup) {
@@ -85,6 +89,7 @@ fn comparison_text(args: &MountCheckArgs, setup: &Setup, before: &str, after: &s
         return json!({
             "status": "ok", "image": after, "against": before, "verdict": verdict, "markers": m.markers,
             "moved_px": m.moved_px, "mean_px": [m.mean_px.x, m.mean_px.y], "left_px": m.residual_px,
+            "stabilised": m.is_image_shift(),
             "rotation_mrad": milli(&m.rotation_rad), "sigma_rotation_mrad": milli(&m.rotation_sigma_rad),
             "shift_mm": milli(&m.shift_m), "sigma_shift_mm": milli(&m.shift_sigma_m),
             "expected": {
@@ -99,9 +104,10 @@ fn comparison_text(args: &MountCheckArgs, setup: &Setup, before: &str, after: &s
         let one = |k: usize| format!("{:+.3} +- {:.3}", 1e3 * v[k], 1e3 * s[k]);
         format!("{}, {}, {}", one(0), one(1), one(2))
     };
+    let stabilised = if m.is_image_shift() { STABILISED } else { "" };
     format!(
         "{after} against {before}: {verdict}: {meaning}\n{} markers moved by {:.3} px rms (mean {:+.3}, {:+.3})\n\
-         rotation about camera x, y, z: {} mrad\nshift along camera x, y, z: {} mm\nresiduals: {:.3} px rms",
+         rotation about camera x, y, z: {} mrad\nshift along camera x, y, z: {} mm\nresiduals: {:.3} px rms{stabilised}",
         m.markers,
         m.moved_px,
         m.mean_px.x,

@@ -88,8 +88,9 @@ fn setup_without_markers(draft: &LayoutDraft) -> Setup {
         configured_side: Some(draft.side),
         root_offset_m: DEFAULT_ROOT_OFFSET_M.min(0.1 * draft.span_m),
         axis_chord_offset_m: None,
+        breaks_m: vec![],
         skin_height: None,
-        uncertainty: SetupUncertainty::DEFAULT,
+        uncertainty: SetupUncertainty::default_for(draft.span_m),
         thermal: None,
         torsion: vec![],
         markers: vec![],
@@ -105,7 +106,7 @@ pub fn drafted_facts(layout: &Setup, side: Option<WingSide>) -> Setup {
     Setup {
         configured_side: side,
         projection_centre_sigma_m: DEFAULT_CENTRE_SIGMA_M,
-        uncertainty: SetupUncertainty::DEFAULT,
+        uncertainty: SetupUncertainty::default_for(layout.reach_m()),
         thermal: None,
         ..layout.clone()
     }

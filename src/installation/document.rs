@@ -10,11 +10,10 @@ use super::tables::{self, InstallationDocument, OpticsTable, VibrationTable};
 use super::ties::CadModel;
 use super::{INSTALLATION_FILE, Reader, camera, plausible, survey, ties, window};
 use crate::measure::setup::{
-    Setup, SetupUncertainty, SkinHeight, SurveyMarker, Thermal, TorsionPair, Vibration, Width, WingSide,
+    DEFAULT_REPEATABILITY_PX, Setup, SetupUncertainty, SkinHeight, SurveyMarker, Thermal, TorsionPair, Vibration,
+    Width, WingSide,
 };
 
-/// Default shift between two mountings, px (paper, section 3.1.3).
-const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
 /// Default standard deviation of the projection centre, each axis, m: a tape measure held at the lens.
 pub const DEFAULT_CENTRE_SIGMA_M: f64 = 0.010;
 
@@ -60,14 +59,16 @@ pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
             tables::Side::Blank => None,
         }),
         root_offset_m: document.wing.root_offset_m,
+        breaks_m: document.wing.breaks.iter().flatten().map(|one| one.span_m).collect(),
         axis_chord_offset_m: document.wing.axis_chord_offset_m,
         skin_height: skin.map(|s| SkinHeight { root_m: s.root, tip_m: s.tip, tip_span_m: s.tip_span_m }),
-        uncertainty: SetupUncertainty { lens: camera.covariance, ..uncertainty_from_document(&document) },
+        uncertainty: SetupUncertainty::DEFAULT,
         thermal: document.thermal.as_ref().map(thermal_from_table),
         torsion,
         markers: markers?,
         window,
     };
+    setup.uncertainty = SetupUncertainty { lens: camera.covariance, ..uncertainty_of(&setup, &document) };
     if document.configured_width(Width::SpanDirection).is_none() {
         // A direction that the line of the markers contradicts is not known to the default.
         let skew_deg =
@@ -100,8 +101,8 @@ impl InstallationDocument {
     }
 }
 
-fn uncertainty_from_document(document: &InstallationDocument) -> SetupUncertainty {
-    let mut uncertainty = SetupUncertainty::DEFAULT;
+fn uncertainty_of(setup: &Setup, document: &InstallationDocument) -> SetupUncertainty {
+    let mut uncertainty = SetupUncertainty::default_for(setup.reach_m());
     document.widths().for_each(|(width, value)| uncertainty[width] = width.row().unit.factor * value);
     uncertainty.skin_scaled_by_frames = document.configured_width(Width::SkinMotion).is_none();
     uncertainty.vibration = document.wing.vibration.as_deref().map_or(uncertainty.vibration, combine_modes);
@@ -173,6 +174,7 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &InstallationDocume
         check("wing.vibration.frequency_hz", mode.frequency_hz, 0.0..=1000.0, "Hz");
         check("wing.vibration.amplitude_m", mode.amplitude_m, 0.0..=5.0, "m");
     }
+    wing.breaks.iter().flatten().for_each(|one| check("wing.breaks.span_m", one.span_m, -50.0..=200.0, "m"));
     if let Some(skin) = &wing.skin_height_m {
         check("wing.skin_height_m.root", skin.root, -5.0..=5.0, "m");
         check("wing.skin_height_m.tip", skin.tip, -5.0..=5.0, "m");

@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Matrix3, SymmetricEigen, U3, Vector2, Vector3};
 
 use super::{Fault, INSTALLATION_FILE, Reader};
 use crate::measure::identify::UNITS;
-use crate::measure::setup::{Setup, Shape, SurveyMarker, WingSide};
+use crate::measure::setup::{MAX_BREAKS, Setup, Shape, SurveyMarker, WingSide};
 
 /// Largest length of a wing, m: the largest wingspan of an aircraft that has flown is 117 m.
 const MAX_WING_LENGTH_M: f64 = 100.0;
@@ -31,6 +31,7 @@ pub(super) fn check_plausibility(reader: &mut Reader, setup: &Setup, survey: &st
     if reader.faults.len() == before {
         check_skew(reader, &file, setup);
         check_root(reader, &file, setup);
+        check_breaks(reader, &file, setup);
     }
     check_side(reader, &file, setup);
     check_flow(reader, &file, setup);
@@ -185,6 +186,32 @@ fn check_root(reader: &mut Reader, file: &Path, setup: &Setup) {
         let problem = format!("is {root_m} m, but {inboard} of {markers} markers are inboard of it");
         let remedy = "give the distance along the span from the camera to the bending root, m";
         reader.fault(file, "wing.root_offset_m", problem, remedy);
+    }
+}
+
+/// Least number of markers on each side of a stated break, which determine the slope there.
+const MARKERS_BESIDE_BREAK: usize = 2;
+
+/// Checks that markers determine the slope on both sides of each stated break of the dihedral.
+fn check_breaks(reader: &mut Reader, file: &Path, setup: &Setup) {
+    let (wing, most) = (setup.wing_markers(), MAX_BREAKS);
+    if setup.breaks_m.len() > most {
+        let problem = format!("has {} breaks, at most {most} can be determined", setup.breaks_m.len());
+        reader.fault(file, "wing.breaks", problem, "give the largest ones");
+    }
+    let mut ends: Vec<f64> =
+        [f64::NEG_INFINITY, f64::INFINITY].into_iter().chain(setup.breaks_m.iter().copied()).collect();
+    ends.sort_by(f64::total_cmp);
+    for (from, to) in ends.iter().zip(ends.iter().skip(1)) {
+        let between = wing.iter().filter(|(_, point)| (*from..*to).contains(&point.x)).count();
+        if ends.len() > 2 && between < MARKERS_BESIDE_BREAK {
+            let at = if from.is_finite() { from } else { to };
+            let problem =
+                format!("is {at} m, but only {between} markers lie between it and the next break or end of the wing");
+            let remedy =
+                "give the distance along the span from the camera, m, or leave the break out: the survey finds it";
+            return reader.fault(file, "wing.breaks.span_m", problem, remedy);
+        }
     }
 }
 

@@ -53,6 +53,7 @@ pub(super) struct WingTable {
     pub flow_direction: Option<[f64; 2]>,
     pub side: Option<Side>,
     pub root_offset_m: f64,
+    pub breaks: Option<Vec<BreakTable>>,
     pub axis_chord_offset_m: Option<f64>,
     pub skin_height_m: Option<SkinTable>,
     pub vibration: Option<Vec<VibrationTable>>,
@@ -73,6 +74,13 @@ impl SectionTable for WingTable {
 
 impl SectionTable for SurveyTable {
     const NAME: &'static str = "survey";
+}
+
+/// Entry of `[wing] breaks`.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct BreakTable {
+    pub span_m: f64,
 }
 
 /// Entry of `[wing] vibration`.

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use super::document::{DEFAULT_CENTRE_SIGMA_M, DEFAULT_TEMPERATURE_SIGMA_K};
 use super::section::{GivenWidths, Section, SectionTable};
 use super::tables::{
-    CameraTable, InstallationDocument, Side, SkinTable, SurveyTable, ThermalTable, TorsionTable, VibrationTable,
-    WingTable,
+    BreakTable, CameraTable, InstallationDocument, Side, SkinTable, SurveyTable, ThermalTable, TorsionTable,
+    VibrationTable, WingTable,
 };
 use super::{INSTALLATION_FILE, write_camera};
 use crate::measure::setup::{
@@ -111,11 +111,11 @@ fn installation_document(setup: &Setup) -> InstallationDocument {
 
 /// Adds to a section's table the widths that are not default.
 fn section<T: SectionTable>(setup: &Setup, table: T) -> Section<T> {
-    let uncertainty = &setup.uncertainty;
+    let (uncertainty, reach_m) = (&setup.uncertainty, setup.reach_m());
     let given = |row: &WidthRow| match row.width {
         // A configured motion of the skin is not estimated from the frames.
         Width::SkinMotion => Some(uncertainty[row.width]).filter(|_| !uncertainty.skin_scaled_by_frames),
-        width => nondefault(uncertainty[width] / row.unit.factor, row.default),
+        width => nondefault(uncertainty[width], row.default_for(reach_m)).map(|value| value / row.unit.factor),
     };
     let rows = Width::ROWS.iter().filter(|row| row.section == T::NAME);
     Section { table, widths: GivenWidths(rows.filter_map(|row| Some((row.width, given(row)?))).collect()) }
@@ -141,6 +141,8 @@ fn wing_table(setup: &Setup) -> WingTable {
         flow_direction: setup.flow_direction.map(Into::into),
         side: setup.configured_side.map(|side| if side == WingSide::Left { Side::Left } else { Side::Right }),
         root_offset_m: setup.root_offset_m,
+        breaks: Some(setup.breaks_m.iter().map(|at| BreakTable { span_m: *at }).collect())
+            .filter(|all: &Vec<_>| !all.is_empty()),
         axis_chord_offset_m: setup.axis_chord_offset_m,
         skin_height_m: setup.skin_height.map(skin),
         vibration: vibrates.then(|| vec![VibrationTable { frequency_hz, amplitude_m: amplitude }]),
@@ -204,7 +206,7 @@ mod tests {
 
     #[test]
     fn an_installation_reads_back_as_written() {
-        let setup = fixture();
+        let setup = Setup { breaks_m: vec![12.5], ..fixture() };
         assert_eq!(read_back(&setup), setup);
     }
 

@@ -33,6 +33,19 @@ pub struct CameraMovement {
     pub shift_sigma_m: Vector3<f64>,
     /// Root mean square length of the residuals after rotation and shift, px.
     pub residual_px: f64,
+    /// Weighted sum of squares of these residuals, less that of the residuals after a shift of the image alone.
+    image_shift_gain: f64,
+}
+
+/// Gain from which a shift of the image is the cause: its logarithm of the probability is 15 larger, with four unknowns less.
+const MIN_IMAGE_SHIFT_GAIN: f64 = 30.0;
+
+impl CameraMovement {
+    /// Returns whether a shift of the image explains the markers better than any movement of the camera, as stabilisation of
+    /// lens or sensor does.
+    pub fn is_image_shift(&self) -> bool {
+        self.image_shift_gain > MIN_IMAGE_SHIFT_GAIN
+    }
 }
 
 /// Minimum number of markers, for a rotation with redundancy.
@@ -67,16 +80,26 @@ pub fn estimate_movement(lens: &Lens, pairs: &[MarkerShift], shift_sigma_m: f64)
     let n = pairs.len() as f64;
     let left: f64 = pairs.iter().filter_map(|p| Some((p.moved_px - design(p)?.0 * found).norm_squared())).sum();
     let moved: f64 = pairs.iter().map(|p| p.moved_px.norm_squared()).sum();
+    let mean_px = pairs.iter().map(|p| p.moved_px).sum::<Vector2<f64>>() / n;
+    let weighted = |pair: &MarkerShift, residual: Vector2<f64>| {
+        let weight = pair.covariance_px2.try_inverse()?;
+        Some(residual.dot(&(weight * residual)))
+    };
+    let gain = |pair: &MarkerShift| {
+        let turned = weighted(pair, pair.moved_px - design(pair)?.0 * found)?;
+        Some(turned - weighted(pair, pair.moved_px - mean_px)?)
+    };
     let sigma = covariance.diagonal().map(f64::sqrt);
     Some(CameraMovement {
         markers: pairs.len(),
         moved_px: (moved / n).sqrt(),
-        mean_px: pairs.iter().map(|p| p.moved_px).sum::<Vector2<f64>>() / n,
+        mean_px,
         rotation_rad: found.fixed_rows::<3>(0).into(),
         rotation_sigma_rad: sigma.fixed_rows::<3>(0).into(),
         shift_m: found.fixed_rows::<3>(3).into(),
         shift_sigma_m: sigma.fixed_rows::<3>(3).into(),
         residual_px: (left / n).sqrt(),
+        image_shift_gain: pairs.iter().filter_map(gain).sum(),
     })
 }
 

@@ -4,6 +4,7 @@
 mod draft;
 mod fixed_targets;
 mod measurable;
+mod narrow_widths;
 mod optics;
 mod prediction;
 mod requirement;
@@ -12,6 +13,7 @@ mod terms;
 mod view;
 
 pub use draft::{DraftVariant, LayoutDraft, best_layout, even_layout, predict_variants};
+pub use narrow_widths::{NarrowWidth, find_narrow_widths};
 pub use optics::{Optics, OpticsPlan};
 pub use prediction::{AlternativeLayout, LayoutChange, LayoutPrecision, LayoutPrediction, MarkerSigma, TipSigma};
 pub use requirement::{

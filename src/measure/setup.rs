@@ -133,6 +133,12 @@ impl Thermal {
     }
 }
 
+/// Largest number of breaks of the dihedral: a gull wing with a winglet has two, one more remains.
+pub const MAX_BREAKS: usize = 3;
+
+/// Default standard deviation of the image shift between two mountings, px (paper, section 3.1.3).
+pub const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
+
 /// Standard deviation of the length in flight over that on the ground if nothing is configured: the effect of 70 K on
 /// aluminium.
 pub const DEFAULT_SCALE_SIGMA: f64 = 23.1e-6 * 70.0;
@@ -236,6 +242,8 @@ pub struct Setup {
     pub configured_side: Option<WingSide>,
     /// Span from the projection centre to the start of the bending, m.
     pub root_offset_m: f64,
+    /// Spans from the projection centre at which the dihedral breaks, m; the survey finds further ones.
+    pub breaks_m: Vec<f64>,
     /// Z of the bending axis in the wing frame, m; the markers' mean if not given.
     pub axis_chord_offset_m: Option<f64>,
     /// Height of the skin above the bending axis; 0 if not given.
@@ -297,6 +305,11 @@ impl Setup {
         let frame = self.wing_frame();
         let wing = self.markers.iter().enumerate().filter(|(_, m)| !m.fixed);
         wing.map(|(k, m)| (k, frame.wing_point(&m.position_m))).collect()
+    }
+
+    /// Returns the span from the bending root to the outermost marker on the wing, m; 0 without one.
+    pub fn reach_m(&self) -> f64 {
+        self.wing_markers().iter().fold(0.0, |reach: f64, (_, point)| reach.max(point.x - self.root_offset_m))
     }
 
     /// Returns whether the lens is below the inner third of the markers on the wing, as on a high wing or in a survey whose

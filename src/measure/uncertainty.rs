@@ -53,6 +53,13 @@ impl SetupUncertainty {
         lens: None,
     };
 
+    /// Returns the defaults of a wing of this length, from the root to the outermost marker, m.
+    pub fn default_for(reach_m: f64) -> Self {
+        let mut defaults = Self::DEFAULT;
+        Width::ROWS.iter().for_each(|row| defaults[row.width] = row.default_for(reach_m));
+        defaults
+    }
+
     /// Returns the priors of drawings that are accurate to some millimetres and a mount that neither shifts nor creeps,
     /// without effects of flight, for rendered scenes.
     pub const fn from_drawings() -> Self {

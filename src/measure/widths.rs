@@ -43,6 +43,9 @@ unknowns! {
     VerticalLoad = "load's turning", "shape of bending";
     ConstantBend = "bend that does not go with the load", "constant bend";
     GroundBend = "bend between survey and ground frame", "ground bend" lasting;
+    GroundTwist = "twist between survey and ground frame", "ground twist" lasting;
+    RootFlexibility = "flexibility of the root", "root flexibility" lasting;
+    Joints = "rotation of joints with the load", "joints" lasting;
     InPlane = "bending in the wing's plane", "in-plane";
     Torque = "torque of control surfaces", "torque";
     AxisHeight = "height of the bending axis", "axis" lasting;
@@ -68,6 +71,7 @@ unknowns! {
     InteriorOrientation = "interior orientation", "lens" lasting;
     FlightScale = "scale of the camera in flight", "camera in flight";
     FlightPrincipalPoint = "principal point in flight", "camera in flight";
+    ImageShift = "shift of the image by stabilisation", "camera in flight";
     PaneShift = "panes' shift", "window" lasting;
     PaneBow = "panes' bow", "window";
 }
@@ -163,6 +167,12 @@ widths! {
         Some("shift of the mounting"), [MountingShift];
     /// standard deviation of the bending between survey and ground frame (fuel, jacks, sun), at the tip
     GroundBend = "survey" "bend_sigma_m", METRE, 0.010, max 5.0, flight, Some("bend since the survey"), [GroundBend];
+    /// standard deviation of the twist between survey and ground frame (fuel, jacks, sun), at the tip
+    GroundTwist = "survey" "twist_sigma_deg", DEGREE, 0.15, max 20.0, flight, Some("twist since the survey"), [GroundTwist];
+    /// standard deviation of the rotation with the load of root and joints over the curvature of the root: the length inboard
+    /// of the root that bends like the root
+    RootFlexibility = "wing" "root_flexibility_sigma_m", METRE, 0.25, max 20.0, flight,
+        Some("flexibility of the root"), [RootFlexibility, Joints];
     /// standard deviation of a bending offset common to all frames of a flight, independent of the load, at the tip
     ConstantBend = "wing" "constant_bend_sigma_m", METRE, 0.015, max 5.0, flight,
         Some("constant bend"), [ConstantBend];
@@ -185,6 +195,9 @@ widths! {
     /// standard deviation of the principal point in flight against that on ground
     PrincipalPoint = "camera" "flight_principal_point_sigma_px", PIXEL, 0.3, max 1000.0, flight,
         Some("interior orientation in flight"), [FlightPrincipalPoint];
+    /// standard deviation of the image's shift from frame to frame by stabilisation of lens or sensor, each axis; 0: it has
+    /// none, or it is switched off
+    Stabilisation = "camera" "stabilised_px", PIXEL, 0.0, max 1000.0, flight, None, [ImageShift];
     /// standard deviation of the twist caused by a control surface's torque, at its position: four positions from 0.45 to
     /// 0.9 of the length (0.9 of it common to a flight's frames, 0.436 independent per frame)
     Torque = "wing" "torque_sigma_deg", DEGREE, 1.0, max 20.0, flight, Some("control-surface torque"), [Torque];
@@ -196,6 +209,19 @@ widths! {
     MountDrift = "camera" "mount_drift_mrad", MILLIRADIAN, 0.05, max 100.0, laboratory, None, [MountingRotation];
     /// standard deviation of the survey's vertical about each horizontal axis; deflections are measured along the vertical
     Vertical = "survey" "vertical_sigma_deg", DEGREE, 0.1, max 20.0, flight, None, [Vertical];
+}
+
+/// Length of the wing, from the root to the outermost marker, from which on the defaults are those of an airliner, m.
+const AIRLINER_REACH_M: f64 = 20.0;
+
+impl WidthRow {
+    /// Returns the default in radians, metres, pixels or seconds, for a wing of this length, m. What is a length of the wing
+    /// itself is smaller in proportion on wings that are shorter than an airliner's.
+    pub fn default_for(&self, reach_m: f64) -> f64 {
+        let follows = self.unit == METRE && self.section != "camera";
+        let share = if follows { (reach_m / AIRLINER_REACH_M).clamp(0.0, 1.0) } else { 1.0 };
+        share * self.unit.factor * self.default
+    }
 }
 
 impl Width {

@@ -126,8 +126,12 @@ fn single_frame_options(
 /// frames, because the test, which also has the places of the markers, takes milliseconds.
 const MAX_SIZE_SIGMAS: f64 = 0.7;
 
-/// Adds the cause to the reason of a doubtful result or of a failed adjustment, and to the remarks of one that its test rejects or whose markers have
-/// another size than their distances predict, if a diagnosis finds it.
+/// Number of removed images from which on a common cause is looked for: one of 300 images is removed without any, two of a frame
+/// in one frame of 500.
+const SUSPECT_REMOVALS: usize = 2;
+
+/// Adds the cause to the reason of a doubtful result or of a failed adjustment, and to the remarks of one that its test rejects,
+/// from which several images were removed or whose markers have another size than their distances predict, if a diagnosis finds it.
 fn add_diagnosis(
     record: &mut ImageRecord,
     processed: &ProcessedFrame,
@@ -146,7 +150,9 @@ fn add_diagnosis(
             let is_scale_off = |(observations, outlines): (&[Observation], Vec<_>)| {
                 identify::is_scale_off(setup, orientation, observations, &outlines)
             };
-            size().is_some_and(is_off) && is_scale_off(outlined_observations(processed))
+            let used = record.markers.iter().filter(|marker| marker.used).count();
+            let removes_several = used + SUSPECT_REMOVALS <= processed.observations.len();
+            removes_several || size().is_some_and(is_off) && is_scale_off(outlined_observations(processed))
         }
         // A frame that could be identified, but not adjusted.
         RecordStatus::Failed => processed.identities.is_some(),

@@ -10,7 +10,8 @@ use wingd::measure::setup::{Setup, SetupUncertainty, StiffnessSection, Width};
 use wingd::measure::stress::{BendingCurvature, DEFAULT_STEPS};
 
 use crate::common::beam_truth::{
-    Aircraft, Effects, Truth, WingState, median, normal, normal3, random_wing, remounted, rms, rng,
+    Aircraft, CameraMotion, Effects, Structure, Truth, WingState, median, normal, normal3, random_wing, remounted, rms,
+    rng,
 };
 
 pub const NOISE_PX: f64 = 0.05;
@@ -32,8 +33,8 @@ pub enum SetUp {
 pub const SET_UPS: [SetUp; 4] = [SetUp::Default, SetUp::Careful, SetUp::Stayed, SetUp::Fixed];
 
 impl SetUp {
-    pub fn priors(self) -> SetupUncertainty {
-        let usual = SetupUncertainty::DEFAULT;
+    pub fn priors(self, reach_m: f64) -> SetupUncertainty {
+        let usual = SetupUncertainty::default_for(reach_m);
         match self {
             SetUp::Careful => usual
                 .with_width(Width::MountShift, 0.0005)
@@ -45,8 +46,8 @@ impl SetUp {
         }
     }
 
-    pub fn truth(self, rng: &mut StdRng) -> Truth {
-        let truth = Truth::new(random_wing(rng), 21);
+    pub fn truth(self, rng: &mut StdRng, structure: Structure) -> Truth {
+        let truth = Truth::new(random_wing(rng).built(structure), 21);
         if self == SetUp::Fixed { truth.with_fixed_targets(4) } else { truth }
     }
 
@@ -64,6 +65,8 @@ pub struct EffectErrors {
     /// Normalised errors of the deflections relative to survey, ground frame and root.
     pub deflections: [Vec<f64>; 3],
     pub twist: Vec<f64>,
+    /// Standard deviations of the pair's twist, rad.
+    pub twist_sigmas_rad: Vec<f64>,
     /// Bending moments along the span, with a known stiffness.
     pub moments: Vec<f64>,
     /// Normalised errors of the same three deflections.
@@ -88,6 +91,7 @@ impl EffectErrors {
             }
         }
         let twist = solution.torsion[0].twist_rad;
+        self.twist_sigmas_rad.extend(twist.and_then(|t| t.sigma));
         self.twist.extend(twist.map(|t| (t.value - aircraft.pair_twist_rad(when)) / t.sigma.unwrap()));
         self.add_tip(solution, &deflections);
         for (k, sigmas) in self.tip_sigmas_m.iter_mut().enumerate() {
@@ -107,6 +111,7 @@ impl EffectErrors {
             self.tip_errors_m[k].extend(&other.tip_errors_m[k]);
         }
         self.twist.extend(&other.twist);
+        self.twist_sigmas_rad.extend(&other.twist_sigmas_rad);
         self.moments.extend(&other.moments);
         self.passed.extend(&other.passed);
         for (source, parts) in &other.budget {
@@ -161,7 +166,9 @@ fn moments(aircraft: &Aircraft, when: WingState, solution: &Solution, setup: &Se
         let moment = curvature.bending_moment(&section);
         (moment.value - bent) / moment.sigma
     };
-    SHARES.iter().zip(aircraft.curvature_per_m(when, &SHARES)).map(one).collect()
+    let inboard = aircraft.effects.root_error_m / aircraft.truth.length_m();
+    let true_shares = SHARES.map(|share| share + inboard);
+    SHARES.iter().zip(aircraft.curvature_per_m(when, &true_shares)).map(one).collect()
 }
 
 /// Tip deflection at a flight's start and end, m (fuel burn), or as `DEFLECTIONS=4.0,-0.4` sets it.
@@ -170,6 +177,14 @@ fn deflections_m() -> (f64, f64) {
     words.split_once(',').map_or((3.2, 2.0), |(high, low)| {
         (high.parse().expect("a deflection, m"), low.parse().expect("a deflection, m"))
     })
+}
+
+/// Sets the widths that `WIDTHS=torque_sigma_deg=2,bend_sigma_m=0` names, in the units of their keys.
+pub fn set_widths(setup: &mut Setup) {
+    for (key, value) in std::env::var("WIDTHS").unwrap_or_default().split(',').filter_map(|word| word.split_once('=')) {
+        let row = Width::ROWS.iter().find(|row| row.key == key).expect("a width");
+        setup.uncertainty[row.width] = row.unit.factor * value.parse::<f64>().expect("a number");
+    }
 }
 
 /// Removes the priors that `KNOWN=skin,readout` names; `flight` removes all of them.
@@ -214,8 +229,8 @@ pub struct SampledErrors {
 
 /// Whether the program reports an error: a rejecting test, or a remark on a displacement, on fixed targets or on motion.
 fn is_reported(solution: &Solution) -> bool {
-    const WORDS: [&str; 6] =
-        ["are jointly", "contradict", "inconsistent", "(default", "the larger drift", "one common cause"];
+    const WORDS: [&str; 7] =
+        ["are jointly", "contradict", "inconsistent", "(default", "the larger drift", "one common cause", "stabilis"];
     let remarked = solution.remarks.iter().any(|remark| WORDS.iter().any(|words| remark.contains(words)));
     remarked || solution.global_test == Some(GlobalTest::Rejected)
 }
@@ -233,26 +248,31 @@ pub fn sample_errors(
     let mut drawn = SampledErrors::default();
     for _ in 0..wings {
         let effects = effects(&mut rng);
-        let truth = set_up.truth(&mut rng);
+        let truth = set_up.truth(&mut rng, effects.structure);
         let aircraft = Aircraft::new(&mut rng, truth, effects);
         let mut setup = aircraft.surveyed(&mut rng, SURVEY_M);
-        setup.uncertainty = set_up.priors();
+        setup.uncertainty = set_up.priors(setup.reach_m());
         remove_known_priors(&mut setup);
+        set_widths(&mut setup);
         let orientation = aircraft.orientation(&mut rng, NOISE_PX);
-        let (mount, shift) = set_up.mounting(&mut rng, &setup);
+        let (mount, shift) = moved_camera(&mut rng, &effects.camera, &setup, set_up);
+        effects.claims.state_in(&mut setup);
         let fuel = aircraft.truth.fuel();
         let whens: Vec<WingState> = (0..frames)
             .map(|k| {
                 let share = k as f64 / (frames.max(2) - 1) as f64;
-                let deflection_m = if frames == 1 { 2.9 } else { high_m + (low_m - high_m) * share };
+                let usual_m = if frames == 1 { 2.9 } else { high_m + (low_m - high_m) * share };
+                let deflection_m = usual_m * effects.structure.size;
                 WingState::Flight { deflection_m, fuel: fuel * (1.0 - 0.24 * share) }
             })
             .collect();
         let seen: Vec<_> = whens
             .iter()
-            .map(|when| {
+            .enumerate()
+            .map(|(k, when)| {
                 let drift = normal3(&mut rng) * setup.uncertainty[Width::MountDrift];
-                aircraft.frame(&mut rng, *when, (mount + drift, shift), NOISE_PX)
+                let sag = Vector3::x() * (effects.camera.sag_rad * k as f64 / (frames.max(2) - 1) as f64);
+                aircraft.frame(&mut rng, *when, (mount + drift + sag, shift), NOISE_PX)
             })
             .collect();
         let mounting = if set_up == SetUp::Stayed { Mounting::Ground } else { Mounting::Numbered(0) };
@@ -274,8 +294,23 @@ pub fn sample_errors(
     drawn
 }
 
+/// Rotation and shift of the camera: as the set-up has them, or as the motion says.
+fn moved_camera(rng: &mut StdRng, motion: &CameraMotion, setup: &Setup, set_up: SetUp) -> (Vector3<f64>, Vector3<f64>) {
+    let (mut mount, mut shift) = set_up.mounting(rng, setup);
+    if motion.remount_px > 0.0 {
+        mount = normal3(rng) * (motion.remount_px / setup.lens.focal_px());
+    }
+    if motion.remount_m > 0.0 {
+        shift = normal3(rng).normalize() * motion.remount_m;
+    }
+    if motion.turn_rad > 0.0 {
+        mount += normal3(rng).normalize() * motion.turn_rad;
+    }
+    (mount, shift)
+}
+
 /// Skin bulge shared by many panels, relative to the displacement of each marker.
-const BULGE: f64 = 2.5;
+pub const BULGE: f64 = 2.5;
 /// Distance from the kink (33 % of the length) to the tip, m.
 const KINK_ARM_M: f64 = 20.0;
 

@@ -9,6 +9,7 @@ use wingd::measure::geometry::BROWN;
 use wingd::measure::plan::{self, PlanOptions};
 use wingd::measure::setup::{Orientation, Setup, SetupUncertainty, SkinHeight, Width};
 
+use crate::aircraft::BULGE;
 use crate::common::beam_truth::{Aircraft, Effects, Truth, Wing, WingState, normal, normal2, normal3, rms, rng};
 
 const NOISE_PX: f64 = 0.05;
@@ -149,7 +150,9 @@ const SOURCES: [(&str, SourceError); 17] = [
     }),
     ("skin", |given, rng| {
         let skin_m = given.setup.uncertainty[Width::SkinMotion];
-        let aircraft = Aircraft::new(rng, truth(), Effects { skin_m, ..Effects::default() });
+        // Bulges near the root are the part of the source that most affects the tip.
+        let bulge_m = BULGE * skin_m * normal(rng);
+        let aircraft = Aircraft::new(rng, truth(), Effects { skin_m, bulge_m, ..Effects::default() });
         given.observe(&aircraft, Default::default());
         Some(aircraft)
     }),

@@ -5,7 +5,7 @@ use rand::Rng;
 use rand::rngs::StdRng;
 
 use crate::aircraft::{EffectErrors, combined_effects};
-use crate::common::beam_truth::{Effects, rms};
+use crate::common::beam_truth::{CameraMotion, Claims, Effects, rms};
 
 /// A kind of effect.
 pub struct Kind {
@@ -18,11 +18,11 @@ pub struct Kind {
     pub draw: fn(&mut StdRng, f64) -> Effects,
 }
 
-const fn kind(name: &'static str, named: f64, draw: fn(&mut StdRng, f64) -> Effects) -> Kind {
+pub const fn kind(name: &'static str, named: f64, draw: fn(&mut StdRng, f64) -> Effects) -> Kind {
     Kind { name, holds: 1.0, named, draw }
 }
 
-fn sign(rng: &mut StdRng) -> f64 {
+pub fn sign(rng: &mut StdRng) -> f64 {
     if rng.random::<bool>() { 1.0 } else { -1.0 }
 }
 
@@ -83,6 +83,36 @@ pub const KINDS: [Kind; 24] = [
     kind("step of stiffness, 20 %", 0.0, |r, by| Effects { step: 0.2 * by * sign(r), ..Effects::default() }),
     kind("kink, 1 mrad", 0.0, |r, by| Effects { kink_rad: 1e-3 * by * sign(r), ..Effects::default() }),
     kind("engine, 10 %", 0.0, |_, by| Effects { engine: 0.1 * by, ..Effects::default() }),
+];
+
+fn moved(camera: CameraMotion) -> Effects {
+    Effects { camera, ..Effects::default() }
+}
+
+fn remounted_px(remount_px: f64) -> Effects {
+    let claims = Claims { repeatability_px: Some(1.0), ..Claims::default() };
+    Effects { claims, ..moved(CameraMotion { remount_px, ..CameraMotion::default() }) }
+}
+
+/// Cameras that move more than stated, and installations that state too much precision. `stayed`: of a camera that is said to
+/// have stayed.
+pub const CLAIMS: [Kind; 8] = [
+    kind("1 px stated, 1 px", 0.0, |_, by| remounted_px(by)),
+    Kind { holds: 0.0, ..kind("1 px stated, 10 px", 1.0, |_, by| remounted_px(10.0 * by)) },
+    kind("axis stated as exact, 0.1 m off", 2.0, |r, by| {
+        let claims = Claims { axis_off_m: Some(0.1 * by * sign(r)), ..Claims::default() };
+        Effects { claims, ..Effects::default() }
+    }),
+    kind("stayed, turned by 0.1 mrad", 2.0, |_, by| moved(CameraMotion { turn_rad: 1e-4 * by, ..Default::default() })),
+    Kind {
+        holds: 0.0,
+        ..kind("stayed, taken down", 1.0, |_, by| {
+            moved(CameraMotion { remount_px: 10.0 * by, remount_m: 0.002 * by, ..Default::default() })
+        })
+    },
+    kind("remounted 5 mm off", 2.0, |_, by| moved(CameraMotion { remount_m: 5e-3 * by, ..Default::default() })),
+    kind("stabilised, 20 px", 2.5, |_, by| moved(CameraMotion { stabilised_px: 20.0 * by, ..Default::default() })),
+    kind("mount sags by 0.5 mrad", 2.0, |_, by| moved(CameraMotion { sag_rad: 5e-4 * by, ..Default::default() })),
 ];
 
 /// Normalised errors of the largest of the three deflections, of twist and of moment.

@@ -3,15 +3,15 @@
 
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Vector3};
 use rand::Rng;
 use rand::rngs::StdRng;
 use wingd::measure::adjust::flight_prior::{FlightPrior, ReducedNormals};
 use wingd::measure::adjust::{self, GlobalTest, LiveAdjustment, Mounting, Observation, Options, Solution};
 use wingd::measure::setup::{Orientation, Setup, Width};
 
-use crate::aircraft::{EffectErrors, NOISE_PX, SURVEY_M, SetUp, combined_effects};
-use crate::common::beam_truth::{Aircraft, WingState, median, normal3, rms, rng};
+use crate::aircraft::{EffectErrors, NOISE_PX, SURVEY_M, SetUp, combined_effects, set_widths};
+use crate::common::beam_truth::{Aircraft, Structure, WingState, median, normal3, rms, rng};
 
 pub const FRAMES: usize = 5;
 
@@ -25,6 +25,17 @@ pub struct SampledAircraft {
     pub now: WingState,
 }
 
+/// Difference of a flight from the others of an installation.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Difference {
+    /// Relative increase of the load.
+    pub load: f64,
+    /// Torque of the ailerons in addition, as the twist at their place, rad.
+    pub torque_rad: f64,
+    /// Shift of the camera to another seat, m.
+    pub seat_m: f64,
+}
+
 /// Observations of one flight.
 pub struct SampledFlight {
     pub seen: Vec<Vec<Observation>>,
@@ -33,21 +44,29 @@ pub struct SampledFlight {
 impl SampledAircraft {
     pub fn new(rng: &mut StdRng, set_up: SetUp) -> Self {
         let effects = combined_effects(rng);
-        let truth = set_up.truth(rng);
+        let truth = set_up.truth(rng, Structure::default());
         let aircraft = Aircraft::new(rng, truth, effects);
         let mut setup = aircraft.surveyed(rng, SURVEY_M);
-        setup.uncertainty = set_up.priors();
+        setup.uncertainty = set_up.priors(setup.reach_m());
+        set_widths(&mut setup);
         let orientation = aircraft.orientation(rng, NOISE_PX);
         Self { aircraft, setup, orientation, set_up, now: WingState::Survey }
     }
 
     /// Samples a flight with new fuel, deflection, mounting and other flight-specific effects.
     pub fn sample_flight(&mut self, rng: &mut StdRng, frames: usize) -> SampledFlight {
+        self.sample_other_flight(rng, frames, &Difference::default())
+    }
+
+    /// Samples a flight that differs from the others.
+    pub fn sample_other_flight(&mut self, rng: &mut StdRng, frames: usize, other: &Difference) -> SampledFlight {
         let effects = combined_effects(rng);
         self.aircraft.start_next_flight(rng, effects);
+        self.aircraft.effects.torque_rad += other.torque_rad;
         let (mount, shift) = self.set_up.mounting(rng, &self.setup);
+        let shift = shift + if other.seat_m > 0.0 { normal3(rng).normalize() * other.seat_m } else { Vector3::zeros() };
         let fuel = self.aircraft.truth.fuel() * rng.random_range(0.7..1.0);
-        let heavy = rng.random_range(0.9..1.1);
+        let heavy = rng.random_range(0.9..1.1) * (1.0 + other.load);
         let when = |k: usize| {
             let share = k as f64 / (FRAMES - 1) as f64;
             WingState::Flight { deflection_m: heavy * (3.2 - 1.2 * share), fuel: fuel * (1.0 - 0.24 * share) }
@@ -90,6 +109,11 @@ impl SampledAircraft {
             }
         }
         all
+    }
+
+    pub fn solve_flight(&self, seen: &[Vec<Observation>], prior: Option<FlightPrior>) -> Vec<Solution> {
+        let options = self.options(seen.len(), prior);
+        adjust::solve_flight(&self.setup, &self.orientation, seen, &options).unwrap()
     }
 
     pub fn solve_single_frame(&self, seen: &[Observation], prior: Option<FlightPrior>) -> Solution {
@@ -136,11 +160,12 @@ fn five_flights_reduce_a_single_frames_sigma_to_that_of_its_mounting() {
     let mut rng = rng(8200);
     let (mut alone, mut prior, mut bounds_m) =
         (EffectErrors::default(), EffectErrors::default(), <[Vec<f64>; 3]>::default());
+    let mut refused = 0;
     for _ in 0..24 {
         let mut drawn = SampledAircraft::new(&mut rng, SetUp::Default);
         let flights: Vec<SampledFlight> = (0..5).map(|_| drawn.sample_flight(&mut rng, FRAMES)).collect();
         let normals_of_flights = drawn.flight_normals(&flights);
-        assert_eq!(normals_of_flights.len(), 5);
+        refused += 5 - normals_of_flights.len();
         let last = &drawn.sample_flight(&mut rng, 1).seen[0];
         let bound = bound_m(&drawn, &normals_of_flights[0], last);
         bounds_m.iter_mut().zip(bound).for_each(|(all, one)| all.push(one));
@@ -150,6 +175,9 @@ fn five_flights_reduce_a_single_frames_sigma_to_that_of_its_mounting() {
     }
     print_errors("alone", &alone);
     print_errors("with the prior", &prior);
+    // A dozen widths are tested at 1e-3 in each flight: more than four of 120 in one run of 40.
+    println!("flights refused: {refused} of 120");
+    assert!(refused <= 4, "{refused}");
     let bounds_mm = median_mm(&bounds_m);
     println!("bound: {bounds_mm:.1?} mm");
     let (alone_mm, prior_mm) = (median_mm(&alone.tip_sigmas_m), median_mm(&prior.tip_sigmas_m));
@@ -183,9 +211,10 @@ fn have_remark(solutions: &[Solution], words: &str) -> bool {
     solutions.iter().all(|s| s.remarks.iter().any(|remark| remark.contains(words)))
 }
 
-/// Whether the flight prior is contradicted or the global test rejects.
+/// Whether the flight prior or a stated width is contradicted or the global test rejects.
 fn is_noticed(solutions: &[Solution]) -> bool {
-    have_remark(solutions, "is inconsistent") || solutions.iter().all(|s| s.global_test == Some(GlobalTest::Rejected))
+    let is_contradicted = ["is inconsistent", "is contradicted"].iter().any(|words| have_remark(solutions, words));
+    is_contradicted || solutions.iter().all(|s| s.global_test == Some(GlobalTest::Rejected))
 }
 
 /// Counts single frames and flights of eight aircraft whose installation changed after three flights.
@@ -198,10 +227,7 @@ fn changes_since_the_flights_of_the_prior_are_noticed() {
         let flights: Vec<SampledFlight> = (0..3).map(|_| drawn.sample_flight(&mut rng, FRAMES)).collect();
         let prior = combine_flights(&drawn.flight_normals(&flights), &drawn.setup).unwrap();
         let last = drawn.sample_flight(&mut rng, FRAMES);
-        let flight = |seen: &[Vec<Observation>]| {
-            let options = drawn.options(FRAMES, Some(prior.clone()));
-            adjust::solve_flight(&drawn.setup, &drawn.orientation, seen, &options).unwrap()
-        };
+        let flight = |seen: &[Vec<Observation>]| drawn.solve_flight(seen, Some(prior.clone()));
         let single = |seen: &[Observation]| [drawn.solve_single_frame(seen, Some(prior.clone()))];
         falsely += usize::from(is_noticed(&single(&last.seen[0])) || is_noticed(&flight(&last.seen)));
         let panes = SampledFlight { seen: last.seen.iter().map(|seen| through_other_panes(seen)).collect() };

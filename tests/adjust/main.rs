@@ -6,6 +6,7 @@
 mod aircraft;
 mod aircraft_join;
 mod budget;
+mod builds;
 #[path = "../common/mod.rs"]
 mod common;
 mod common_displacement;
@@ -33,3 +34,4 @@ mod stress;
 mod systematic;
 mod variance_components;
 mod window;
+mod wings_as_built;

@@ -288,7 +288,8 @@ fn a_bow_under_cabin_pressure_is_in_sigma() {
         let known = fleet("as it is, without error", Some(radius), 0.0);
         let loose = fleet("as it is, to a quarter", Some(radius), 0.25);
         let wrong = fleet("with a radius 1.25 times too large", Some(1.25 * radius), 0.25);
-        assert!(rms(&flat.deflection) > 3.0 * rms(&known.deflection));
+        // A bow matters, also if the widths that it contradicts are widened.
+        assert!(rms(&flat.deflection) > 1.5 * rms(&known.deflection));
         // A known bow causes no error; one known to 25 % is covered by its sigma.
         assert!(rms(&known.deflection) < 0.004, "{}", rms(&known.deflection));
         // 30 m is the default bow radius of panes; 10 m is three times that bow.

@@ -11,8 +11,10 @@ use wingd::measure::setup::{
 };
 
 mod aircraft;
+mod camera_motion;
 mod fleet;
 mod sections;
+mod structure;
 mod swing;
 
 pub use super::statistics::{median, rms};
@@ -20,6 +22,9 @@ pub use fleet::{random_wing, remounted};
 
 pub use super::random::{normal, normal2, normal3, rng};
 pub use aircraft::{Aircraft, Effects, WingState};
+pub use camera_motion::{CameraMotion, Claims};
+use structure::SpaceAxis;
+pub use structure::Structure;
 pub use swing::{ModeShape, SecondMode};
 
 const STEPS: usize = 2000;
@@ -44,6 +49,8 @@ pub struct Wing {
     pub skin_tip_m: f64,
     /// +1 right wing, -1 left wing.
     pub side: f64,
+    /// Deviations from a straight, tapered wing.
+    pub structure: Structure,
 }
 
 impl Default for Wing {
@@ -62,6 +69,7 @@ impl Default for Wing {
             skin_root_m: 0.48,
             skin_tip_m: 0.14,
             side: 1.0,
+            structure: Structure::default(),
         }
     }
 }
@@ -103,7 +111,7 @@ impl Wing {
     /// Bending moment over stiffness for unit load, at STEPS + 1 stations, with the current fuel.
     fn curvature(&self, fuel: f64) -> Vec<f64> {
         let h = 1.0 / STEPS as f64;
-        let chord = |e: f64| 1.0 - (1.0 - self.taper) * e;
+        let chord = |e: f64| self.chord(e);
         let load = |e: f64| {
             let lift = (1.0 - e * e).max(0.0).sqrt() * (1.0 - self.skew * e);
             lift - if e < self.fuel_reach { fuel * 1.4 * chord(e) } else { 0.0 }
@@ -121,7 +129,10 @@ impl Wing {
 
     fn ground_slope(&self, e: f64) -> f64 {
         // Skin rises with the dihedral; the axis lies below it by the skin height.
-        (self.dihedral_rad.tan() - (self.skin_tip_m - self.skin_root_m) / self.length_m * 1.0 + 0.01 * e).atan()
+        let (at, turn) = self.structure.dihedral_break;
+        let broken = if e > at { turn } else { 0.0 };
+        broken
+            + (self.dihedral_rad.tan() - (self.skin_tip_m - self.skin_root_m) / self.length_m * 1.0 + 0.01 * e).atan()
     }
 
     fn bend(&self, curvature: &[f64], factor: f64, scale: f64) -> BentAxis {
@@ -170,8 +181,9 @@ impl Truth {
             span_direction: span,
             flow_direction: None,
             configured_side: None,
-            root_offset_m: 0.55,
+            root_offset_m: 0.55 * wing.structure.size,
             axis_chord_offset_m: Some(0.1),
+            breaks_m: vec![],
             skin_height: Some(SkinHeight {
                 root_m: wing.skin_root_m,
                 tip_m: wing.skin_tip_m,
@@ -204,16 +216,17 @@ impl Truth {
 
     fn place_markers(&mut self, count: usize) {
         let w = self.wing;
+        let size = w.structure.size;
         for (e, z) in layout(count) {
-            let z = z * w.side;
+            let z = z * w.side * size;
             // The skin at a section: above the axis, lower towards the edges.
             let n = w.skin_root_m + (w.skin_tip_m - w.skin_root_m) * e
-                - w.crown_per_m * (z - 0.1 * w.side).powi(2) / (1.0 - (1.0 - w.taper) * e);
+                - w.crown_per_m * (z - 0.1 * w.side * size).powi(2) / (1.0 - (1.0 - w.taper) * e);
             self.stations.push((e, n, z));
         }
-        self.setup.axis_chord_offset_m = Some(0.1 * w.side);
-        let straight = w.bend(&vec![0.0; STEPS + 1], 0.0, 1.0);
-        let points = self.marker_positions(&straight, 0.0, 1.0);
+        self.stations.extend(w.winglet_stations());
+        self.setup.axis_chord_offset_m = Some(self.axis_z_m());
+        let points = self.points_on(&w.bend_in_space(&[0.0; STEPS + 1], 1.0, |_| 0.0), 1.0);
         let frame = self.setup.wing_frame();
         self.ground_m = points.iter().map(|p| frame.survey_point(p)).collect();
         let marker = |(i, p): (usize, &Vector3<f64>)| SurveyMarker {
@@ -251,32 +264,22 @@ impl Truth {
         self
     }
 
-    /// Camera frame: x along Z of a right wing (aft), y down, z outboard, pitched a little.
+    /// Camera frame: x along Z of a right wing (aft), y down, z outboard, pitched a little; ahead of the wing, z towards its middle
+    /// and a wider lens.
     fn point_camera(&mut self) {
         let frame = self.setup.wing_frame();
+        let ahead_m = self.wing.structure.ahead_m;
         let pitch = -0.02f64;
         let (s, c) = pitch.sin_cos();
-        let camera_from_wing = Matrix3::new(0.0, 0.0, 1.0, s, -c, 0.0, c, s, 0.0);
+        let mut camera_from_wing = Matrix3::new(0.0, 0.0, 1.0, s, -c, 0.0, c, s, 0.0);
+        if ahead_m > 0.0 {
+            let forward = Vector3::new(0.6 * self.wing.length_m, 0.0, ahead_m * self.wing.side).normalize();
+            let right = (-Vector3::y()).cross(&forward);
+            camera_from_wing = Matrix3::from_rows(&[right.transpose(), -Vector3::y().transpose(), forward.transpose()]);
+            (self.setup.lens.fx, self.setup.lens.fy) = (4200.0, 4198.0);
+        }
         let m = camera_from_wing * frame.wing_from_survey.matrix();
         self.camera_from_survey = Rotation3::from_matrix_unchecked(m);
-    }
-
-    fn marker_positions(&self, bent: &BentAxis, twist_factor: f64, scale: f64) -> Vec<Vector3<f64>> {
-        let w = self.wing;
-        let root = Vector3::new(self.setup.root_offset_m, -1.85, 0.0);
-        let one = |&(e, n, z): &(f64, f64, f64)| {
-            let axis_z = 0.1 * w.side;
-            let theta = value_at(&bent.theta, e);
-            // Nose up: the leading edge is at -Z on a right wing, at +Z on a left one.
-            let phi = w.side * twist_factor * w.twist_tip_rad * e.powf(w.twist_power);
-            let (arm_n, arm_z) = (n * phi.cos() - (z - axis_z) * phi.sin(), (z - axis_z) * phi.cos() + n * phi.sin());
-            root + Vector3::new(
-                value_at(&bent.x, e) - scale * arm_n * theta.sin(),
-                value_at(&bent.y, e) + scale * arm_n * theta.cos(),
-                axis_z + scale * arm_z,
-            )
-        };
-        self.stations.iter().map(one).collect()
     }
 
     /// Curvature of the unit load, and its factor.
@@ -305,7 +308,7 @@ impl Truth {
 
     /// Bending stiffness at a fraction of the length, relative to the root.
     pub fn stiffness_share(&self, share: f64) -> f64 {
-        (1.0 - (1.0 - self.wing.taper) * share).powf(self.wing.power)
+        self.wing.chord(share).powf(self.wing.power)
     }
 
     /// Distance from the bending root to the tip, m.
@@ -323,9 +326,9 @@ impl Truth {
         let w = self.wing;
         let scale = self.setup.thermal.map_or(1.0, |t| t.scale());
         let (curvature, f1) = self.load_curvature(tip_deflection_m, fuel);
-        let bent = w.bend(&curvature, f1, scale);
+        let curvature: Vec<f64> = curvature.iter().map(|k| f1 * k).collect();
         let frame = self.setup.wing_frame();
-        let mut carried = self.marker_positions(&bent, tip_deflection_m / 2.5, scale);
+        let mut carried = self.points_on(&w.bend_in_space(&curvature, scale, w.twist_at(tip_deflection_m)), scale);
         carried.extend(&self.fixed_m);
         carried.iter().map(|p| frame.survey_point(p)).collect()
     }

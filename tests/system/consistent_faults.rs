@@ -25,7 +25,7 @@ const SPAN: &str = "[0.39073113, 0.92050485]";
 /// A file, its change, and the expected message.
 type Fault = (&'static str, fn(&str) -> String, &'static [&'static str]);
 
-const FAULTS: [Fault; 24] = [
+const FAULTS: [Fault; 25] = [
     (
         INSTALLATION,
         |t| t.replace(SPAN, "[-0.39073113, -0.92050485]"),
@@ -39,6 +39,11 @@ const FAULTS: [Fault; 24] = [
         &["camera.projection_centre_m", "40035 m", "metres"],
     ),
     (INSTALLATION, |t| t.replace("root_offset_m = 0.55", "root_offset_m = 49"), &["wing.root_offset_m", "inboard"]),
+    (
+        INSTALLATION,
+        |t| t.replace("root_offset_m = 0.55", "root_offset_m = 0.55\nbreaks = [{ span_m = 99.0 }]"),
+        &["wing.breaks.span_m", "99", "markers"],
+    ),
     (INSTALLATION, |t| t.replace("root_offset_m = 0.55", "root_offset_m = 550"), &["wing.root_offset_m", "550"]),
     (
         INSTALLATION,

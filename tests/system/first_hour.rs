@@ -246,7 +246,16 @@ fn everything_missing_from_a_new_installation_is_reported_at_once() {
     }
     // Known values are filled in.
     let known = ["--name", "D-ABCD", "--side", "left", "--projection-centre", "1,-2,3", "--span-direction", "0,1"];
-    done(here, &[&["init", "known", "--root-offset", "0.7", "--torsion", "M18,M19"], &known[..]].concat());
+    done(
+        here,
+        &[&["init", "known", "--root-offset", "0.7", "--torsion", "M18,M19", "--stabilised", "30"], &known[..]]
+            .concat(),
+    );
     let text = std::fs::read_to_string(here.join("known/installation/installation.toml")).unwrap();
-    assert!(text.contains("side = \"left\"") && text.contains("leading = \"M18\"") && !text.contains("XXXX"));
+    assert!(
+        text.contains("side = \"left\"")
+            && text.contains("leading = \"M18\"")
+            && text.contains("\nstabilised_px = 30")
+            && !text.contains("XXXX")
+    );
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Rotation3, Vector2, Vector3};
 use serde_json::Value;
 use wingd::installation;
 use wingd::measure::raster::Raster;
@@ -90,6 +90,7 @@ fn known_movements_are_recovered_in_px_mrad_and_mm_within_their_standard_deviati
         assert_eq!(code, Some(0), "{printed}");
         let found: Value = serde_json::from_str(&printed).unwrap();
         assert_eq!(found["verdict"], movement.verdict, "{found}");
+        assert_eq!(found["stabilised"], false, "{found}");
         for (value, sigma, truth) in [
             ("rotation_mrad", "sigma_rotation_mrad", movement.rotation_mrad),
             ("shift_mm", "sigma_shift_mm", movement.shift_mm),
@@ -106,6 +107,14 @@ fn known_movements_are_recovered_in_px_mrad_and_mm_within_their_standard_deviati
         let (printed, left) = (found["moved_px"].as_f64().unwrap(), found["left_px"].as_f64().unwrap());
         assert!((printed - moved_px).abs() < 0.1 + 0.02 * moved_px, "{printed} px, in truth {moved_px} px");
         assert!(left < 0.25, "{left} px left over");
+    }
+    // Stabilisation moves the image, not the camera.
+    let shot = SceneShot { lens_change: (1.0, Vector2::new(30.0, -20.0)), ..scene.ground_shot(109) };
+    let second = picture(&scene, &shot, "stabilised.png");
+    for (at, stabilised) in [(second, true), (first.clone(), false)] {
+        let (_, printed) = outcome(&["mount-check", "--json", "--installation", &folder, &first, &at]);
+        let found: Value = serde_json::from_str(&printed).unwrap();
+        assert_eq!(found["stabilised"], stabilised, "{found}");
     }
     // 24 values determine a mean square to 0.29.
     let mean = squares.iter().sum::<f64>() / squares.len() as f64;

@@ -24,7 +24,7 @@ WINGS = [
 # What no scene shows (src/measure/render/drawn.rs): known, so that plan, drawing and solution are of one world.
 UNDRAWN = {
     "camera": "readout_s = 0\n",
-    "wing": "skin_motion_m = 0\nconstant_bend_sigma_m = 0\nin_plane_sigma_m = 0\ntorque_sigma_deg = 0\n",
+    "wing": "skin_motion_m = 0\nconstant_bend_sigma_m = 0\nin_plane_sigma_m = 0\ntorque_sigma_deg = 0\nroot_flexibility_sigma_m = 0\n",
 }
 
 

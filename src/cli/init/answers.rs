@@ -27,6 +27,9 @@ pub struct InitAnswers {
     /// Pair of markers for the torsion
     #[arg(long, value_name = "LEADING,TRAILING", value_parser = parse_pair)]
     torsion: Option<[String; 2]>,
+    /// Shift of the image by stabilisation of lens or sensor, standard deviation, px; 0: none, or switched off
+    #[arg(long, value_name = "PX")]
+    stabilised: Option<f64>,
     /// Do not ask for values, even on a terminal
     #[arg(long)]
     no_questions: bool,
@@ -69,7 +72,9 @@ impl InitAnswers {
             return self;
         }
         eprintln!("Press Enter to leave a value blank. installation.svg shows the quantities.");
-        let Self { name, side, projection_centre, span_direction, root_offset, temperatures, torsion, .. } = &mut self;
+        let Self {
+            name, side, projection_centre, span_direction, root_offset, temperatures, torsion, stabilised, ..
+        } = &mut self;
         ask_value(name, "name of aircraft and wing", |text| Ok(text.to_owned()));
         ask_value(side, "which wing (left or right)", parse_side);
         ask_value(projection_centre, "position of the lens in the survey frame, m (x,y,z)", parse_numbers);
@@ -77,6 +82,8 @@ impl InitAnswers {
         ask_value(root_offset, "distance along the span from the lens to the bending root, m", parse_number);
         let what = "temperature of the wing at the survey and in flight, C (ground,flight)";
         ask_value(temperatures, what, parse_numbers);
+        let what = "shift of the image by stabilisation of lens or sensor, px (0: none, or switched off)";
+        ask_value(stabilised, what, parse_number);
         ask_value(torsion, "pair of markers for the torsion (leading,trailing)", parse_pair);
         self
     }
@@ -90,6 +97,7 @@ impl InitAnswers {
         filled.extend(centre.map(|p| ("projection_centre_m = []", format!("projection_centre_m = {p:?}"))));
         filled.extend(self.span_direction.map(|d| ("span_direction = []", format!("span_direction = {d:?}"))));
         filled.extend(self.root_offset.map(|m| ("root_offset_m = nan", format!("root_offset_m = {m:?}"))));
+        filled.extend(self.stabilised.map(|px| ("# stabilised_px = 0.0  ", format!("stabilised_px = {px:?}    "))));
         if let Some([ground, flight]) = self.temperatures {
             filled.extend([
                 ("#[thermal]", "[thermal]".to_owned()),
@@ -144,6 +152,7 @@ mod tests {
             root_offset: Some(0.7),
             temperatures: Some([12.0, -50.0]),
             torsion: Some(["M18".into(), "M19".into()]),
+            stabilised: Some(20.0),
             no_questions: true,
         };
         let table: toml::Table = all.fill_template(TEMPLATE).parse().unwrap();
@@ -151,6 +160,7 @@ mod tests {
         assert_eq!(table["wing"]["side"].as_str(), Some("left"));
         assert_eq!(table["wing"]["root_offset_m"].as_float(), Some(0.7));
         assert_eq!(table["camera"]["projection_centre_m"].as_array().unwrap().len(), 3);
+        assert_eq!(table["camera"]["stabilised_px"].as_float(), Some(20.0));
         assert_eq!(table["wing"]["span_direction"].as_array().unwrap().len(), 2);
         assert_eq!(table["thermal"]["flight_temperature_c"].as_float(), Some(-50.0));
         assert_eq!(table["torsion"][0]["leading"].as_str(), Some("M18"));

@@ -33,7 +33,7 @@ pub struct FlightMoment {
 /// of the drawings.
 pub fn with_default_priors(setup: &Setup) -> Setup {
     let skin_height_m = setup.uncertainty[Width::SkinHeight];
-    let uncertainty = SetupUncertainty::DEFAULT.with_width(Width::SkinHeight, skin_height_m);
+    let uncertainty = SetupUncertainty::default_for(setup.reach_m()).with_width(Width::SkinHeight, skin_height_m);
     let default_thermal = |thermal: Thermal| Thermal { flight_temperature_sigma_k: None, ..thermal };
     let mut specified = Setup { uncertainty, thermal: setup.thermal.map(default_thermal), ..setup.clone() };
     specified.markers.iter_mut().filter(|m| m.fixed).for_each(|m| m.flight_motion_m = fixed_target::FLIGHT_MOTION_M);

@@ -10,7 +10,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::ground::{BendingAxis, GroundShape, Station, wing_from_section};
-use super::shapes::{CurvatureTermValues, curvature_integrals, legendre_polynomials};
+use super::shapes::{curvature_integrals, legendre_polynomials};
 use crate::ordering::sort_by_value;
 
 pub use super::shapes::{MAX_CURVATURE_TERMS, curvature_basis};
@@ -32,7 +32,26 @@ const PANEL_M: f64 = 2.5;
 const GAUSS_POINTS: [(f64, f64); 3] =
     [(0.112_701_665_379_258_3, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
 
+/// Places of joints that give with the load, as fractions of the length: outer wings that fold or are bolted on.
+pub const JOINTS: [f64; 3] = [0.7, 0.8, 0.9];
+/// Number of rotations and shifts that go with the curvature of the root: rotation of the root, its rise, rotations of joints.
+pub const COMPLIANCES: usize = 2 + JOINTS.len();
+/// Number of functions of bending: the curvature terms, then the compliances.
+pub const BENDING_FUNCTIONS: usize = MAX_CURVATURE_TERMS + COMPLIANCES;
+
 type RaiseCoefficients = [f64; RAISE_TERMS];
+type BendingValues = [f64; BENDING_FUNCTIONS];
+
+/// Slopes at a fraction of the length per unit of each function of bending, times the length for the curvature terms.
+fn bending_slopes(eta: f64, length_m: f64) -> BendingValues {
+    let mut slopes = [0.0; BENDING_FUNCTIONS];
+    let (terms, compliances) = slopes.split_at_mut(MAX_CURVATURE_TERMS);
+    terms.copy_from_slice(&curvature_integrals(eta).map(|v| v * length_m));
+    compliances[0] = 1.0;
+    let given = JOINTS.map(|joint| if eta > joint { 1.0 } else { 0.0 });
+    compliances[2..].copy_from_slice(&given);
+    slopes
+}
 
 /// Basis of the twist at an arc length: s/L P_j(2 s/L - 1), then one function per torque: the twist it causes there over
 /// the twist at its own position (constant outboard of it).
@@ -58,7 +77,7 @@ struct QuadratureNode {
     /// Quadrature weight, m.
     weight_m: f64,
     slope_rad: f64,
-    integrals: CurvatureTermValues,
+    bending_slopes: BendingValues,
     /// Slopes of the axis height corrections, 1/m.
     raise_slopes: RaiseCoefficients,
 }
@@ -68,7 +87,7 @@ struct GridPoint {
     /// Number of quadrature nodes inboard of the point.
     nodes: usize,
     slope_rad: f64,
-    integrals: CurvatureTermValues,
+    bending_slopes: BendingValues,
     twist: [f64; TWIST_FUNCTIONS],
     raises: RaiseCoefficients,
 }
@@ -89,11 +108,11 @@ pub struct BeamGrid {
 pub struct BeamSection {
     /// Point on the axis, wing frame, m.
     pub axis_m: Vector3<f64>,
-    /// d axis / d curvature coefficients, m^2.
-    pub axis_by_curvature: [Vector3<f64>; MAX_CURVATURE_TERMS],
+    /// d axis / d functions of bending: curvature coefficients, m^2, then compliances.
+    pub axis_by_bending: [Vector3<f64>; BENDING_FUNCTIONS],
     pub slope_rad: f64,
-    /// d slope / d curvature coefficients, m.
-    pub slope_by_curvature: CurvatureTermValues,
+    /// d slope / d functions of bending.
+    pub slope_by_bending: BendingValues,
     /// Twist, nose up positive, rad.
     pub twist_rad: f64,
     /// d twist / d twist coefficients.
@@ -134,6 +153,8 @@ impl SectionMotion {
 pub struct Bending<'a> {
     /// Coefficients of the curvature, 1/m.
     pub curvature_per_m: &'a [f64],
+    /// Rotations (m) and rise (m^2) over the curvature of the root.
+    pub compliances: [f64; COMPLIANCES],
     /// Coefficients of the twist, rad.
     pub twist_rad: &'a [f64],
     /// Length in flight over length on the ground.
@@ -144,7 +165,23 @@ pub struct Bending<'a> {
 
 impl Bending<'_> {
     /// The shape on the ground.
-    pub const UNBENT: Self = Self { curvature_per_m: &[], twist_rad: &[], scale: 1.0, raise_m: [0.0; RAISE_TERMS] };
+    pub const UNBENT: Self = Self {
+        curvature_per_m: &[],
+        compliances: [0.0; COMPLIANCES],
+        twist_rad: &[],
+        scale: 1.0,
+        raise_m: [0.0; RAISE_TERMS],
+    };
+
+    /// Rise of the root with the load, m.
+    pub fn root_rise_m(&self) -> f64 {
+        self.compliances[1] * self.root_curvature_per_m()
+    }
+
+    /// Curvature of the root by the leading coefficient, 1/m: the load to which compliances refer.
+    fn root_curvature_per_m(&self) -> f64 {
+        self.curvature_per_m.first().map_or(0.0, |leading| leading * curvature_basis(0.0)[0])
+    }
 }
 
 impl BeamGrid {
@@ -160,31 +197,38 @@ impl BeamGrid {
                 _ => j as f64 * (arc / axis.length_m).powi(j as i32 - 1) / axis.length_m,
             })
         };
-        let integrals = |arc: f64| curvature_integrals(arc / axis.length_m).map(|v| v * axis.length_m);
+        let slopes = |arc: f64| bending_slopes(arc / axis.length_m, axis.length_m);
+        let joints = JOINTS.map(|joint| joint * axis.length_m);
         let mut grid = Self { root_m: axis.root_m, nose: ground.nose, nodes: vec![], points: vec![], order: vec![] };
         let mut from = 0.0;
         for &index in &order {
             let to = arcs_m[index];
-            let panels = ((to - from) / PANEL_M).ceil().max(0.0) as usize;
-            let panel_m = (to - from) / panels.max(1) as f64;
-            for (panel, (at, weight)) in (0..panels).flat_map(|p| GAUSS_POINTS.map(|g| (p, g))) {
-                let arc = from + panel_m * (panel as f64 + at);
-                let node = QuadratureNode {
-                    weight_m: weight * panel_m,
-                    slope_rad: axis.slope_rad(arc),
-                    integrals: integrals(arc),
-                    raise_slopes: raise_slopes(arc),
-                };
-                grid.nodes.push(node);
+            // No panel contains a break or a joint.
+            let breaks = axis.breaks_m.iter().copied().chain(joints);
+            let mut ends: Vec<f64> = breaks.filter(|at| (from..to).contains(at)).collect();
+            ends.sort_by(f64::total_cmp);
+            for end in ends.into_iter().chain([to]) {
+                let panels = ((end - from) / PANEL_M).ceil().max(0.0) as usize;
+                let panel_m = (end - from) / panels.max(1) as f64;
+                for (panel, (at, weight)) in (0..panels).flat_map(|p| GAUSS_POINTS.map(|g| (p, g))) {
+                    let arc = from + panel_m * (panel as f64 + at);
+                    let node = QuadratureNode {
+                        weight_m: weight * panel_m,
+                        slope_rad: axis.slope_rad(arc),
+                        bending_slopes: slopes(arc),
+                        raise_slopes: raise_slopes(arc),
+                    };
+                    grid.nodes.push(node);
+                }
+                from = end;
             }
             grid.points.push(GridPoint {
                 nodes: grid.nodes.len(),
                 slope_rad: axis.slope_rad(to),
-                integrals: integrals(to),
+                bending_slopes: slopes(to),
                 twist: twist_basis(axis, to),
                 raises: raises(to),
             });
-            from = to;
         }
         grid.order = order;
         grid
@@ -192,16 +236,13 @@ impl BeamGrid {
 
     /// Computes the bent axis at every grid point, in the order given to [`BeamGrid::new`].
     pub fn bend(&self, bending: &Bending) -> Vec<BeamSection> {
-        let mut at =
-            AxisIntegrator { axis_m: self.root_m, by_curvature: Default::default(), by_raise: Default::default() };
-        at.axis_m.y += bending.raise_m[0];
-        at.by_raise[0].y = 1.0;
+        let mut at = AxisIntegrator::new(self.root_m, bending);
         let mut done = 0;
         let mut sections: Vec<Option<BeamSection>> = vec![None; self.points.len()];
         for (stop, &index) in self.points.iter().zip(&self.order) {
-            self.nodes[done..stop.nodes].iter().for_each(|node| at.step(node, bending));
+            self.nodes[done..stop.nodes].iter().for_each(|node| at.step(node));
             done = stop.nodes;
-            sections[index] = Some(at.section_at(stop, bending));
+            sections[index] = Some(at.section_at(stop));
         }
         sections.into_iter().flatten().collect()
     }
@@ -225,9 +266,12 @@ impl BeamGrid {
 }
 
 /// Running integral of the axis from root to tip.
-struct AxisIntegrator {
+struct AxisIntegrator<'a> {
+    bending: &'a Bending<'a>,
+    /// Values of the functions of bending.
+    values: BendingValues,
     axis_m: Vector3<f64>,
-    by_curvature: [Vector3<f64>; MAX_CURVATURE_TERMS],
+    by_bending: [Vector3<f64>; BENDING_FUNCTIONS],
     by_raise: [Vector3<f64>; RAISE_TERMS],
 }
 
@@ -235,18 +279,43 @@ fn dot_product(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-impl AxisIntegrator {
+/// Adds to the derivative by the leading curvature what the compliances contribute, and scales those by compliances.
+fn fold_compliances<T>(by: &mut [T; BENDING_FUNCTIONS], bending: &Bending)
+where
+    T: Copy + std::ops::Mul<f64, Output = T> + std::ops::AddAssign,
+{
+    let (terms, compliances) = by.split_at_mut(MAX_CURVATURE_TERMS);
+    for (by, value) in compliances.iter_mut().zip(bending.compliances) {
+        terms[0] += *by * (value * curvature_basis(0.0)[0]);
+        *by = *by * bending.root_curvature_per_m();
+    }
+}
+
+impl<'a> AxisIntegrator<'a> {
+    fn new(root_m: Vector3<f64>, bending: &'a Bending) -> Self {
+        const RISE: usize = MAX_CURVATURE_TERMS + 1;
+        let mut values = [0.0; BENDING_FUNCTIONS];
+        values.iter_mut().zip(bending.curvature_per_m).for_each(|(value, c)| *value = *c);
+        let compliances = values.iter_mut().skip(MAX_CURVATURE_TERMS).zip(bending.compliances);
+        compliances.for_each(|(value, compliance)| *value = compliance * bending.root_curvature_per_m());
+        let (mut by_bending, mut by_raise): ([Vector3<f64>; BENDING_FUNCTIONS], [Vector3<f64>; RAISE_TERMS]) =
+            Default::default();
+        (by_bending[RISE].y, by_raise[0].y) = (1.0, 1.0);
+        let axis_m = root_m + Vector3::y() * (bending.raise_m[0] + values[RISE]);
+        Self { bending, values, axis_m, by_bending, by_raise }
+    }
+
     /// Advances the axis by one quadrature node: bending rotates the raised ground tangent.
-    fn step(&mut self, node: &QuadratureNode, bending: &Bending) {
-        let (c, length) = (bending.curvature_per_m, bending.scale * node.weight_m);
-        let bent = dot_product(c, &node.integrals);
+    fn step(&mut self, node: &QuadratureNode) {
+        let (bending, length) = (self.bending, self.bending.scale * node.weight_m);
+        let bent = dot_product(&self.values, &node.bending_slopes);
         let (sin, cos) = (node.slope_rad + bent).sin_cos();
         let (bent_sin, bent_cos) = bent.sin_cos();
         let raised = dot_product(&bending.raise_m, &node.raise_slopes);
         let (dx, dy) = (length * (cos - raised * bent_sin), length * (sin + raised * bent_cos));
         self.axis_m.x += dx;
         self.axis_m.y += dy;
-        for (value, integral) in self.by_curvature.iter_mut().zip(&node.integrals).take(c.len()) {
+        for (value, integral) in self.by_bending.iter_mut().zip(&node.bending_slopes) {
             value.x -= dy * integral;
             value.y += dx * integral;
         }
@@ -256,12 +325,16 @@ impl AxisIntegrator {
         }
     }
 
-    fn section_at(&self, stop: &GridPoint, bending: &Bending) -> BeamSection {
+    fn section_at(&self, stop: &GridPoint) -> BeamSection {
+        let bending = self.bending;
+        let (mut axis_by_bending, mut slope_by_bending) = (self.by_bending, stop.bending_slopes);
+        fold_compliances(&mut axis_by_bending, bending);
+        fold_compliances(&mut slope_by_bending, bending);
         BeamSection {
             axis_m: self.axis_m,
-            axis_by_curvature: self.by_curvature,
-            slope_rad: stop.slope_rad + dot_product(bending.curvature_per_m, &stop.integrals),
-            slope_by_curvature: stop.integrals,
+            axis_by_bending,
+            slope_rad: stop.slope_rad + dot_product(&self.values, &stop.bending_slopes),
+            slope_by_bending,
             twist_rad: dot_product(bending.twist_rad, &stop.twist),
             twist_by_terms: stop.twist,
             raise_m: dot_product(&bending.raise_m, &stop.raises),

@@ -40,12 +40,15 @@ pub struct NeighbourWing {
 impl NeighbourWing {
     /// Creates the neighbours of an installation; `None` for a dimension without uncertainty. `trusted` holds one flag per
     /// marker, as in [`GroundShape::new`].
-    pub fn all_from_setup(setup: &Setup, trusted: &[bool]) -> AdjustResult<[Option<Self>; ESTIMATED_DIMENSIONS]> {
-        let nominal = GroundShape::new(setup, trusted)?;
+    pub fn all_from_setup(
+        setup: &Setup,
+        trusted: &[bool],
+        nominal: &GroundShape,
+    ) -> AdjustResult<[Option<Self>; ESTIMATED_DIMENSIONS]> {
         let sigmas = dimension_sigmas(&setup.uncertainty);
         let mut all = [None, None, None];
         for (k, slot) in all.iter_mut().enumerate().filter(|(k, _)| sigmas[*k] > 0.0) {
-            *slot = Some(Self::new(setup, trusted, &nominal, k)?);
+            *slot = Some(Self::new(setup, trusted, nominal, k)?);
         }
         Ok(all)
     }
@@ -61,7 +64,7 @@ impl NeighbourWing {
                 setup.span_direction = nalgebra::Matrix2::new(cos, -sin, sin, cos) * setup.span_direction;
             }
         }
-        let ground = GroundShape::new(&setup, trusted)?;
+        let ground = GroundShape::with_breaks(&setup, trusted, Some(&nominal.breaks_x_m))?;
         let arcs: Vec<f64> = ground.stations.iter().map(|s| s.arc_m).collect();
         let grid = BeamGrid::new(&ground, &arcs);
         let mounts = grid.marker_arms(&ground.stations);

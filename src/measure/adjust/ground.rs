@@ -1,7 +1,10 @@
 //! The wing on the ground: bending axis, stations and rigid arms (docs/adjustment.md).
 
-use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
+mod surface;
 
+use nalgebra::{Matrix3, Matrix4, Vector3};
+
+use self::surface::{SurfaceFrame, SurveySurface, TYPICAL_SURFACE};
 use super::{AdjustError, AdjustResult};
 use crate::estimation::robust;
 use crate::geometry::WingFrame;
@@ -9,8 +12,8 @@ use crate::setup::{Setup, SkinHeight, SurveyMarker, Width, WingSide};
 
 /// Number of points in the axis table.
 const AXIS_POINTS: usize = 257;
-/// Length of the axis table beyond the outermost marker, m.
-const OVERHANG_M: f64 = 2.0;
+/// Length of the axis table beyond the outermost marker, as a fraction of the length to it.
+const OVERHANG: f64 = 0.065;
 /// Distance of the wing tip over that of the outermost marker, if the installation gives no tip position.
 const TIP_OVER_LAST_MARKER: f64 = 1.03;
 
@@ -21,6 +24,8 @@ pub struct BendingAxis {
     pub root_m: Vector3<f64>,
     /// Arc length from the root to the tip, at which bending moment and curvature end, m.
     pub length_m: f64,
+    /// Arc lengths at which the slope breaks, m.
+    pub breaks_m: Vec<f64>,
     arc_m: Vec<f64>,
     x_m: Vec<f64>,
     y_m: Vec<f64>,
@@ -34,6 +39,8 @@ pub struct Station {
     pub arc_m: f64,
     /// Surveyed position, wing frame, m.
     pub surveyed_m: Vector3<f64>,
+    /// Normal of the skin, wing frame.
+    pub skin_normal: Vector3<f64>,
 }
 
 /// Shape of the wing as surveyed.
@@ -50,6 +57,8 @@ pub struct GroundShape {
     pub skin_height_sigma_m: f64,
     /// Sign of a nose-up twist: +1 if Z points aft (right wing), -1 if it points forward.
     pub nose: f64,
+    /// Breaks of the dihedral, of a tip device too: X, wing frame, m.
+    pub breaks_x_m: Vec<f64>,
 }
 
 impl GroundShape {
@@ -60,6 +69,14 @@ impl GroundShape {
     /// # Errors
     /// Returns an error if there are fewer than 2 markers on the wing or the geometry is not plausible.
     pub fn new(setup: &Setup, trusted: &[bool]) -> AdjustResult<Self> {
+        Self::with_breaks(setup, trusted, None)
+    }
+
+    /// Fits the axis with breaks of the dihedral at these X of the wing frame, m; `None`: those that the points establish.
+    ///
+    /// # Errors
+    /// As [`GroundShape::new`].
+    pub fn with_breaks(setup: &Setup, trusted: &[bool], breaks_x_m: Option<&[f64]>) -> AdjustResult<Self> {
         let frame = setup.wing_frame();
         let surveyed: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
         let (wing, points): (Vec<usize>, Vec<_>) = setup.wing_markers().into_iter().unzip();
@@ -71,15 +88,34 @@ impl GroundShape {
         let (skin, skin_height_sigma_m) = skin_height(setup, &points);
         let all = height_weights(setup, trusted);
         let weights: Vec<f64> = wing.iter().map(|k| all[*k]).collect();
-        let (axis, axis_covariance) = BendingAxis::fit_to_points(&points, &weights, axis_z, setup.root_offset_m, skin)?;
-        let station = |(m, p): (&SurveyMarker, &Vector3<f64>)| Station {
-            arc_m: if m.fixed { 0.0 } else { axis.foot_arc_length(p) },
-            surveyed_m: *p,
+        let smooth = SurfaceFrame::new(&points, axis_z, setup)?;
+        let surface = match breaks_x_m {
+            Some(x_m) => {
+                SurveySurface::fit_robust(&points, &weights, &SurfaceFrame { breaks_x_m: x_m.to_vec(), ..smooth })
+            }
+            None => SurveySurface::fit_broken(&points, &weights, smooth),
+        };
+        let axis = BendingAxis::below_surface(&surface, &points, skin);
+        let tip_m =
+            surface.tip_device_m().map(|(x_m, cant)| (interpolate_table(&axis.x_m, &axis.arc_m, x_m), x_m, cant));
+        let station = |(m, p): (&SurveyMarker, &Vector3<f64>)| {
+            let (arc_m, more_rad) = match tip_m {
+                _ if m.fixed => (0.0, 0.0),
+                Some((arc_m, x_m, cant_rad)) if p.x > x_m => (arc_m, cant_rad),
+                _ => (axis.foot_arc_length(p), 0.0),
+            };
+            let skin_normal = wing_from_section(axis.slope_rad(arc_m) + more_rad).column(1).into_owned();
+            Station { arc_m, surveyed_m: *p, skin_normal }
         };
         let stations = setup.markers.iter().zip(&surveyed).map(station).collect();
-        Ok(Self { frame, axis, stations, axis_covariance, skin_height_sigma_m, nose: nose_sign(setup) })
+        let axis_covariance = surface.height_covariance(axis.length_m);
+        let breaks_x_m = surface.frame.breaks_x_m;
+        Ok(Self { frame, axis, stations, axis_covariance, skin_height_sigma_m, nose: nose_sign(setup), breaks_x_m })
     }
 }
+
+/// Waviness of the skin on top of the survey's noise, m.
+const WAVINESS_M: f64 = 0.001;
 
 /// Weights of the markers' heights for the fit of a smooth skin, 1/m^2; 0 for markers that are not trusted.
 fn height_weights(setup: &Setup, trusted: &[bool]) -> Vec<f64> {
@@ -112,23 +148,11 @@ fn nose_sign(setup: &Setup) -> f64 {
 }
 
 impl BendingAxis {
-    fn fit_to_points(
-        points: &[Vector3<f64>],
-        weights: &[f64],
-        axis_z: f64,
-        root_x: f64,
-        skin: SkinHeight,
-    ) -> AdjustResult<(Self, Matrix4<f64>)> {
-        let last = points.iter().fold(f64::MIN, |a, p| a.max(p.x));
-        let reach = last - root_x;
-        if reach.is_nan() || reach <= 0.5 {
-            return Err(AdjustError::Input(format!(
-                "the outermost marker is {reach:.2} m outboard of the bending root, more than 0.5 m are needed; check span_direction and root_offset_m"
-            )));
-        }
-        let surface = SurveySurface::fit_robust(points, weights, axis_z, root_x);
+    /// Tabulates the axis below the skin's surface through these points.
+    fn below_surface(surface: &SurveySurface, points: &[Vector3<f64>], skin: SkinHeight) -> Self {
+        let SurfaceFrame { axis_z, root_x, reach, .. } = surface.frame;
         let skin_slope = (skin.tip_m - skin.root_m) / skin.tip_span_m;
-        let step = (reach + OVERHANG_M) / (AXIS_POINTS - 1) as f64;
+        let step = reach * (1.0 + OVERHANG) / (AXIS_POINTS - 1) as f64;
         let mut axis =
             Self { root_m: Vector3::new(root_x, surface.height_at(0.0) - skin.root_m, axis_z), ..Self::default() };
         let mut arc = 0.0;
@@ -143,23 +167,19 @@ impl BendingAxis {
             axis.y_m.push(surface.height_at(x) - skin.root_m - skin_slope * x);
             axis.slope_rad.push(slope);
         }
-        let last_arc = interpolate_table(&axis.x_m, &axis.arc_m, last);
-        let tip_span_m = skin.tip_span_m;
+        let tip_x = surface.tip_device_m().map_or(f64::INFINITY, |(x_m, _)| x_m);
+        let last_x = points.iter().fold(f64::MIN, |last, p| last.max(p.x)).min(tip_x);
+        let arc_at = |x_m: f64| interpolate_table(&axis.x_m, &axis.arc_m, x_m);
+        let (last_arc, tip_span_m) = (arc_at(last_x), skin.tip_span_m);
         let is_plausible = (1.0..1.25).contains(&(tip_span_m / last_arc));
-        axis.length_m = if is_plausible { tip_span_m } else { TIP_OVER_LAST_MARKER * last_arc };
-        let powers = SVector::<f64, 4>::from_fn(|j, _| axis.length_m.powi(j as i32));
-        let covariance = surface.covariance.component_mul(&(powers * powers.transpose()));
-        Ok((axis, covariance))
+        let breaks_m = surface.wing_breaks(0.0).map(|(beyond, _)| arc_at(root_x - beyond)).collect();
+        let length_m = if is_plausible { tip_span_m } else { TIP_OVER_LAST_MARKER * last_arc };
+        Self { length_m, breaks_m, ..axis }
     }
 
     /// Slope of the axis at an arc length, rad.
     pub fn slope_rad(&self, arc_m: f64) -> f64 {
         interpolate_table(&self.arc_m, &self.slope_rad, arc_m)
-    }
-
-    /// Normal of the skin at an arc length, wing frame.
-    pub fn skin_normal(&self, arc_m: f64) -> Vector3<f64> {
-        wing_from_section(self.slope_rad(arc_m)).column(1).into_owned()
     }
 
     /// Arc length of a point's section, m; not inboard of the root.
@@ -181,30 +201,6 @@ pub fn wing_from_section(slope_rad: f64) -> Matrix3<f64> {
     Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0)
 }
 
-/// Skin surface through the markers: heights over (x from the root, z from the axis), `a0 + a1 x + a2 x^2 + a3 x^3 + b z +
-/// c z x + d z^2 / (1 - (1 - taper) x / reach)`. The last term is the crown, flatter for longer chords.
-struct SurveySurface {
-    along: [f64; 4],
-    covariance: Matrix4<f64>,
-    all: SVector<f64, 7>,
-    all_covariance: SMatrix<f64, 7, 7>,
-    reach: f64,
-}
-
-/// Row of the surface's design matrix for one point.
-fn surface_row(p: &Vector3<f64>, axis_z: f64, root_x: f64, reach: f64) -> SVector<f64, 7> {
-    let (x, z) = (p.x - root_x, p.z - axis_z);
-    let chord = 1.0 - (1.0 - TYPICAL_TAPER) * (x / reach).clamp(0.0, 1.0);
-    SVector::from([1.0, x, x * x, x * x * x, z, z * x, z * z / chord])
-}
-
-/// Mean and standard deviation of the surface coefficients for typical wings. They decide only what the markers leave
-/// undetermined, such as crown against curvature if the markers are on two lines.
-const TYPICAL_SURFACE: [(f64, f64); 7] =
-    [(0.0, 100.0), (0.0, 1.0), (0.0, 2e-3), (0.0, 3e-5), (0.0, 0.1), (0.0, 5e-3), (-0.03, 0.02)];
-/// Waviness of the skin on top of the survey's noise, m.
-const WAVINESS_M: f64 = 0.001;
-const TYPICAL_TAPER: f64 = 0.3;
 /// A surveyed point that is off the skin surface of the other points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SkinOutlier {
@@ -226,22 +222,21 @@ pub fn find_skin_outliers(setup: &Setup) -> Vec<SkinOutlier> {
     let all = height_weights(setup, &[]);
     let weights: Vec<f64> = wing.iter().map(|k| all[*k]).collect();
     let axis_z = points.iter().map(|p| p.z).sum::<f64>() / points.len().max(1) as f64;
+    let Ok(frame) = SurfaceFrame::new(&points, axis_z, setup) else { return vec![] };
+    let frame = SurveySurface::fit_broken(&points, &weights, frame).frame;
     let mut remaining: Vec<usize> = (0..points.len()).collect();
     let mut off = vec![];
     // A test needs one point per coefficient of the surface, and the same number in addition to identify an outlier.
     while remaining.len() >= 2 * TYPICAL_SURFACE.len() && 3 * off.len() < points.len() {
-        let tests: Vec<(usize, f64, f64)> = remaining
-            .iter()
-            .map(|&k| {
-                let others: Vec<usize> = remaining.iter().copied().filter(|o| *o != k).collect();
-                let pick = |o: &usize| points[*o];
-                let other_points: Vec<_> = others.iter().map(pick).collect();
-                let other_weights: Vec<f64> = others.iter().map(|o| weights[*o]).collect();
-                let surface = SurveySurface::fit(&other_points, &other_weights, axis_z, setup.root_offset_m);
-                let (height, variance) = surface.height_above(&points[k], axis_z, setup.root_offset_m);
-                (k, height, (variance + 1.0 / weights[k]).sqrt())
-            })
-            .collect();
+        let test = |&k: &usize| {
+            let others: Vec<usize> = remaining.iter().copied().filter(|o| *o != k).collect();
+            let other_points: Vec<_> = others.iter().map(|o| points[*o]).collect();
+            let other_weights: Vec<f64> = others.iter().map(|o| weights[*o]).collect();
+            let surface = SurveySurface::fit(&other_points, &other_weights, &frame);
+            let variance = surface.variance_at(&points[k]) + 1.0 / weights[k];
+            (k, surface.height_above(&points[k]), variance.sqrt())
+        };
+        let tests: Vec<(usize, f64, f64)> = remaining.iter().map(test).collect();
         let factor = robust::robust_sigma(tests.iter().map(|(_, height, sigma)| (height / sigma).abs()).collect());
         let worst = tests.iter().max_by(|a, b| (a.1 / a.2).abs().total_cmp(&(b.1 / b.2).abs()));
         let Some(&(marker, height_m, sigma)) = worst else { break };
@@ -253,58 +248,6 @@ pub fn find_skin_outliers(setup: &Setup) -> Vec<SkinOutlier> {
         remaining.retain(|k| *k != marker);
     }
     off
-}
-
-impl SurveySurface {
-    /// Fits the surface to points. Crown and chordwise slope count from `axis_z`, so they do not affect the axis.
-    fn fit(points: &[Vector3<f64>], weights: &[f64], axis_z: f64, root_x: f64) -> Self {
-        let reach = points.iter().fold(0.0, |a: f64, p| a.max(p.x - root_x));
-        let mut normal = SMatrix::<f64, 7, 7>::zeros();
-        let mut right = SVector::<f64, 7>::zeros();
-        for (k, (mean, sigma)) in TYPICAL_SURFACE.into_iter().enumerate() {
-            normal[(k, k)] = (1.0_f64 / sigma).powi(2);
-            right[k] = normal[(k, k)] * mean;
-        }
-        for (p, &weight) in points.iter().zip(weights) {
-            let row = surface_row(p, axis_z, root_x, reach);
-            normal += row * row.transpose() * weight;
-            right += row * (p.y * weight);
-        }
-        let scale = normal.diagonal().map(|d| 1.0 / d.sqrt());
-        let scaled = SMatrix::<f64, 7, 7>::from_fn(|i, j| normal[(i, j)] * scale[i] * scale[j]);
-        let inverse = scaled.cholesky().map_or_else(SMatrix::zeros, |f| f.inverse());
-        let inverse = inverse.component_mul(&(scale * scale.transpose()));
-        let c = inverse * right;
-        let covariance = inverse.fixed_view::<4, 4>(0, 0).into_owned();
-        Self { along: [c[0], c[1], c[2], c[3]], covariance, all: c, all_covariance: inverse, reach }
-    }
-
-    /// Fits the surface robustly: points off the surface of the others lose their weight.
-    fn fit_robust(points: &[Vector3<f64>], weights: &[f64], axis_z: f64, root_x: f64) -> Self {
-        let off = |surface: &Self| {
-            let one = |(p, w): (&Vector3<f64>, &f64)| {
-                (p.y - surface_row(p, axis_z, root_x, surface.reach).dot(&surface.all)).abs() * w.sqrt()
-            };
-            points.iter().zip(weights).map(one).collect()
-        };
-        robust::fit_robustly(weights, |weights| Self::fit(points, weights, axis_z, root_x), off)
-    }
-
-    /// Height of a point above the surface, m, and the variance of the surface there, m^2.
-    fn height_above(&self, p: &Vector3<f64>, axis_z: f64, root_x: f64) -> (f64, f64) {
-        let row = surface_row(p, axis_z, root_x, self.reach);
-        (p.y - row.dot(&self.all), (row.transpose() * self.all_covariance * row)[0])
-    }
-
-    fn height_at(&self, x: f64) -> f64 {
-        let [a, b, c, d] = self.along;
-        a + x * (b + x * (c + x * d))
-    }
-
-    fn slope_at(&self, x: f64) -> f64 {
-        let [_, b, c, d] = self.along;
-        b + x * (2.0 * c + x * 3.0 * d)
-    }
 }
 
 /// Interpolates linearly in a table with increasing abscissae, and extrapolates beyond its ends.

@@ -40,7 +40,6 @@ impl MarkerMotions {
     /// Allocates the columns and their priors.
     pub fn allocate(input: &AdjustmentInput, scales: &PriorScales, columns: &mut ColumnAllocator) -> Self {
         let skin_motion_m = input.setup.uncertainty[Width::SkinMotion];
-        let axis = &input.scene.ground.axis;
         let first = columns.missing.len();
         let mut per_marker = vec![];
         for (marker, station) in input.setup.markers.iter().zip(&input.scene.ground.stations) {
@@ -48,7 +47,7 @@ impl MarkerMotions {
                 let all = vec![Vector3::x(), Vector3::y(), Vector3::z()];
                 (Unknown::FixedTargetMotion, scales.fixed_targets * marker.flight_motion_m, all)
             } else {
-                (Unknown::SkinMotion, scales.skin * skin_motion_m, vec![axis.skin_normal(station.arc_m)])
+                (Unknown::SkinMotion, scales.skin * skin_motion_m, vec![station.skin_normal])
             };
             let directions = if sigma_m > 0.0 { directions } else { vec![] };
             let own = columns.allocate(directions.len(), MISSING_MOTION);

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::beam::{
-    BeamGrid, BeamSection, Bending, CarriedMarker, MAX_CURVATURE_TERMS, MarkerArm, RAISE_TERMS, TWIST_FUNCTIONS,
+    BENDING_FUNCTIONS, BeamGrid, BeamSection, Bending, CarriedMarker, MarkerArm, RAISE_TERMS, TWIST_FUNCTIONS,
 };
 use crate::geometry::cross_matrix;
 
@@ -23,8 +23,8 @@ pub struct MarkerState {
     pub from_root_m: Option<Vector3<f64>>,
     /// Position and its derivatives with respect to slope, twist and ground position.
     pub carried: CarriedMarker,
-    /// d position / d curvature coefficients, m^2.
-    pub by_curvature: [Vector3<f64>; MAX_CURVATURE_TERMS],
+    /// d position / d functions of bending: curvature coefficients, m^2, then compliances.
+    pub by_bending: [Vector3<f64>; BENDING_FUNCTIONS],
     /// d position / d twist coefficients, m.
     pub by_twist: [Vector3<f64>; TWIST_FUNCTIONS],
     /// d position / d scale, m.
@@ -50,7 +50,7 @@ impl MarkerState {
                 by_twist: none,
                 by_ground: Matrix3::identity(),
             },
-            by_curvature: [none; MAX_CURVATURE_TERMS],
+            by_bending: [none; BENDING_FUNCTIONS],
             by_twist: [none; TWIST_FUNCTIONS],
             by_scale: none,
             by_raise: [none; RAISE_TERMS],
@@ -68,32 +68,34 @@ impl MarkerState {
         bending: &Bending,
     ) -> Self {
         let carried = mount.carry(section, ground_m, bending.scale);
-        let by_curvature =
-            std::array::from_fn(|k| section.axis_by_curvature[k] + carried.by_slope * section.slope_by_curvature[k]);
+        let by_bending =
+            std::array::from_fn(|k| section.axis_by_bending[k] + carried.by_slope * section.slope_by_bending[k]);
         let by_twist = section.twist_by_terms.map(|t| carried.by_twist * t);
         let root_m = grid.root_m() + Vector3::y() * bending.raise_m[0];
-        let by_scale = (carried.position_m - root_m) / bending.scale;
+        let by_scale = (carried.position_m - root_m - Vector3::y() * bending.root_rise_m()) / bending.scale;
         let up = carried.by_ground * Vector3::y();
         let by_raise = std::array::from_fn(|j| section.axis_by_raise[j] - up * section.raise_by_terms[j]);
         let (by_estimated, from_root_m) = (Default::default(), Some(carried.position_m - root_m));
         let by_plane = Vector3::zeros();
-        Self { marker: 0, from_root_m, carried, by_curvature, by_twist, by_scale, by_raise, by_estimated, by_plane }
+        Self { marker: 0, from_root_m, carried, by_bending, by_twist, by_scale, by_raise, by_estimated, by_plane }
     }
 
     /// Moves position and derivatives by a fraction of the difference between two wings.
     pub fn interpolate_towards(&mut self, from: &Self, to: &Self, share: f64) {
         self.carried.position_m += (to.carried.position_m - from.carried.position_m) * share;
         self.carried.by_ground += (to.carried.by_ground - from.carried.by_ground) * share;
-        self.by_scale += (to.by_scale - from.by_scale) * share;
-        for k in 0..MAX_CURVATURE_TERMS {
-            self.by_curvature[k] += (to.by_curvature[k] - from.by_curvature[k]) * share;
-        }
-        for k in 0..TWIST_FUNCTIONS {
-            self.by_twist[k] += (to.by_twist[k] - from.by_twist[k]) * share;
-        }
-        for k in 0..RAISE_TERMS {
-            self.by_raise[k] += (to.by_raise[k] - from.by_raise[k]) * share;
-        }
+        let ends = from.derivatives().zip(to.derivatives());
+        self.derivatives_mut().zip(ends).for_each(|(v, (from, to))| *v += (to - from) * share);
+    }
+
+    /// Derivatives with respect to bending, twist, axis height and scale.
+    fn derivatives(&self) -> impl Iterator<Item = &Vector3<f64>> {
+        self.by_bending.iter().chain(&self.by_twist).chain(&self.by_raise).chain([&self.by_scale])
+    }
+
+    fn derivatives_mut(&mut self) -> impl Iterator<Item = &mut Vector3<f64>> {
+        let vectors = self.by_bending.iter_mut().chain(&mut self.by_twist).chain(&mut self.by_raise);
+        vectors.chain([&mut self.by_scale])
     }
 
     /// Moves the marker by corrections of the estimated dimensions.
@@ -122,12 +124,8 @@ impl MarkerState {
         let tilt = |v: &mut Vector3<f64>, n: &Vector3<f64>, t: &Vector3<f64>| *v += by(v, n, t) * turn_rad;
         tilt(&mut self.carried.by_slope, &nominal.carried.by_slope, &turned.carried.by_slope);
         tilt(&mut self.carried.by_twist, &nominal.carried.by_twist, &turned.carried.by_twist);
-        tilt(&mut self.by_scale, &nominal.by_scale, &turned.by_scale);
-        (0..MAX_CURVATURE_TERMS).for_each(|k| {
-            tilt(&mut self.by_curvature[k], &nominal.by_curvature[k], &turned.by_curvature[k]);
-        });
-        (0..TWIST_FUNCTIONS).for_each(|k| tilt(&mut self.by_twist[k], &nominal.by_twist[k], &turned.by_twist[k]));
-        (0..RAISE_TERMS).for_each(|k| tilt(&mut self.by_raise[k], &nominal.by_raise[k], &turned.by_raise[k]));
+        let wings = nominal.derivatives().zip(turned.derivatives());
+        self.derivatives_mut().zip(wings).for_each(|(v, (n, t))| tilt(v, n, t));
         self.by_estimated.iter_mut().for_each(|v| *v += about_span * *v * turn_rad);
         // The root is the centre of rotation and rises with the axis.
         let by_ground = nominal.carried.by_ground;
@@ -144,9 +142,8 @@ impl MarkerState {
         self.carried.by_slope = turn * self.carried.by_slope;
         self.carried.by_twist = turn * self.carried.by_twist;
         self.carried.by_ground = turn * self.carried.by_ground;
-        self.by_scale = turn * self.by_scale;
-        let vectors = self.by_curvature.iter_mut().chain(&mut self.by_twist).chain(&mut self.by_raise);
-        vectors.chain(&mut self.by_estimated).chain([&mut self.by_plane]).for_each(|v| *v = turn * *v);
+        self.derivatives_mut().for_each(|v| *v = turn * *v);
+        self.by_estimated.iter_mut().chain([&mut self.by_plane]).for_each(|v| *v = turn * *v);
         // The root is the centre of rotation and rises with the axis.
         self.by_raise[0] -= small * Vector3::y();
     }
@@ -159,16 +156,9 @@ impl MarkerState {
             by_twist: turn * self.carried.by_twist,
             by_ground: turn * self.carried.by_ground * turn.transpose(),
         };
-        Self {
-            marker: self.marker,
-            from_root_m: self.from_root_m.map(|from| turn * from),
-            carried,
-            by_curvature: self.by_curvature.map(|v| turn * v),
-            by_twist: self.by_twist.map(|v| turn * v),
-            by_scale: turn * self.by_scale,
-            by_raise: self.by_raise.map(|v| turn * v),
-            by_estimated: self.by_estimated,
-            by_plane: turn * self.by_plane,
-        }
+        let from_root_m = self.from_root_m.map(|from| turn * from);
+        let mut state = Self { from_root_m, carried, by_plane: turn * self.by_plane, ..*self };
+        state.derivatives_mut().for_each(|v| *v = turn * *v);
+        state
     }
 }

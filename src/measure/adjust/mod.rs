@@ -25,6 +25,7 @@ mod shape_solving;
 mod shapes;
 mod snooping;
 mod spatial;
+mod stated_widths;
 mod term;
 mod terms;
 mod values;

@@ -11,10 +11,12 @@ pub struct PriorScales {
     pub vibration: f64,
     /// Factor for the shake of the camera during readout.
     pub shake: f64,
+    /// Standard deviation of the image's shift from frame to frame if the frames show one, px.
+    pub stabilised_px: f64,
 }
 
 impl Default for PriorScales {
     fn default() -> Self {
-        Self { fixed_targets: 1.0, skin: 1.0, vibration: 1.0, shake: 1.0 }
+        Self { fixed_targets: 1.0, skin: 1.0, vibration: 1.0, shake: 1.0, stabilised_px: 0.0 }
     }
 }

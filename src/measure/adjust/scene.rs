@@ -102,7 +102,7 @@ impl WingScene {
     pub fn new(setup: &Setup, orientation: &Orientation) -> AdjustResult<Self> {
         let trusted = trusted_markers(setup, orientation);
         let ground = GroundShape::new(setup, &trusted)?;
-        let neighbours = NeighbourWing::all_from_setup(setup, &trusted)?;
+        let neighbours = NeighbourWing::all_from_setup(setup, &trusted, &ground)?;
         let arcs: Vec<f64> = ground.stations.iter().map(|s| s.arc_m).collect();
         let grid = BeamGrid::new(&ground, &arcs);
         let mounts = grid.marker_arms(&ground.stations);
@@ -145,7 +145,7 @@ impl WingScene {
             let station = &self.ground.stations[k];
             let point_m = station.surveyed_m;
             let facing = || -point_m.normalize();
-            let normal = if marker.fixed { facing() } else { self.ground.axis.skin_normal(station.arc_m) };
+            let normal = if marker.fixed { facing() } else { station.skin_normal };
             let seen = self.lens.project_with_jacobian(&(self.camera_from_wing * point_m));
             let (Some((_, by_camera)), Some(observation)) = (seen, &mut self.ground_observations[k]) else { continue };
             let by_point = by_camera * self.camera_from_wing;

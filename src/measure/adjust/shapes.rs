@@ -86,40 +86,30 @@ impl TaperedBeam {
         1.0 - (1.0 - self.taper) * eta
     }
 
-    /// Bending moment over stiffness at `count` points from root to tip for the given load at these points, in arbitrary
-    /// units.
-    fn curvature_under_load(&self, count: usize, load: impl Fn(usize) -> f64) -> Vec<f64> {
+    /// Bending moment over stiffness at `count` points from root to tip, in arbitrary units, for the mean load on each interval,
+    /// with lever arms shortened to the horizontal fraction of each interval.
+    fn curvature_under(
+        &self,
+        count: usize,
+        load: impl Fn(usize) -> f64,
+        horizontal: impl Fn(usize) -> f64,
+    ) -> Vec<f64> {
         let step = 1.0 / (count - 1) as f64;
         let (mut shear, mut moment) = (0.0, 0.0);
         let mut curvature = vec![0.0; count];
         for k in (0..count - 1).rev() {
-            let added = 0.5 * step * (load(k) + load(k + 1));
-            moment += step * (shear + 0.5 * added);
+            let added = step * load(k);
+            moment += step * horizontal(k) * (shear + 0.5 * added);
             shear += added;
             curvature[k] = moment / self.chord_at(k as f64 * step).powf(self.power);
         }
         curvature
     }
 
-    /// Bending moment over stiffness at `count` points from root to tip, in arbitrary units.
-    fn curvature(&self, count: usize) -> Vec<f64> {
-        self.curvature_with_shortening(count, |_| 1.0)
-    }
-
-    /// Bending moment over stiffness at `count` points, with lever arms shortened to the horizontal fraction of each
-    /// interval of the axis.
-    fn curvature_with_shortening(&self, count: usize, horizontal: impl Fn(usize) -> f64) -> Vec<f64> {
+    /// Curvature under the beam's own load, with shortened lever arms.
+    fn curvature(&self, count: usize, horizontal: impl Fn(usize) -> f64) -> Vec<f64> {
         let step = 1.0 / (count - 1) as f64;
-        let (mut shear, mut moment) = (0.0, 0.0);
-        let mut curvature = vec![0.0; count];
-        for k in (0..count - 1).rev() {
-            let eta = k as f64 * step;
-            let added = step * self.load_at(eta + 0.5 * step);
-            moment += step * horizontal(k) * (shear + 0.5 * added);
-            shear += added;
-            curvature[k] = moment / self.chord_at(eta).powf(self.power);
-        }
-        curvature
+        self.curvature_under(count, |k| self.load_at((k as f64 + 0.5) * step), horizontal)
     }
 }
 
@@ -200,8 +190,8 @@ fn compute_first_bending_mode() -> CurvatureTermValues {
     // Stodola's iteration from a parabola: each pass reduces the second mode to 2.5 %, (1.875 / 4.694)^4.
     let mut deflection: Vec<f64> = (0..TABLE).map(|k| at(k).powi(2)).collect();
     for _ in 0..3 {
-        let inertia = |k: usize| mass(k) * deflection[k];
-        let curvature = REFERENCE.curvature_under_load(TABLE, inertia);
+        let inertia = |k: usize| 0.5 * (mass(k) * deflection[k] + mass(k + 1) * deflection[k + 1]);
+        let curvature = REFERENCE.curvature_under(TABLE, inertia, |_| 1.0);
         deflection = integrate_twice(step, &curvature);
     }
     let values = sample_basis(TABLE);
@@ -227,7 +217,7 @@ fn integrate_twice(step: f64, curvature: &[f64]) -> Vec<f64> {
 
 /// Samples m P_k at `count` points; m has mean 1.
 fn sample_basis(count: usize) -> Vec<CurvatureTermValues> {
-    let curvature = REFERENCE.curvature(count);
+    let curvature = REFERENCE.curvature(count, |_| 1.0);
     let mean = curvature.iter().sum::<f64>() / (count - 1) as f64;
     let at =
         |k: usize| legendre_polynomials(2.0 * k as f64 / (count - 1) as f64 - 1.0).map(|p| p * curvature[k] / mean);
@@ -282,7 +272,7 @@ impl RatioFit {
     }
 
     fn beam_ratios(&self, beam: &TaperedBeam) -> SVector<f64, CURVATURE_RATIOS> {
-        let c = self.fit_basis_coefficients(&beam.curvature(self.basis.len()));
+        let c = self.fit_basis_coefficients(&beam.curvature(self.basis.len(), |_| 1.0));
         c.fixed_rows::<CURVATURE_RATIOS>(1) / c[0]
     }
 
@@ -314,7 +304,7 @@ fn shortened_ratios(
     let mut bent = vec![0.0; count];
     let mut ratios = SVector::zeros();
     for _ in 0..SHORTENING_PASSES {
-        let curvature = REFERENCE.curvature_with_shortening(count, |k| (slope_rad(k as f64 * step) + bent[k]).cos());
+        let curvature = REFERENCE.curvature(count, |k| (slope_rad(k as f64 * step) + bent[k]).cos());
         let c = fit.fit_basis_coefficients(&curvature);
         ratios = c.fixed_rows::<CURVATURE_RATIOS>(1) / c[0];
         let scale = amplitude * length_m * step / c[0];

@@ -15,6 +15,7 @@ use super::prior_scales::PriorScales;
 use super::scene::WingScene;
 use super::shapes::{TYPICAL_CURVATURE_PER_M, bounded_amplitude, shape_covariance};
 use super::snooping::{self, SnoopingModel, SnoopingResult, SolvedGroup, Suspect, SuspectTarget};
+use super::stated_widths::{WIDENING_PASSES, WidenedPriors, contradiction_remark, widen_refuted_priors};
 use super::{AdjustError, AdjustResult, Observation, Options, Solution, VarianceComponent};
 use crate::estimation::{EstimationError, Fit, SolveOptions, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};
@@ -146,6 +147,27 @@ fn remove_outliers(mut single: SingleFrame) -> AdjustResult<SnoopingResult<Singl
     snooping::snoop_one_by_one(single, all, observations)
 }
 
+/// Removes outliers, and widens the priors whose stated widths the remaining observations refute, as long as there is a solution.
+fn remove_outliers_and_widen(single: SingleFrame) -> AdjustResult<SnoopingResult<SingleFrame>> {
+    let mut clean = remove_outliers(single)?;
+    for _ in 0..WIDENING_PASSES {
+        let SolvedFrame { frame, fit, .. } = &clean.solved;
+        let (tested, options) = ((fit, clean.tested_sum), clean.model.input.options);
+        let widened = widen_refuted_priors(&frame.problem, tested, &clean.model.widened, options);
+        if !widened.differs_from(&clean.model.widened) {
+            break;
+        }
+        let usage = flight::FlightUsage::all_used(1, clean.model.input.setup.markers.len());
+        let wider = remove_outliers(SingleFrame { widened, usage, ..clean.model.clone() });
+        let Ok(mut wider) = wider else { break };
+        if wider.solved.converge().is_err() {
+            break;
+        }
+        clean = wider;
+    }
+    Ok(clean)
+}
+
 /// Tries all common displacements and returns the result that fits best, if it removes only few markers.
 fn explain_by_displacement<'a>(single: &SingleFrame<'a>) -> Option<SnoopingResult<SingleFrame<'a>>> {
     let with =
@@ -211,9 +233,10 @@ pub fn solve_spatial_with<T>(
         usage,
         terms,
         prior_scales: PriorScales::default(),
+        widened: WidenedPriors::default(),
         common_displacement: None,
     };
-    let mut clean = remove_outliers(single.clone())?;
+    let mut clean = remove_outliers_and_widen(single.clone())?;
     if clean.tested_sum.is_some() {
         clean = explain_by_displacement(&single).unwrap_or(clean);
     }
@@ -231,6 +254,12 @@ pub fn solve_spatial_with<T>(
         with_variance_sources(blocks, &frame.problem, fit, None, |sources| outcome.solution(removed.iter(), sources));
     let derived = derive(&outcome);
     remarks.extend(solution.remarks);
+    remarks.extend(contradiction_remark(
+        setup,
+        options.keeps_ground_mounting(),
+        (&frame.problem, fit),
+        &single.widened,
+    ));
     remarks.extend(snooping::fixed_target_remark(single.prior_scales.fixed_targets));
     remarks.extend(
         single

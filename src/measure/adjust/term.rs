@@ -8,6 +8,7 @@ use super::beam::SectionMotion;
 use super::curve::AxisCurve;
 use super::marker_state::MarkerState;
 use super::scene::PredictedPixel;
+use super::stated_widths::WidenedPriors;
 use super::values::UnknownValues;
 use crate::estimation::{Prior, PriorName};
 use crate::widths::Unknown;
@@ -227,10 +228,17 @@ pub struct ColumnAllocator {
     pub missing: Vec<&'static str>,
     /// Priors on the columns allocated so far.
     pub priors: Vec<Prior>,
+    /// Stated widths that are increased.
+    widened: WidenedPriors,
     is_local: bool,
 }
 
 impl ColumnAllocator {
+    /// Creates an allocator of global parameters.
+    pub fn global(widened: &WidenedPriors) -> Self {
+        Self { widened: widened.clone(), ..Self::default() }
+    }
+
     /// Creates an allocator for a group's local parameters.
     pub fn local() -> Self {
         Self { is_local: true, ..Self::default() }
@@ -246,7 +254,8 @@ impl ColumnAllocator {
     /// Allocates the columns of a term.
     pub fn allocate_term(&mut self, term: ParameterTerm) -> PlacedTerm {
         let first = self.allocate(term.size, term.missing);
-        self.priors.extend(term.priors.iter().map(|prior| prior.clone().shift_columns(first)));
+        let prior = |prior: &Prior| self.widened.apply_to(term.unknown, prior.clone()).shift_columns(first);
+        self.priors.extend(term.priors.iter().map(prior));
         let scope = if self.is_local { ParameterScope::Local(first) } else { ParameterScope::Global(first) };
         PlacedTerm { term: Arc::new(term), scope }
     }

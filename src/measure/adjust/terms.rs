@@ -50,7 +50,9 @@ pub fn allocate_shared_terms(input: &AdjustmentInput, columns: &mut ColumnAlloca
     placed.extend(lens.chain(wing::dimension_terms(&setup.uncertainty)).map(|term| columns.allocate_term(term)));
     let root: Vec<_> = motion::root_motion(&setup.uncertainty).map(|term| columns.allocate_term(term)).collect();
     placed.extend(root.iter().cloned());
-    let others = motion::ground_state(input).chain(camera::flight_changes(&setup.uncertainty));
+    let others = motion::ground_state(input)
+        .chain(wing::compliance_terms(&setup.uncertainty, scene.ground.axis.length_m))
+        .chain(camera::flight_changes(&setup.uncertainty));
     placed.extend(others.map(|term| columns.allocate_term(term)));
     SharedTerms { placed, axis_height, root }
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::{SVector, Vector2, Vector3};
 
-use super::beam::{Bending, RAISE_TERMS};
+use super::beam::{Bending, COMPLIANCES, RAISE_TERMS};
 use super::marker_state::{DimensionDerivatives, ESTIMATED_DIMENSIONS};
 use crate::geometry::BROWN;
 
@@ -12,6 +12,8 @@ use crate::geometry::BROWN;
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct UnknownValues {
     pub curvature_per_m: Vec<f64>,
+    /// Rotations (m) and rise (m^2) of root and joints over the curvature of the root.
+    pub compliances: [f64; COMPLIANCES],
     /// Coefficients of the twist basis, rad: the polynomial terms and, if there are torques, those of all torques.
     pub twist_rad: Vec<f64>,
     pub pose: CameraPose,
@@ -52,6 +54,7 @@ impl UnknownValues {
     pub fn bending(&self) -> Bending<'_> {
         Bending {
             curvature_per_m: &self.curvature_per_m,
+            compliances: self.compliances,
             twist_rad: &self.twist_rad,
             scale: self.scale,
             raise_m: self.raise_m,

@@ -8,16 +8,16 @@ use wingd::measure::adjust::Observation;
 use wingd::measure::geometry::Lens;
 use wingd::measure::setup::{Orientation, Setup, fixed_target};
 
-use super::{BentAxis, STEPS, Truth, Wing, normal, normal3, value_at};
+use super::{CameraMotion, Claims, STEPS, SpaceAxis, Structure, Truth, Wing, normal, normal3, value_at};
 
-/// Position of the axis along the chord, wing frame, m.
-const AXIS_Z_M: f64 = 0.1;
 /// Precision of the projection centre from a tape measure at the lens, m.
 const TAPE_M: f64 = 0.010;
 /// Position of an engine, as a fraction of the length.
 const ENGINE: f64 = 0.33;
 /// Position of the aileron's torque.
 const AILERON: f64 = 0.75;
+/// Position of the joint that gives, beside the places at which moments are compared.
+const JOINT: f64 = 0.79;
 /// Distance from a marker on an aileron to its hinge, m.
 const HINGE_M: f64 = 0.3;
 /// Window normal relative to the span, rad: some 15 degrees forward and 8 degrees down.
@@ -72,6 +72,22 @@ pub struct Effects {
     pub kink_rad: f64,
     /// Fraction of the root moment relieved by an engine.
     pub engine: f64,
+    /// How the wing is built.
+    pub structure: Structure,
+    /// Twist of the tip at the ground frame against the survey, nose up positive, rad.
+    pub ground_twist_rad: f64,
+    /// Length of the wing inboard of the root that bends with the moment of the root, m.
+    pub inboard_m: f64,
+    /// Rotation of the root that goes with the load, rad, and place of its pivot outboard of the root, m.
+    pub root_gives: (f64, f64),
+    /// Outboard error of the stated root, m.
+    pub root_error_m: f64,
+    /// Rotation of a joint at 80 % of the length that goes with the load, rad.
+    pub joint_rad: f64,
+    /// What happens to the camera since the ground frame.
+    pub camera: CameraMotion,
+    /// What the installation states too surely.
+    pub claims: Claims,
 }
 
 /// One wing with its sampled effects.
@@ -139,30 +155,40 @@ impl Aircraft {
         let root = curvature[0];
         for (i, k) in curvature.iter_mut().enumerate() {
             let e = i as f64 / STEPS as f64;
-            let stiffness = (1.0 - (1.0 - wing.taper) * e).powf(wing.power);
+            let stiffness = wing.chord(e).powf(wing.power);
             *k -= self.effects.engine * root * (1.0 - e / ENGINE).max(0.0) / stiffness;
             *k *= if e > 0.4 { 1.0 + self.effects.step } else { 1.0 };
         }
         curvature
     }
 
-    /// Bent axis in a state, with its curvature, 1/m.
-    fn bent_axis(&self, when: WingState) -> (BentAxis, Vec<f64>) {
+    /// Curvature in a state, 1/m.
+    pub(super) fn bent_curvature(&self, when: WingState) -> Vec<f64> {
         let wing = self.truth.wing;
         match when {
-            WingState::Survey => (wing.bend(&[0.0; STEPS + 1], 0.0, 1.0), vec![0.0; STEPS + 1]),
-            WingState::Ground => self.bend_to_rise(wing.weight(), self.effects.ground_bend_m, 1.0),
+            WingState::Survey => vec![0.0; STEPS + 1],
+            WingState::Ground => self.bend_to_rise(wing.weight(), self.effects.ground_bend_m),
             WingState::Flight { deflection_m, fuel } => {
-                let scale = self.truth.setup.thermal.map_or(1.0, |t| t.scale());
-                let (_, mut curvature) = self.bend_to_rise(self.curvature(fuel), deflection_m, 1.0);
-                curvature[STEPS / 3] += self.effects.kink_rad * STEPS as f64 / wing.length_m;
-                (wing.bend(&curvature, 1.0, scale), curvature)
+                let mut curvature = self.bend_to_rise(self.curvature(fuel), deflection_m);
+                let per_rad = STEPS as f64 / wing.length_m;
+                curvature[STEPS / 3] += self.effects.kink_rad * per_rad;
+                curvature[(JOINT * STEPS as f64) as usize] += self.effects.joint_rad * self.load(when) * per_rad;
+                curvature
             }
         }
     }
 
+    /// Axis in space in a state.
+    pub(super) fn axis(&self, when: WingState) -> SpaceAxis {
+        self.truth.wing.bend_in_space(&self.bent_curvature(when), self.scale(when), |e| self.twist_rad(e, when))
+    }
+
+    fn scale(&self, when: WingState) -> f64 {
+        if let WingState::Flight { .. } = when { self.truth.setup.thermal.map_or(1.0, |t| t.scale()) } else { 1.0 }
+    }
+
     /// Scales a curvature to the given rise of the tip.
-    fn bend_to_rise(&self, curvature: Vec<f64>, rise_m: f64, scale: f64) -> (BentAxis, Vec<f64>) {
+    fn bend_to_rise(&self, curvature: Vec<f64>, rise_m: f64) -> Vec<f64> {
         let wing = self.truth.wing;
         let level = wing.bend(&curvature, 0.0, 1.0).y[STEPS];
         let rise = |factor: f64| wing.bend(&curvature, factor, 1.0).y[STEPS] - level;
@@ -171,32 +197,28 @@ impl Aircraft {
             let slope = (rise(factor + 1e-7) - rise(factor - 1e-7)) / 2e-7;
             factor -= (rise(factor) - rise_m) / slope;
         }
-        let scaled: Vec<f64> = curvature.iter().map(|k| factor * k).collect();
-        (wing.bend(&scaled, 1.0, scale), scaled)
+        curvature.iter().map(|k| factor * k).collect()
     }
 
     /// Twist of a section, nose up positive, rad.
-    pub fn twist_rad(&self, e: f64, when: WingState) -> f64 {
-        let WingState::Flight { deflection_m, .. } = when else { return 0.0 };
+    fn twist_rad(&self, e: f64, when: WingState) -> f64 {
         let wing = self.truth.wing;
+        let deflection_m = match when {
+            WingState::Flight { deflection_m, .. } => deflection_m,
+            WingState::Ground => return self.effects.ground_twist_rad * e,
+            WingState::Survey => return 0.0,
+        };
         let compliance = |e: f64| {
-            let part = |k: usize| (1.0 - (1.0 - wing.taper) * e * (k as f64 + 0.5) / 50.0).powf(-wing.power);
+            let part = |k: usize| wing.chord(e * (k as f64 + 0.5) / 50.0).powf(-wing.power);
             e * (0..50).map(part).sum::<f64>()
         };
         let torque = self.effects.torque_rad * compliance(e.min(AILERON)) / compliance(AILERON);
-        deflection_m / 2.5 * wing.twist_tip_rad * e.powf(wing.twist_power) + torque
-    }
-
-    /// Twist of the section midway between the torsion pair, rad.
-    pub fn pair_twist_rad(&self, when: WingState) -> f64 {
-        let pair = &self.truth.setup.torsion[0];
-        let stations = &self.truth.stations;
-        self.twist_rad(0.5 * (stations[pair.leading].0 + stations[pair.trailing].0), when)
+        wing.twist_at(deflection_m)(e) + torque
     }
 
     /// Change of the curvature since the ground frame at fractions of the length, 1/m.
     pub fn curvature_per_m(&self, when: WingState, shares: &[f64]) -> Vec<f64> {
-        let (flight, ground) = (self.bent_axis(when).1, self.bent_axis(WingState::Ground).1);
+        let (flight, ground) = (self.bent_curvature(when), self.bent_curvature(WingState::Ground));
         shares.iter().map(|&share| value_at(&flight, share) - value_at(&ground, share)).collect()
     }
 
@@ -208,11 +230,11 @@ impl Aircraft {
 
     fn points_in_wing_frame(&self, when: WingState) -> Vec<Vector3<f64>> {
         let flight = matches!(when, WingState::Flight { .. });
-        let (bent, _) = self.bent_axis(when);
+        let axis = self.axis(when);
         let mut points: Vec<_> = (0..self.truth.stations.len())
             .map(|k| {
-                let still = self.point_on_section(k, &bent, when);
-                if flight { self.move_root(&still) } else { still }
+                let still = self.point_on_section(k, &axis, when);
+                if flight { self.move_root(&self.give_at_root(&still, when)) } else { still }
             })
             .collect();
         let moved = |(p, by): (&Vector3<f64>, &Vector3<f64>)| p + if flight { *by } else { Vector3::zeros() };
@@ -220,18 +242,13 @@ impl Aircraft {
         points
     }
 
-    fn root_m(&self) -> Vector3<f64> {
-        Vector3::new(self.truth.setup.root_offset_m, -1.85, 0.0)
-    }
-
     /// Position of a marker on its section, with the root at rest.
-    fn point_on_section(&self, marker: usize, bent: &BentAxis, when: WingState) -> Vector3<f64> {
+    fn point_on_section(&self, marker: usize, axis: &SpaceAxis, when: WingState) -> Vector3<f64> {
         let flight = matches!(when, WingState::Flight { .. });
-        let (e, n, z) = self.truth.stations[marker];
+        let (e, mut n, z) = self.truth.stations[marker];
         let Wing { side, length_m, .. } = self.truth.wing;
-        let axis_z = AXIS_Z_M * side;
-        let scale = if flight { self.truth.setup.thermal.map_or(1.0, |t| t.scale()) } else { 1.0 };
-        let (mut n, z) = (n, z - axis_z);
+        let chord_m = self.truth.axis_z_m() - self.truth.root_m().z;
+        let scale = self.scale(when);
         let mut in_plane = 0.0;
         if flight {
             n += self.skin_m[marker] + self.effects.bulge_m * (-((e - 0.2) / 0.1).powi(2)).exp();
@@ -240,18 +257,18 @@ impl Aircraft {
             }
             in_plane = self.effects.in_plane_m * side;
         }
-        let (theta, phi) = (value_at(&bent.theta, e), side * self.twist_rad(e, when));
-        let (arm_n, arm_z) = (n * phi.cos() - z * phi.sin(), z * phi.cos() + n * phi.sin());
+        let (point, section) = axis.at(self.truth.wing.split_at_winglet(e).0);
+        let arm = section * self.truth.wing.arm_m(e, n, z - chord_m) * scale;
         // Sections rotate with the axis in the wing's plane.
         let slope = in_plane * 1.5 * e * (2.0 - e) / length_m;
-        let along = value_at(&bent.x, e) - scale * (arm_n * theta.sin() + arm_z * slope);
-        let up = value_at(&bent.y, e) + scale * arm_n * theta.cos();
-        self.root_m() + Vector3::new(along, up, axis_z + scale * arm_z + in_plane * mode(e))
+        let moved = Vector3::new(-arm.z * slope, 0.0, chord_m + in_plane * mode(e));
+        self.truth.root_m() + point + arm + moved
     }
 
     fn move_root(&self, point: &Vector3<f64>) -> Vector3<f64> {
-        let turned = Rotation3::new(self.effects.root_rotation_rad) * (point - self.root_m());
-        self.root_m() + turned + self.effects.root_translation_m
+        let root_m = self.truth.root_m();
+        let turned = Rotation3::new(self.effects.root_rotation_rad) * (point - root_m);
+        root_m + turned + self.effects.root_translation_m
     }
 
     /// True deflections of all markers relative to survey, ground frame and root tangent, m.
@@ -269,6 +286,7 @@ impl Aircraft {
     pub fn surveyed(&self, rng: &mut StdRng, sigma_m: f64) -> Setup {
         let mut setup = self.truth.surveyed(rng, sigma_m, sigma_m);
         setup.projection_centre_sigma_m = TAPE_M;
+        setup.root_offset_m += self.effects.root_error_m;
         for &marker in self.on_aileron.iter().filter(|_| self.effects.aileron_rad != 0.0) {
             setup.markers[marker].part = Some("aileron".into());
         }
@@ -305,7 +323,11 @@ impl Aircraft {
         (mount_rad, shift_m): (Vector3<f64>, Vector3<f64>),
         sigma_px: f64,
     ) -> Vec<Observation> {
-        let lens = self.lens_in_flight();
+        let mut lens = self.lens_in_flight();
+        if self.effects.camera.stabilised_px > 0.0 {
+            let jump = super::normal2(rng) * self.effects.camera.stabilised_px;
+            (lens.cx, lens.cy) = (lens.cx + jump.x, lens.cy + jump.y);
+        }
         let phases = [normal(rng) * 10.0, normal(rng) * 10.0];
         let turn = Rotation3::new(mount_rad) * self.truth.camera_from_survey;
         let centre = self.truth.setup.projection_centre_m + shift_m;
@@ -366,7 +388,7 @@ impl Wing {
         let (h, mut q, mut m) = (1.0 / STEPS as f64, 0.0, 0.0);
         let mut curvature = vec![0.0; STEPS + 1];
         for i in (0..STEPS).rev() {
-            let chord = 1.0 - (1.0 - self.taper) * i as f64 * h;
+            let chord = self.chord(i as f64 * h);
             m += h * (q + 0.5 * h * chord);
             q += h * chord;
             curvature[i] = m / chord.powf(self.power);

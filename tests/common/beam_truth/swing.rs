@@ -88,10 +88,10 @@ impl Truth {
     ) -> Vec<Vector3<f64>> {
         let scale = self.setup.thermal.map_or(1.0, |t| t.scale());
         let (mut curvature, factor) = self.load_curvature(tip_deflection_m, fuel);
-        curvature.iter_mut().zip(&mode.0).for_each(|(c, swing)| *c += second_m * swing / factor);
-        let bent = self.wing.bend(&curvature, factor, scale);
+        curvature.iter_mut().zip(&mode.0).for_each(|(c, swing)| *c = factor * *c + second_m * swing);
         let frame = self.setup.wing_frame();
-        let carried = self.marker_positions(&bent, tip_deflection_m / 2.5, scale);
+        let axis = self.wing.bend_in_space(&curvature, scale, self.wing.twist_at(tip_deflection_m));
+        let carried = self.points_on(&axis, scale);
         carried.iter().map(|p| frame.survey_point(p)).collect()
     }
 }

@@ -1,8 +1,9 @@
 //! In-flight effects: all figures of a kind, and all kinds at the sizes that must be covered or detected.
 
 use crate::aircraft::{SET_UPS, SampledErrors, SetUp, sample_errors};
+use crate::builds::BUILDS;
 use crate::common::beam_truth::{median, rms};
-use crate::effect_kinds::{KINDS, Kind, figures};
+use crate::effect_kinds::{CLAIMS, KINDS, Kind, figures};
 
 /// Table options from the environment: `WINGS=100 FRAMES=1,5,20 SET_UP=Stayed KIND=torque SEED=7000 TIMES=1`.
 struct TableOptions {
@@ -33,15 +34,23 @@ impl TableOptions {
         let (set_ups, kinds) = (word("SET_UP"), word("KIND"));
         let is_selected = move |s: &SetUp| set_ups.is_empty() || set_ups.split(',').any(|w| w == format!("{s:?}"));
         let set_ups: Vec<_> = SET_UPS.into_iter().filter(is_selected).collect();
-        let all = move |set_up| KINDS.iter().enumerate().map(move |(k, kind)| (set_up, k, kind));
+        let all = move |set_up| {
+            KINDS.iter().chain(&BUILDS).chain(&CLAIMS).enumerate().map(move |(k, kind)| (set_up, k, kind))
+        };
         let of = move |frames: usize| {
             let rows = set_ups.clone().into_iter().flat_map(all);
             rows.map(move |(set_up, k, kind)| (frames, set_up, kind, self.seed + k as u64))
         };
-        let moves_marks = |kind: &Kind| kind.name.starts_with("fixed targets");
-        self.frames.iter().flat_map(move |frames| of(*frames)).filter(move |(_, set_up, kind, _)| {
-            kind.name.contains(&kinds) && (*set_up == SetUp::Fixed || !moves_marks(kind))
-        })
+        let applies = |set_up: SetUp, kind: &Kind| match kind.name {
+            name if name.starts_with("fixed targets") => set_up == SetUp::Fixed,
+            name if name.starts_with("stayed") => set_up == SetUp::Stayed,
+            name if name.starts_with("1 px stated") || name.starts_with("remounted") => set_up != SetUp::Stayed,
+            _ => true,
+        };
+        self.frames
+            .iter()
+            .flat_map(move |frames| of(*frames))
+            .filter(move |(_, set_up, kind, _)| kind.name.contains(&kinds) && applies(*set_up, kind))
     }
 }
 

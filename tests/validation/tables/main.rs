@@ -6,6 +6,8 @@
 
 #[path = "../../adjust/aircraft.rs"]
 mod aircraft;
+#[path = "../../adjust/builds.rs"]
+mod builds;
 #[path = "../../common/mod.rs"]
 mod common;
 #[path = "../../adjust/effect_kinds.rs"]

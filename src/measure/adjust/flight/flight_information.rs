@@ -16,8 +16,8 @@ use crate::widths::Unknown;
 /// solution of its frames.
 ///
 /// # Errors
-/// Returns an error if the flight cannot be solved, or if its global test rejects the model: a flight that contradicts the
-/// model must not contribute to the prior.
+/// Returns an error if the flight cannot be solved, or if its global test rejects the model, or stated widths are contradicted
+/// given the prior from other flights: a flight that contradicts the model must not contribute to the prior.
 pub fn learn_from_flight(
     setup: &Setup,
     orientation: &Orientation,
@@ -26,14 +26,16 @@ pub fn learn_from_flight(
 ) -> AdjustResult<FlightContribution> {
     let scene = crate::adjust::scene::WingScene::new(setup, orientation)?;
     let input = crate::adjust::input::AdjustmentInput { setup, orientation, scene: &scene, options };
-    let JointSolution { solved, .. } = JointSolution::new(input, frames)?;
+    let JointSolution { flight, solved, .. } = JointSolution::new(input, frames)?;
     let SolvedFlight { flight_problem, fit, tested_sum } = &solved;
     let (omega, redundancy) = tested_sum.map_or((fit.omega, fit.redundancy), |j| (j.omega, j.redundancy));
-    if global_test(omega, redundancy, options.global_alpha) == Some(GlobalTest::Rejected) {
+    let is_other = options.flight_prior.is_some() && !flight.widened.is_empty();
+    if global_test(omega, redundancy, options.global_alpha) == Some(GlobalTest::Rejected) || is_other {
+        let test = if is_other { "the flight contradicts stated widths" } else { "the global test rejects the flight" };
         let given = if options.flight_prior.is_some() { " given the prior from other flights" } else { "" };
         return Err(AdjustError::Input(format!(
-            "the global test rejects the flight{given} (variance factor {:.1}): it contradicts the model or was flown with \
-             a changed installation, and was not used",
+            "{test}{given} (variance factor {:.1}): it contradicts the model or was flown with a changed installation, and \
+             was not used",
             omega / redundancy.max(1) as f64
         )));
     }

@@ -98,7 +98,7 @@ impl FlightUnknowns {
         let (input, mountings) = (&flight.input, &flight.hyperparameters.mountings);
         let curvature_terms =
             input.options.curvature_terms.map_or(DEFAULT_CURVATURE_TERMS, |t| t.clamp(2, MAX_CURVATURE_TERMS));
-        let mut columns = ColumnAllocator::default();
+        let mut columns = ColumnAllocator::global(&flight.widened);
         let mut shared = terms::allocate_shared_terms(input, &mut columns);
         shared.placed.extend(terms::flight_terms(input).into_iter().map(|term| columns.allocate_term(term)));
         let displacement = flight.common_displacement.as_ref().map(|displacement| {

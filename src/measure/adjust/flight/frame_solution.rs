@@ -6,12 +6,16 @@ use super::tuning::STEADY_ROTATION_RAD;
 use super::usage::RemovedObservation;
 use crate::adjust::budget;
 use crate::adjust::snooping::{SuspectTarget, fixed_target_remark};
+use crate::adjust::stated_widths::contradiction_remark;
 use crate::adjust::terms::mount_drift_rad;
 use crate::adjust::{Estimate, Parameter, Solution};
 use crate::estimation::{AttributedInformation, VarianceSources};
 
 /// Ratio of the estimated to the configured drift from which a remark is added.
 const REMARKED_DRIFT_RATIO: f64 = 3.0;
+
+/// Increase of the pitch's drift variance from which a remark is added: three times the drift of the other axes.
+const REMARKED_PITCH_INCREASE: f64 = 8.0;
 
 /// Builds the result of one frame of a flight: its part of the solution and the observations removed from it or from all
 /// frames. `remarks` come first. A result of the flight method has the parameters that only several frames determine.
@@ -34,6 +38,12 @@ pub fn frame_solution(
         solution.parameters.push(unmeasured("mount_drift_rad", flight.hyperparameters.drift_rad));
     }
     remarks.extend(solution.remarks);
+    remarks.extend(contradiction_remark(
+        flight.input.setup,
+        flight.hyperparameters.mountings.is_ground_mounting(0),
+        (&flight_problem.problem, fit),
+        &flight.widened,
+    ));
     remarks.extend(fixed_target_remark(flight.prior_scales.fixed_targets));
     let displacement = flight.common_displacement.as_ref().zip(flight_problem.displacement_column);
     remarks.extend(displacement.map(|(displacement, column)| displacement.remark(fit.global[column])));
@@ -68,6 +78,20 @@ pub fn flight_remarks(flight: &Flight, frame: usize) -> Vec<String> {
         mountings.mounting_of_frame(frame) + 1,
         1e2 * hyperparameters.departure
     )];
+    if flight.prior_scales.stabilised_px > 0.0 {
+        remarks.push(
+            "the image shifted from frame to frame as no rotation of the camera explains: stabilisation of lens or sensor. \
+             Switch it off, or set camera.stabilised_px; here 50 px were used"
+                .into(),
+        );
+    }
+    if hyperparameters.pitch_drift_increase > REMARKED_PITCH_INCREASE {
+        remarks.push(format!(
+            "the camera's pitch drifted by about {:.2} mrad through the flight, more than camera.mount_drift_mrad allows; the \
+             larger drift was used. Check whether the camera mount sags",
+            1e3 * hyperparameters.drift_rad * (12.0 * (1.0 + hyperparameters.pitch_drift_increase)).sqrt()
+        ));
+    }
     let configured = mount_drift_rad(flight.input.setup);
     if hyperparameters.drift_rad > REMARKED_DRIFT_RATIO * configured.max(STEADY_ROTATION_RAD) {
         remarks.push(format!(

@@ -11,6 +11,7 @@ use crate::adjust::input::{AdjustmentInput, FrameObservations, count_wing_marker
 use crate::adjust::layout::{BlockMember, ParameterLayout};
 use crate::adjust::prior_scales::PriorScales;
 use crate::adjust::snooping::ResidualSum;
+use crate::adjust::stated_widths::WidenedPriors;
 use crate::adjust::{AdjustError, AdjustResult, Observation};
 use crate::estimation::{Fit, Group};
 
@@ -31,6 +32,8 @@ pub struct Flight<'a> {
     pub tested_sum: Option<ResidualSum>,
     /// Factors of the prior standard deviations of in-flight motion.
     pub prior_scales: PriorScales,
+    /// Stated widths that the frames refute.
+    pub widened: WidenedPriors,
     /// Common displacement of several markers in all frames.
     pub common_displacement: Option<CommonDisplacement>,
 }
@@ -67,6 +70,7 @@ impl<'a> Flight<'a> {
             hyperparameters,
             tested_sum: None,
             prior_scales: PriorScales::default(),
+            widened: WidenedPriors::default(),
             common_displacement: None,
         })
     }

@@ -32,6 +32,8 @@ pub struct FlightHyperparameters<'a> {
     pub mountings: FrameMountings<'a>,
     /// Standard deviation of a frame's rotation about its mounting's, rad.
     pub drift_rad: f64,
+    /// Increase of the variance of the pitch's drift that the frames show, in units of `drift_rad` squared: a mount sags.
+    pub pitch_drift_increase: f64,
     /// Unknowns of the mounting for each frame; the first three are the rotation including the frame's own part.
     mounting_values: Vec<DVector<f64>>,
     /// Bending and twist of each frame.
@@ -55,6 +57,7 @@ impl<'a> FlightHyperparameters<'a> {
             oscillation: 0.0,
             mountings,
             drift_rad: mount_drift_rad(input.setup),
+            pitch_drift_increase: 0.0,
             mounting_values: vec![DVector::zeros(3); frames],
             bendings: vec![FrameBending::default(); frames],
         }
@@ -114,7 +117,8 @@ impl<'a> FlightHyperparameters<'a> {
     /// Covariance of a frame's rotation about its mounting's, camera frame, rad^2.
     pub fn drift_covariance(&self, camera_from_wing: &Matrix3<f64>) -> Matrix3<f64> {
         let pitch = camera_from_wing * Vector3::z();
-        let more = pitch * pitch.transpose() * (PITCH_DRIFT_FACTOR * PITCH_DRIFT_FACTOR - 1.0);
+        let increase = PITCH_DRIFT_FACTOR * PITCH_DRIFT_FACTOR - 1.0 + self.pitch_drift_increase;
+        let more = pitch * pitch.transpose() * increase;
         (Matrix3::identity() + more) * (self.drift_rad * self.drift_rad)
     }
 }

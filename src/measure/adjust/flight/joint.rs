@@ -33,9 +33,14 @@ impl<'a> JointSolution<'a> {
         let solved = flight.tune_variances(solved, 1)?;
         flight.find_mountings(&solved);
         let solved = flight.solve_rough(Some(&solved.fit))?;
+        let solved = flight.widen_refuted_priors(solved, &mut removed);
         let solved = flight.readmit_observations(solved, &mut removed)?;
         let rough = flight.tune_variances(solved, DEPARTURE_ROUNDS)?;
+        let rough = flight.explain_by_image_shifts(rough)?;
         let solved = flight.solve_converged(&rough.fit)?;
+        if flight.prior_scales.stabilised_px > 0.0 {
+            removed.clear();
+        }
         Ok(Self { flight, solved, removed })
     }
 
@@ -45,6 +50,7 @@ impl<'a> JointSolution<'a> {
     /// Returns an error if the frame has no solution.
     pub fn for_single_frame(mut flight: Flight<'a>) -> AdjustResult<Self> {
         let (solved, mut removed) = flight.remove_or_explain_outliers()?;
+        let solved = flight.widen_refuted_priors(solved, &mut removed);
         let rough = flight.readmit_observations(solved, &mut removed)?;
         let solved = flight.solve_converged(&rough.fit)?;
         Ok(Self { flight, solved, removed })

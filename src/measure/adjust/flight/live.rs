@@ -10,6 +10,7 @@
 mod attempt;
 mod departure;
 mod initial_state;
+mod load_twist;
 mod process_model;
 mod remarks;
 mod state;

@@ -2,10 +2,12 @@
 
 use super::flight_problem::FlightProblem;
 use super::frames::Flight;
+use super::usage::RemovedObservation;
 use crate::adjust::AdjustResult;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::outcome::FrameOutcome;
 use crate::adjust::snooping::{ResidualSum, SolvedGroup};
+use crate::adjust::stated_widths::{WIDENING_PASSES, widen_refuted_priors};
 use crate::estimation::{Fit, SolveOptions};
 
 /// Flight problem with its solution.
@@ -42,6 +44,31 @@ impl Flight<'_> {
             self.hyperparameters.update_from_frame(frame, layout, &solved.fit);
         }
         Ok(solved)
+    }
+
+    /// Widens the priors whose stated widths the frames refute, and then finds the outliers again, as long as there is a
+    /// solution.
+    pub fn widen_refuted_priors(
+        &mut self,
+        mut solved: SolvedFlight,
+        removed: &mut Vec<RemovedObservation>,
+    ) -> SolvedFlight {
+        for _ in 0..WIDENING_PASSES {
+            let tested = (&solved.fit, solved.tested_sum);
+            let problem = &solved.flight_problem.problem;
+            let widened = widen_refuted_priors(problem, tested, &self.widened, self.input.options);
+            if !widened.differs_from(&self.widened) {
+                break;
+            }
+            let mut wider = Self { widened, ..self.clone() };
+            wider.usage.reset_except(&[]);
+            let Ok((found, outliers)) = wider.remove_outliers() else { break };
+            if wider.solve_converged(&found.fit).is_err() {
+                break;
+            }
+            (*self, solved, *removed) = (wider, found, outliers);
+        }
+        solved
     }
 
     /// Computes the converged solution, starting from a rough one.

@@ -27,9 +27,11 @@ fn unknowns_with_prior(uncertainty: SetupUncertainty) -> Vec<&'static str> {
 fn each_width_is_the_prior_of_its_unknowns() {
     // The prior of the surface and the mount's repeatability remain.
     let always = [Unknown::AxisHeight, Unknown::MountingRotation];
-    let defaults = unknowns_with_prior(SetupUncertainty::DEFAULT);
+    // Lenses and sensors are not stabilised by default.
+    let usual = SetupUncertainty::DEFAULT.with_width(Width::Stabilisation, 1.0);
+    let defaults = unknowns_with_prior(usual);
     for row in Width::ROWS {
-        let without = unknowns_with_prior(SetupUncertainty::DEFAULT.with_width(row.width, 0.0));
+        let without = unknowns_with_prior(usual.with_width(row.width, 0.0));
         for unknown in row.unknowns {
             assert!(defaults.contains(&unknown.name()), "{unknown:?} has no prior");
             let gone = !without.contains(&unknown.name());

@@ -5,11 +5,14 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use super::frames::Flight;
 use super::hyperparameters::frame_rotation_column;
 use super::solving::SolvedFlight;
+use super::usage::FlightUsage;
 use crate::adjust::AdjustResult;
+use crate::adjust::stated_widths::WidthEvidence;
 use crate::adjust::terms::{mount_drift_rad, mount_repeatability_rad};
 use crate::estimation::Gradient;
 use crate::estimation::quality::chi_square_limit;
 use crate::estimation::robust::median;
+use crate::widths::Width;
 
 /// Bounds of a frame's departure from the shared shape, as fractions of the prior spread of shapes.
 const DEPARTURE_BOUNDS: (f64, f64) = (0.002, 1.0);
@@ -21,6 +24,13 @@ const MIN_REDUNDANCY: f64 = 0.5;
 const REMOUNT_ALPHA: f64 = 1e-4;
 /// Rotation of a mounting between two frames that is negligible, rad (0.1 px at 8000 px).
 pub const STEADY_ROTATION_RAD: f64 = 1.2e-5;
+
+/// Ratio of the drift to the configured one from which shifts of the image are tried as its cause.
+const SUSPECT_DRIFT_RATIO: f64 = 3.0;
+/// Standard deviation of the image's shift by stabilisation, px: lenses and sensors are moved by 0.1 mm and more.
+const STABILISED_PX: f64 = 50.0;
+/// Number of rounds in which the variances settle if images are shifted.
+const SHIFT_ROUNDS: usize = 2;
 
 /// Weighted square of residuals and their redundancy: the evidence for their variance (Koch's estimate of one component).
 #[derive(Clone, Copy, Debug)]
@@ -143,8 +153,60 @@ impl Flight<'_> {
         }
         let next = before * (omega / redundancy.max(MIN_REDUNDANCY)).sqrt();
         let loosest = mount_repeatability_rad(self.input.setup).max(configured);
+        let pitch_before = 1.0 + self.hyperparameters.pitch_drift_increase;
+        self.hyperparameters.pitch_drift_increase = pitch_before * (1.0 + self.pitch_trend_increase(solved)) - 1.0;
         self.hyperparameters.drift_rad = next.clamp(configured, loosest);
         is_settled(before, self.hyperparameters.drift_rad)
+            && is_settled(pitch_before, 1.0 + self.hyperparameters.pitch_drift_increase)
+    }
+
+    /// Relative increase of the pitch's drift variance that a trend through the flight asks for: a mount sags. Single frames
+    /// hardly separate pitch from bending, their trend does.
+    fn pitch_trend_increase(&self, solved: &SolvedFlight) -> f64 {
+        let frames = self.frames.len();
+        let pitch = self.input.scene.camera_from_wing * Vector3::z();
+        let drift = self.hyperparameters.drift_covariance(&self.input.scene.camera_from_wing);
+        let variance = pitch.dot(&(drift * pitch));
+        let (mut total, mut own, mut value, mut square) = (DMatrix::zeros(1, solved.fit.global.len()), 0.0, 0.0, 0.0);
+        for frame in 0..frames {
+            let Some((gradient, rotation)) = solved.frame_rotation(frame) else { return 0.0 };
+            let part = solved.fit.propagate(frame, &gradient);
+            let weight = frame as f64 / (frames.max(2) - 1) as f64 - 0.5;
+            let along = DMatrix::from_row_slice(1, 3, (pitch * weight).as_slice());
+            total += &along * &part.total;
+            own += (&along * &part.own * along.transpose())[0];
+            value += weight * pitch.dot(&rotation);
+            square += weight * weight;
+        }
+        let posterior = own + (&total * &solved.fit.covariance * total.transpose())[0];
+        let evidence = WidthEvidence::new(vec![(value * value / variance, square - posterior / variance)], 0.0);
+        evidence.increase().map_or(0.0, |(increase, _)| increase * square / frames as f64)
+    }
+
+    /// Takes shifts of the image from frame to frame for the cause of a large drift if no rotation explains the frames as
+    /// well: a rotation moves the edges of an image by more than its middle, stabilisation does not.
+    ///
+    /// # Errors
+    /// Returns an error if the flight has no solution.
+    pub fn explain_by_image_shifts(&mut self, solved: SolvedFlight) -> AdjustResult<SolvedFlight> {
+        let configured = mount_drift_rad(self.input.setup);
+        let is_known = self.input.setup.uncertainty[Width::Stabilisation] > 0.0;
+        if is_known || self.hyperparameters.drift_rad < SUSPECT_DRIFT_RATIO * configured.max(STEADY_ROTATION_RAD) {
+            return Ok(solved);
+        }
+        let mut shifted = self.clone();
+        shifted.prior_scales.stabilised_px = STABILISED_PX;
+        (shifted.hyperparameters.drift_rad, shifted.hyperparameters.pitch_drift_increase) = (configured, 0.0);
+        (shifted.usage, shifted.tested_sum) =
+            (FlightUsage::all_used(self.frames.len(), self.input.setup.markers.len()), None);
+        let Ok(again) = shifted.solve_rough(None) else { return Ok(solved) };
+        let omega = solved.tested_sum.map_or(solved.fit.omega, |sum| sum.omega);
+        let gain = chi_square_limit(2.0 * self.frames.len() as f64, REMOUNT_ALPHA);
+        if again.fit.omega + gain > omega {
+            return Ok(solved);
+        }
+        *self = shifted;
+        self.tune_variances(again, SHIFT_ROUNDS)
     }
 
     /// Determines the mountings: a remount is a step in rotation that is statistically significant **and** larger than the

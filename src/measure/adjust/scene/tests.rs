@@ -5,12 +5,12 @@ use nalgebra::{Matrix3, Vector3};
 use num_dual::{Dual64, DualNum};
 
 use super::*;
-use crate::adjust::beam::{Bending, RAISE_TERMS, twist_basis};
+use crate::adjust::beam::{Bending, COMPLIANCES, MAX_CURVATURE_TERMS, RAISE_TERMS, twist_basis};
 use crate::adjust::example::{orientation, setup, window};
 use crate::adjust::shapes::curvature_integrals;
 use crate::setup::{Setup, SetupUncertainty};
 
-const STEPS: usize = 4000;
+const STEPS: usize = 16000;
 const C: usize = 5;
 const T: usize = 3;
 /// Curvature, twist, raise, mounting, ground rotation, centre, ground position, scale.
@@ -105,6 +105,7 @@ fn computed_pixel(scene: &WingScene, marker: usize, x: &[f64; ALL]) -> (Vector2<
     };
     let bending = Bending {
         curvature_per_m: &x[..C],
+        compliances: [0.0; COMPLIANCES],
         twist_rad: &x[C..C + T],
         scale: x[ALL - 1],
         raise_m: std::array::from_fn(|j| x[C + T + j]),
@@ -118,7 +119,7 @@ fn computed_pixel(scene: &WingScene, marker: usize, x: &[f64; ALL]) -> (Vector2<
     );
     let seen = scene.project(&state.carried.position_m, &scene.flight_camera(&pose)).unwrap();
     let by = seen.by_point;
-    let mut list: Vec<Vector2<f64>> = state.by_curvature[..C].iter().map(|d| by * d).collect();
+    let mut list: Vec<Vector2<f64>> = state.by_bending[..C].iter().map(|d| by * d).collect();
     list.extend(state.by_twist[..T].iter().chain(&state.by_raise).map(|d| by * d));
     let camera = [seen.by_mount, seen.by_ground_rotation, -by, by * state.carried.by_ground];
     list.extend(camera.iter().flat_map(|m| (0..3).map(move |k| m.column(k).into_owned())));
@@ -257,6 +258,7 @@ fn tilted_values() -> UnknownValues {
         curvature_per_m: vec![4e-3, 1e-3],
         twist_rad: vec![0.03, -0.02],
         raise_m: [0.02, -0.01, 0.0, 0.0],
+        compliances: [0.3, -0.4, 0.5, 0.2, -0.6],
         estimated: [0.1, 0.05, 0.005],
         root_rotation_rad: Vector3::new(1e-2, -2e-2, 1e-2),
         plane_rad: Some(0.03),
@@ -290,9 +292,12 @@ fn derivatives_of_a_tilted_wing_match_differences() {
         close("plane", state.by_plane, 1e-3, &|v, h| v.plane_rad = v.plane_rad.map(|p| p + h));
         close("scale", state.by_scale, 1e-4, &|v, h| v.scale += h);
         for k in 0..2 {
-            close("curvature", state.by_curvature[k], 1e-6, &|v, h| v.curvature_per_m[k] += h);
+            close("curvature", state.by_bending[k], 1e-6, &|v, h| v.curvature_per_m[k] += h);
             close("twist", state.by_twist[k], 1e-4, &|v, h| v.twist_rad[k] += h);
             close("raise", state.by_raise[k], 1e-4, &|v, h| v.raise_m[k] += h);
+        }
+        for k in 0..COMPLIANCES {
+            close("compliance", state.by_bending[MAX_CURVATURE_TERMS + k], 1e-3, &|v, h| v.compliances[k] += h);
         }
         for k in 0..ESTIMATED_DIMENSIONS {
             close("estimated", state.by_estimated[k], 1e-4, &|v, h| v.estimated[k] += h);

@@ -12,6 +12,7 @@ use crate::adjust::input::{AdjustmentInput, FrameObservations};
 use crate::adjust::layout::{BlockMember, GroundPositions, MarkerMotions, MountingColumns, ParameterLayout};
 use crate::adjust::prior_scales::PriorScales;
 use crate::adjust::scene::WingScene;
+use crate::adjust::stated_widths::WidenedPriors;
 use crate::adjust::term::ColumnAllocator;
 use crate::adjust::terms;
 use crate::estimation::{
@@ -28,6 +29,8 @@ pub(super) struct SingleFrame<'a> {
     pub terms: usize,
     /// Factors of the prior standard deviations of in-flight motion.
     pub prior_scales: PriorScales,
+    /// Stated widths that the frame refutes.
+    pub widened: WidenedPriors,
     /// Common displacement of several markers.
     pub common_displacement: Option<CommonDisplacement>,
 }
@@ -52,7 +55,7 @@ impl<'a> FrameProblem<'a> {
     /// Sets up the problem of a single frame at a starting point.
     pub fn new(single: &SingleFrame<'a>, start: &FrameStart) -> Self {
         let input = &single.input;
-        let mut columns = ColumnAllocator::default();
+        let mut columns = ColumnAllocator::global(&single.widened);
         let layout = allocate_frame_layout(single, start.amplitude_per_m, &mut columns);
         let mut members = vec![];
         let mut blocks = vec![];

@@ -3,14 +3,14 @@ use nalgebra::{DVector, Matrix2, SMatrix, Vector2};
 use super::*;
 use crate::adjust::example::{orientation, setup};
 use crate::estimation::GroupPoint;
-use crate::setup::SetupUncertainty;
+use crate::setup::{SetupUncertainty, Width};
 
 #[test]
 fn derivatives_match_differences() {
     check_derivatives(setup());
     // All terms that an installation may have except the panes', which the scene's tests cover.
     let lens = Some(SMatrix::identity() * 1e-8);
-    let uncertainty = SetupUncertainty { lens, ..SetupUncertainty::DEFAULT };
+    let uncertainty = SetupUncertainty { lens, ..SetupUncertainty::DEFAULT.with_width(Width::Stabilisation, 1e-3) };
     let mut all = Setup { uncertainty, ..setup() };
     (all.markers[0].fixed, all.markers[0].flight_motion_m) = (true, 5e-4);
     (3..5).for_each(|k| all.markers[k].part = Some("aileron".into()));
@@ -32,6 +32,7 @@ fn check_derivatives(setup: Setup) {
         usage: flight::FlightUsage::all_used(1, 9),
         terms: 5,
         prior_scales: PriorScales::default(),
+        widened: WidenedPriors::default(),
         common_displacement: None,
     };
     let frame = FrameProblem::new(&single, &FrameStart { amplitude_per_m: 0.005, from: None });

@@ -170,6 +170,12 @@ fn flight_scale(sigma: f64) -> ParameterTerm {
     }
 }
 
+/// Shift of the image in one frame by stabilisation of lens or sensor, px; `None` without stabilisation.
+pub fn image_shift(sigma_px: f64) -> Option<ParameterTerm> {
+    let priors = ParameterTerm::equal_priors(Unknown::ImageShift, 2, sigma_px);
+    (sigma_px > 0.0).then(|| ParameterTerm { unknown: Unknown::ImageShift, priors, ..flight_principal_point(sigma_px) })
+}
+
 /// Change of the principal point in flight, px, due to cold or a lens that settles in its mount.
 fn flight_principal_point(sigma_px: f64) -> ParameterTerm {
     ParameterTerm {

@@ -3,9 +3,11 @@
 
 use nalgebra::Vector3;
 
+use super::camera::image_shift;
 use super::wing::torque_term;
 use crate::adjust::beam::{BeamSection, Bending, SectionMotion};
 use crate::adjust::input::{AdjustmentInput, FrameObservations};
+use crate::adjust::marker_state::{ESTIMATED_DIMENSIONS, MarkerState};
 use crate::adjust::prior_scales::PriorScales;
 use crate::adjust::scene::WingScene;
 use crate::adjust::term::{Displacement, DisplacementEpoch, ParameterTerm, TermEffect};
@@ -62,19 +64,27 @@ fn zero_displacements(scene: &WingScene) -> DisplacementField {
     vec![Vector3::zeros(); scene.ground.stations.len()]
 }
 
-/// Bend of the wing between survey and ground frame, tip deflection in m; its shape is that of bending under load.
-fn ground_bend(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
-    if sigma_m <= 0.0 {
-        return None;
-    }
-    let unbent = Bending { curvature_per_m: &[0.0], ..Bending::UNBENT };
-    let flat = scene.bend(&unbent);
+/// Displacements on ground by a small bending or twist.
+fn field_on_ground(scene: &WingScene, derivative: fn(&MarkerState) -> Vector3<f64>) -> DisplacementField {
+    let flat = scene.bend(&Bending::UNBENT);
     let mut field = zero_displacements(scene);
     for WingPoint { marker, .. } in markers_on_wing(scene) {
         let ground_m = scene.ground.stations[marker].surveyed_m;
-        let state = scene.marker_with_dimensions(marker, &flat, &ground_m, &unbent, &Default::default());
-        field[marker] = state.by_curvature[0];
+        let still = [0.0; ESTIMATED_DIMENSIONS];
+        field[marker] = derivative(&scene.marker_with_dimensions(marker, &flat, &ground_m, &Bending::UNBENT, &still));
     }
+    field
+}
+
+/// Twist of the wing between survey and ground frame, nose up positive, at the tip, rad; it grows linearly along the span.
+fn ground_twist(scene: &WingScene, sigma_rad: f64) -> Option<ParameterTerm> {
+    let field = (sigma_rad > 0.0).then(|| field_on_ground(scene, |state| state.by_twist[0]))?;
+    Some(displacement_term(Unknown::GroundTwist, DisplacementEpoch::OnGround, vec![field], &[sigma_rad]))
+}
+
+/// Bend of the wing between survey and ground frame, tip deflection in m; its shape is that of bending under load.
+fn ground_bend(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
+    let mut field = (sigma_m > 0.0).then(|| field_on_ground(scene, |state| state.by_bending[0]))?;
     // Tip deflection: that of the outermost marker, extrapolated with the square of the length.
     let outermost = markers_on_wing(scene).max_by(|a, b| a.eta.total_cmp(&b.eta))?;
     let tip = field[outermost.marker].y / outermost.eta.powi(2).max(f64::EPSILON);
@@ -97,7 +107,7 @@ fn skin_bulges(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     let mut fields = vec![zero_displacements(scene); BULGE_COUNT];
     let bulge = |k: usize, eta: f64| (-(eta * BULGE_COUNT as f64 - k as f64 - 0.5).powi(2)).exp();
     for WingPoint { marker, eta, .. } in markers_on_wing(scene) {
-        let normal = scene.ground.axis.skin_normal(scene.ground.stations[marker].arc_m);
+        let normal = scene.ground.stations[marker].skin_normal;
         let of_all: [f64; BULGE_COUNT] = std::array::from_fn(|k| bulge(k, eta.clamp(0.0, 1.0)));
         // Equal standard deviation at all positions.
         let rms = of_all.iter().map(|b| b * b).sum::<f64>().sqrt();
@@ -113,30 +123,37 @@ fn skin_bulges(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     ))
 }
 
-/// Prior standard deviation of the second unknown of in-plane bending relative to the first.
-const SECOND_IN_PLANE_RATIO: f64 = 0.4;
+/// Prior standard deviations of the shapes of in-plane bending at the tip, relative to the first: the first mode, a part that is
+/// larger outboard, and turns at [`IN_PLANE_TURNS`]. Twist inboard of a break of dihedral or sweep turns what lies outboard of
+/// it in the wing's plane: 1 degree of twist and 4 degrees of break 25 mm at a tip 20 m away.
+const IN_PLANE_RATIOS: [f64; 2 + IN_PLANE_TURNS.len()] = [1.0, 0.4, 0.3, 0.3, 0.3, 0.3];
+/// Places at which the axis may turn in the wing's plane, as fractions of the length: joints, engines, breaks of the planform.
+const IN_PLANE_TURNS: [f64; 4] = [0.25, 0.35, 0.5, 0.7];
 
 /// Motion of the section at a fraction of the length by in-plane bending with a displacement of 1 m at the tip.
 fn in_plane_motion(k: usize, eta: f64, length_m: f64) -> SectionMotion {
-    let (deflection, slope) = if k == 0 { first_mode(eta) } else { (eta.powi(4), 4.0 * eta.powi(3)) };
+    let (deflection, slope) = match k.checked_sub(2).and_then(|turn| IN_PLANE_TURNS.get(turn)) {
+        Some(at) => ((eta - at).max(0.0) / (1.0 - at), if eta > *at { 1.0 / (1.0 - at) } else { 0.0 }),
+        None if k == 0 => first_mode(eta),
+        None => (eta.powi(4), 4.0 * eta.powi(3)),
+    };
     let rotation_rad = Vector3::y() * (-slope / length_m);
     SectionMotion { displacement_m: Vector3::z() * deflection, rotation_rad, twist_rad: 0.0 }
 }
 
-/// Bending in the wing's plane, at the tip, aft on a right wing, m: the first mode, and a part that is larger outboard.
-/// Sections rotate with it.
+/// Bending in the wing's plane, at the tip, aft on a right wing, m. Sections rotate with it.
 fn in_plane(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     if sigma_m <= 0.0 {
         return None;
     }
-    let mut fields = vec![zero_displacements(scene); 2];
+    let mut fields = vec![zero_displacements(scene); IN_PLANE_RATIOS.len()];
     for WingPoint { marker, eta, arm_m } in markers_on_wing(scene) {
         for (k, field) in fields.iter_mut().enumerate() {
             let motion = in_plane_motion(k, eta, scene.ground.axis.length_m);
             field[marker] = motion.displacement_m + motion.rotation_rad.cross(&(Vector3::z() * arm_m));
         }
     }
-    let sigmas = [sigma_m, SECOND_IN_PLANE_RATIO * sigma_m];
+    let sigmas = IN_PLANE_RATIOS.map(|ratio| ratio * sigma_m);
     let mut term = displacement_term(Unknown::InPlane, DisplacementEpoch::InFlight, fields, &sigmas);
     if let TermEffect::Displacement(displacement) = &mut term.effect {
         displacement.of_section = Some(in_plane_motion);
@@ -259,6 +276,7 @@ pub fn frame_terms(
         if in_flight { in_plane_and_torque_terms(input, FLIGHT_AND_FRAME_SIGMA.1) } else { shared_terms(input, 1.0) };
     terms.extend(moving_parts(input.scene, &input.setup.markers));
     terms.extend(row_terms(input, frame_observations, scales));
+    terms.extend(image_shift(input.setup.uncertainty[Width::Stabilisation].max(scales.stabilised_px)));
     terms
 }
 
@@ -332,9 +350,10 @@ pub fn root_motion(uncertainty: &SetupUncertainty) -> impl Iterator<Item = Param
 /// Terms of the state of the wing at the survey and the ground frame, without those that are fixed.
 pub fn ground_state(input: &AdjustmentInput) -> impl Iterator<Item = ParameterTerm> {
     let uncertainty = &input.setup.uncertainty;
-    let bend_m = if input.scene.has_ground_observations() { uncertainty[Width::GroundBend] } else { 0.0 };
+    let of_frame = |width: Width| if input.scene.has_ground_observations() { uncertainty[width] } else { 0.0 };
+    let twist = ground_twist(input.scene, of_frame(Width::GroundTwist));
     let vertical = Some(uncertainty[Width::Vertical]).filter(|sigma| *sigma > 0.0).map(survey_vertical);
-    ground_bend(input.scene, bend_m).into_iter().chain(vertical)
+    ground_bend(input.scene, of_frame(Width::GroundBend)).into_iter().chain(twist).chain(vertical)
 }
 
 /// Error of the survey's vertical about the wing frame's X and Z, rad. Deflections are counted along the vertical, and the

@@ -1,16 +1,19 @@
 //! Wing terms: deformation in flight, and dimensions from drawings.
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, Vector3};
 
-use crate::adjust::beam::{BeamGrid, BeamSection, MAX_TWIST_TERMS, RAISE_TERMS, SectionMotion, TORQUE_POSITIONS};
+use crate::adjust::beam::{
+    BeamGrid, BeamSection, JOINTS, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS, RAISE_TERMS, SectionMotion, TORQUE_POSITIONS,
+};
 use crate::adjust::curve::AxisCurve;
 use crate::adjust::estimated_dimensions::dimension_sigmas;
 use crate::adjust::ground::GroundShape;
 use crate::adjust::shapes::shape_covariance;
+use crate::adjust::stated_widths::axis_height_covariance;
 use crate::adjust::term::{ParameterTerm, TermEffect};
 use crate::estimation::Prior;
 use crate::setup::{DEFAULT_SCALE_SIGMA, SetupUncertainty, Thermal};
-use crate::widths::Unknown;
+use crate::widths::{Unknown, Width};
 
 /// Coefficients of the curvature, 1/m. If an amplitude is given, their ratios to the first have the prior of beam shapes.
 pub fn curvature_term(terms: usize, amplitude_per_m: Option<f64>) -> ParameterTerm {
@@ -21,18 +24,51 @@ pub fn curvature_term(terms: usize, amplitude_per_m: Option<f64>) -> ParameterTe
         size: terms,
         priors: amplitude_per_m.filter(|_| terms > 1).map(shape).into_iter().collect(),
         add_values: |x, values| values.curvature_per_m = x.to_vec(),
+        effect: TermEffect::Wing { position: |state, k| state.by_bending[k], sections: bending_motions },
+    }
+}
+
+/// Motions of the sections by one function of bending.
+fn bending_motions(curve: &AxisCurve, function: usize) -> Vec<SectionMotion> {
+    let motion = |section: &BeamSection| SectionMotion {
+        displacement_m: section.axis_by_bending[function],
+        rotation_rad: Vector3::z() * section.slope_by_bending[function],
+        twist_rad: 0.0,
+    };
+    curve.bent.iter().map(motion).collect()
+}
+
+/// Compliances `FIRST`, ... with these standard deviations.
+fn compliance_term<const FIRST: usize>(unknown: Unknown, sigmas: &[f64]) -> ParameterTerm {
+    let prior = |(k, sigma): (usize, &f64)| Prior::scalar(unknown, k, 0.0, *sigma);
+    ParameterTerm {
+        unknown,
+        missing: "what root and joints give with the load cannot be determined; give wing.root_flexibility_sigma_m",
+        size: sigmas.len(),
+        priors: sigmas.iter().enumerate().map(prior).collect(),
+        add_values: |x, values| {
+            values.compliances.iter_mut().skip(FIRST).zip(x).for_each(|(value, x)| *value += x);
+        },
         effect: TermEffect::Wing {
-            position: |state, k| state.by_curvature[k],
-            sections: |curve, k| {
-                let motion = |section: &BeamSection| SectionMotion {
-                    displacement_m: section.axis_by_curvature[k],
-                    rotation_rad: Vector3::z() * section.slope_by_curvature[k],
-                    twist_rad: 0.0,
-                };
-                curve.bent.iter().map(motion).collect()
-            },
+            position: |state, k| state.by_bending[MAX_CURVATURE_TERMS + FIRST + k],
+            sections: |curve, k| bending_motions(curve, MAX_CURVATURE_TERMS + FIRST + k),
         },
     }
+}
+
+/// Standard deviation of the place of the pivot about which the root rotates, from the root, as a fraction of the length: half
+/// the width of a fuselage.
+const PIVOT_SIGMA: f64 = 0.06;
+/// Standard deviation of the rotation of a joint over that of the root: 1.5 mrad on an airliner whose tip rises by 3 m.
+const JOINT_RATIO: f64 = 1.0;
+
+/// Root and joints that give with the load, without those that are fixed.
+pub fn compliance_terms(uncertainty: &SetupUncertainty, length_m: f64) -> impl Iterator<Item = ParameterTerm> {
+    let root_m = Some(uncertainty[Width::RootFlexibility]).filter(|sigma_m| *sigma_m > 0.0);
+    root_m.into_iter().flat_map(move |root_m| {
+        let root = compliance_term::<0>(Unknown::RootFlexibility, &[root_m, PIVOT_SIGMA * length_m * root_m]);
+        [root, compliance_term::<2>(Unknown::Joints, &[JOINT_RATIO * root_m; JOINTS.len()])]
+    })
 }
 
 /// Standard deviation of the first two terms of the twist, rad: a few degrees.
@@ -79,23 +115,11 @@ pub fn torque_term(sigma_rad: f64) -> Option<ParameterTerm> {
     })
 }
 
-/// Distribution of the uncertainty of the axis height along the span: mean, then Legendre polynomials of degree 1 to 3. An
-/// error in the relative height of the axis in a section is similar along the wing. The difference from root to tip (twice
-/// the second value) is 40 % of the mean's standard deviation, the variation between the spars of different sections; the
-/// bends are 50 % and 25 % of the slope. An assumption.
-const SKIN_HEIGHT_SHAPE: [f64; RAISE_TERMS] = [1.0, 0.2, 0.1, 0.05];
-/// Legendre polynomials of degree 0 to 3 on (0, 1) (rows) as powers of s/L (columns).
-const LEGENDRE_BY_POWERS: [[f64; RAISE_TERMS]; RAISE_TERMS] =
-    [[1.0, 0.0, 0.0, 0.0], [-1.0, 2.0, 0.0, 0.0], [1.0, -6.0, 6.0, 0.0], [-1.0, 12.0, -30.0, 20.0]];
-
 /// Height of the bending axis above the surveyed axis, coefficients of the powers of s/L, m. The prior combines the
 /// uncertainty of the surface through the markers and of the skin height.
 pub fn axis_height(ground: &GroundShape) -> ParameterTerm {
-    let mut covariance = DMatrix::from_column_slice(RAISE_TERMS, RAISE_TERMS, ground.axis_covariance.as_slice());
-    for (doubt, powers) in SKIN_HEIGHT_SHAPE.into_iter().zip(LEGENDRE_BY_POWERS) {
-        let powers = DVector::from_column_slice(&powers) * (doubt * ground.skin_height_sigma_m);
-        covariance += &powers * powers.transpose();
-    }
+    let surface = DMatrix::from_column_slice(RAISE_TERMS, RAISE_TERMS, ground.axis_covariance.as_slice());
+    let covariance = surface + axis_height_covariance(ground.skin_height_sigma_m);
     ParameterTerm {
         unknown: Unknown::AxisHeight,
         missing: "the height of the bending axis cannot be determined",

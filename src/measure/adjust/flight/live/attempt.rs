@@ -2,6 +2,7 @@
 
 use nalgebra::DVector;
 
+use super::load_twist::LoadTwist;
 use crate::adjust::flight::flight_problem::FlightProblem;
 use crate::adjust::flight::frames::{Flight, MIN_MARKERS};
 use crate::adjust::flight::shape::SharedShape;
@@ -42,13 +43,13 @@ pub struct FrameAttempt {
 
 impl FrameAttempt {
     /// Solves the frame and removes its worst marker as long as one exceeds the limit; a marker that fits later is used
-    /// again. `local`: start values of the frame's own unknowns.
+    /// again. `local`: start values of the frame's own unknowns; `twist`: that of earlier frames.
     ///
     /// # Errors
     /// Returns an error if the frame has no solution.
     pub fn new(
         model: &LiveModel,
-        local: &DVector<f64>,
+        (local, twist): (&DVector<f64>, &LoadTwist),
         flight: &Flight,
         known: &InformationPrior,
     ) -> AdjustResult<Self> {
@@ -56,7 +57,7 @@ impl FrameAttempt {
         let everywhere: Vec<_> = model.wrong.iter().map(|s| RemovedObservation { group: 0, suspect: *s }).collect();
         flight.usage.reset_except(&everywhere);
         let layout = model.layout.with_row_times(&flight.input, &flight.frames[0]);
-        let frame = FrameHypothesis { model, layout, local, flight, known };
+        let frame = FrameHypothesis { model, layout, local, twist, flight, known };
         let all = frame.solve_from(None)?;
         let (omega, redundancy) = (all.fit.omega, all.fit.redundancy);
         let test = quality::global_test(omega, redundancy, frame.flight.input.options.global_alpha);
@@ -86,6 +87,7 @@ struct FrameHypothesis<'s, 'a> {
     model: &'s LiveModel,
     layout: ParameterLayout,
     local: &'s DVector<f64>,
+    twist: &'s LoadTwist,
     flight: Flight<'a>,
     known: &'s InformationPrior,
 }
@@ -94,8 +96,11 @@ impl FrameHypothesis<'_, '_> {
     /// Solves the frame under this hypothesis, from the start values or from an earlier solution.
     fn solve_with(&self, before: Option<&SolvedFlight>, rough: bool) -> AdjustResult<SolvedFlight> {
         let Self { model, layout, flight, known, .. } = self;
-        let (mut group, members) = flight.frame_group(0, layout, None);
-        group.local.copy_from(before.map_or(self.local, |b| &b.fit.groups[0].local));
+        let local = before.map_or(self.local, |b| &b.fit.groups[0].local);
+        let layout =
+            self.twist.fix_derivatives(flight.input.scene, layout, &local.as_slice()[..layout.curvature_terms]);
+        let (mut group, members) = flight.frame_group(0, &layout, None);
+        group.local.copy_from(local);
         let problem = Problem {
             start: before.map_or(&known.mean, |b| &b.fit.global).clone(),
             missing: model.missing.clone(),
@@ -104,7 +109,7 @@ impl FrameHypothesis<'_, '_> {
             groups: vec![group],
         };
         let flight_problem = FlightProblem {
-            layouts: vec![layout.clone()],
+            layouts: vec![layout],
             members: vec![members],
             ground_members: vec![],
             problem,

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::attempt::LiveModel;
 use super::departure::ShapeDeparture;
+use super::load_twist::LoadTwist;
 use super::state::LiveState;
 use crate::adjust::budget;
 use crate::adjust::flight::frames::Flight;
@@ -58,6 +59,7 @@ fn initial_state_from_flight(flight: Flight) -> AdjustResult<InitialState> {
         },
         attributed: Arc::new(attributed),
         local: fit.groups[0].local.clone(),
+        twist: LoadTwist::default().with_frame(&flight_problem.layouts[0], &fit),
         departure: ShapeDeparture::initial(),
         frames: 1,
         accepted_frames: 1,

@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::attempt::{DISTURBANCE_ALPHA, FrameAttempt, LiveModel};
 use super::departure::ShapeDeparture;
+use super::load_twist::LoadTwist;
 use super::process_model::{add_process_noise, apply_forgetting, reset_parameters};
 use crate::adjust::AdjustResult;
 use crate::adjust::flight::frames::Flight;
@@ -42,6 +43,8 @@ pub struct LiveState {
     pub model: LiveModel,
     /// Local unknowns of the last frame, from which the next one starts.
     pub local: DVector<f64>,
+    /// Twist in proportion to the bending.
+    pub twist: LoadTwist,
     /// Departures from the shared shape.
     pub departure: ShapeDeparture,
     /// Number of frames in the current mounting.
@@ -95,7 +98,7 @@ impl LiveState {
 
     /// Prepares the adjustment of the next frame with the prior `known`, from this state's parameters.
     fn attempt_frame(&self, flight: &Flight, known: &InformationPrior) -> AdjustResult<FrameAttempt> {
-        FrameAttempt::new(&self.model, &self.local, flight, known)
+        FrameAttempt::new(&self.model, (&self.local, &self.twist), flight, known)
     }
 
     /// Variance factor after a frame; `None`: the frame could not be solved.
@@ -117,6 +120,7 @@ impl LiveState {
             known: fit.information_prior(),
             base: base.clone(),
             local: fit.groups[0].local.clone(),
+            twist: self.twist.clone().with_frame(&attempt.solved.flight_problem.layouts[0], fit),
             frames,
             accepted_frames: self.accepted_frames.saturating_add(1),
             rejected_frames: 0,

@@ -1,0 +1,53 @@
+//! Widths that an installation states much smaller than usual, and what they hide.
+
+use super::PlanOptions;
+use super::prediction::SimulatedFlight;
+use crate::setup::{DEFAULT_REPEATABILITY_PX, Setup};
+use crate::widths::Width;
+
+/// Fraction of the default from which on a width is tested: five times as precise as usual.
+const NARROW_FRACTION: f64 = 0.2;
+/// Ratio of the tip's standard deviation with the default to that with the stated width from which on the width matters.
+const SENSITIVE_RATIO: f64 = 1.3;
+
+/// A width that is much smaller than usual and on which the predicted precision depends.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NarrowWidth {
+    /// Section and key.
+    pub key: String,
+    /// Unit of the key; empty for a ratio.
+    pub unit: &'static str,
+    /// Stated and default value, in the unit of the key.
+    pub values: [f64; 2],
+    /// Predicted standard deviation of the tip deflection in a single frame with each, m.
+    pub tip_sigmas_m: [f64; 2],
+}
+
+/// Finds the widths whose default would make the predicted standard deviation of the tip much larger; empty if the
+/// installation cannot be predicted. An installation without any effect of flight is one of a laboratory.
+pub fn find_narrow_widths(setup: &Setup) -> Vec<NarrowWidth> {
+    let options = PlanOptions::default();
+    let tip_sigma_m = |setup: &Setup| {
+        let precision = SimulatedFlight::new(setup, None, &options)?.predict_single_frame()?;
+        Ok::<_, crate::adjust::AdjustError>(precision.sigma_tip_deflection_m)
+    };
+    let Ok(stated_m) = tip_sigma_m(setup) else { return vec![] };
+    let compare = |key: String, unit: &'static str, values: [f64; 2], usual: Setup| {
+        let usual_m = tip_sigma_m(&usual).ok().filter(|usual_m| *usual_m > SENSITIVE_RATIO * stated_m)?;
+        Some(NarrowWidth { key, unit, values, tip_sigmas_m: [stated_m, usual_m] })
+    };
+    let flies = Width::ROWS.iter().any(|row| row.of_flight && setup.uncertainty[row.width] > 0.0);
+    let widths = Width::ROWS.iter().filter(|row| flies || !row.of_flight).filter_map(|row| {
+        let values = [setup.uncertainty[row.width] / row.unit.factor, row.default];
+        let uncertainty = setup.uncertainty.with_width(row.width, row.unit.factor * row.default);
+        let usual = Setup { uncertainty, ..setup.clone() };
+        (values[0] < NARROW_FRACTION * values[1])
+            .then(|| compare(format!("{}.{}", row.section, row.key), row.unit.name, values, usual))?
+    });
+    let values = [setup.mount_repeatability_px, DEFAULT_REPEATABILITY_PX];
+    let usual = Setup { mount_repeatability_px: values[1], ..setup.clone() };
+    let rotation = (values[0] < NARROW_FRACTION * values[1])
+        .then(|| compare("camera.mount_repeatability_px".into(), "px", values, usual))
+        .flatten();
+    widths.chain(rotation).collect()
+}
