@@ -14,9 +14,9 @@ use super::outcome::FrameOutcome;
 use super::prior_scales::PriorScales;
 use super::scene::WingScene;
 use super::shapes::{TYPICAL_CURVATURE_PER_M, bounded_amplitude, shape_covariance};
-use super::snooping::{self, SnoopingModel, SnoopingResult, SolvedGroup, Suspect, SuspectTarget};
+use super::snooping::{self, ResidualSum, SnoopingModel, SnoopingResult, SolvedGroup, Suspect, SuspectTarget};
 use super::stated_widths::{WIDENING_PASSES, WidenedPriors, contradiction_remark, widen_refuted_priors};
-use super::{AdjustError, AdjustResult, Observation, Options, Solution, VarianceComponent};
+use super::{AdjustError, AdjustResult, GlobalTest, Observation, Options, Solution, VarianceComponent};
 use crate::estimation::{EstimationError, Fit, SolveOptions, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};
 
@@ -152,9 +152,13 @@ fn remove_outliers_and_widen(single: SingleFrame) -> AdjustResult<SnoopingResult
     let mut clean = remove_outliers(single)?;
     for _ in 0..WIDENING_PASSES {
         let SolvedFrame { frame, fit, .. } = &clean.solved;
-        let (tested, options) = ((fit, clean.tested_sum), clean.model.input.options);
-        let widened = widen_refuted_priors(&frame.problem, tested, &clean.model.widened, options);
-        if !widened.differs_from(&clean.model.widened) {
+        // If the global test rejects all observations, the image or the survey is wrong, not only a width. Level 0: nothing is
+        // tested.
+        let (sum, alpha) =
+            (clean.tested_sum.unwrap_or(ResidualSum::from_fit(fit)), clean.model.input.options.global_alpha);
+        let passes = quality::global_test(sum.omega, sum.redundancy, alpha) == Some(GlobalTest::Passed);
+        let widened = widen_refuted_priors(&frame.problem, fit, &clean.model.widened);
+        if alpha <= 0.0 || !passes || !widened.differs_from(&clean.model.widened) {
             break;
         }
         let usage = flight::FlightUsage::all_used(1, clean.model.input.setup.markers.len());

@@ -6,10 +6,9 @@
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
+use super::Solution;
 use super::beam::RAISE_TERMS;
-use super::snooping::ResidualSum;
-use super::{GlobalTest, Options, Solution};
-use crate::estimation::quality::{chi_square_tail, global_test};
+use crate::estimation::quality::chi_square_tail;
 use crate::estimation::{Fit, Prior, Problem};
 use crate::setup::Setup;
 use crate::widths::{Unknown, Width};
@@ -205,20 +204,7 @@ pub const WIDENING_PASSES: usize = 3;
 /// Returns the increases that a solution asks for, each counted from the stated width: of those that are increased already,
 /// and of the one whose increase explains the data best. One residual may refute several widths, such as those of the
 /// mounting's and the root's rotation; the smallest increase is the most probable.
-/// Nothing is increased if the global test rejects the solution, with all observations: then the images or the survey are
-/// wrong, not only a width.
-pub fn widen_refuted_priors(
-    problem: &Problem,
-    (fit, tested): (&Fit, Option<ResidualSum>),
-    widened: &WidenedPriors,
-    options: &Options,
-) -> WidenedPriors {
-    let (omega, redundancy) = tested.map_or((fit.omega, fit.redundancy), |all| (all.omega, all.redundancy));
-    let passes = global_test(omega, redundancy, options.global_alpha) == Some(GlobalTest::Passed);
-    // Level 0: nothing is tested.
-    if options.global_alpha <= 0.0 || !passes {
-        return widened.clone();
-    }
+pub fn widen_refuted_priors(problem: &Problem, fit: &Fit, widened: &WidenedPriors) -> WidenedPriors {
     let asked = |(unknown, evidence): (Unknown, WidthEvidence)| Some((unknown, evidence.increase()?));
     let (mut again, new): (Vec<_>, Vec<_>) = all_evidence(problem, fit, widened)
         .filter_map(asked)

@@ -54,10 +54,9 @@ impl Flight<'_> {
         removed: &mut Vec<RemovedObservation>,
     ) -> SolvedFlight {
         for _ in 0..WIDENING_PASSES {
-            let tested = (&solved.fit, solved.tested_sum);
-            let problem = &solved.flight_problem.problem;
-            let widened = widen_refuted_priors(problem, tested, &self.widened, self.input.options);
-            if !widened.differs_from(&self.widened) {
+            let widened = widen_refuted_priors(&solved.flight_problem.problem, &solved.fit, &self.widened);
+            // Level 0: nothing is tested.
+            if self.input.options.global_alpha <= 0.0 || !widened.differs_from(&self.widened) {
                 break;
             }
             let mut wider = Self { widened, ..self.clone() };
