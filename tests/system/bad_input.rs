@@ -85,7 +85,7 @@ fn faults_of_an_installation_name_their_file_and_line() {
         ("survey.csv", "24.4459", "NaN", &["survey.csv", "line 2", "y_m", "NaN"]),
         ("survey.csv", ",sigma_m", "", &["survey.csv", "sigma_m", "missing"]),
         ("survey.csv", "M02,", "M01,", &["survey.csv", "line 3", "M01", "line 2"]),
-        ("survey.csv", "M11,circle", "M11,ring", &["survey.csv", "line 12", "ring", "quadrant or circle"]),
+        ("survey.csv", "M11,circle", "M11,ring", &["survey.csv", "line 12", "ring", "quadrant, circle or point"]),
         ("camera.toml", "width = 4000", "width = 0", &["camera.toml", "width"]),
         ("camera.toml", "k1 = -0.05", "k1 = inf", &["camera.toml", "k1", "inf"]),
         ("installation.toml", "\"M20\"", "\"M77\"", &["installation.toml", "torsion[0].leading", "M77"]),

@@ -45,7 +45,7 @@ fn faults_of_a_survey_name_their_line() {
     assert_only_fault(
         survey("M02,circle", "M02,square"),
         "survey.csv",
-        &["line 3", "shape", "square", "quadrant or circle"],
+        &["line 3", "shape", "square", "quadrant, circle or point"],
     );
     assert_only_fault(survey("0.36", "-0.36"), "survey.csv", &["line 3", "diameter_m", "-0.36"]);
     let twice = faults(&DOCUMENT.replace("M03", "M01"), CAMERA, SURVEY.replacen("M03", "M02", 1).as_bytes());
