@@ -5,7 +5,7 @@ use std::path::Path;
 use nalgebra::{Matrix2, Vector2};
 
 use super::{Fault, Reader, TableLine, read_table, text_cell};
-use crate::measure::setup::{Setup, Shape};
+use crate::measure::setup::Setup;
 
 const COLUMNS: [&str; 9] = ["id", "u_px", "v_px", "sigma_px", "image", "sigma_v_px", "who", "when", "why"];
 /// Columns that may be missing: all but the first four.
@@ -96,7 +96,7 @@ fn parse_observations(reader: &mut Reader, name: &Path, setup: &Setup) -> Option
         let place = if line.cells[1..4].iter().all(String::is_empty) {
             None
         } else {
-            let is_point = marker.is_some_and(|m| setup.markers[m].shape == Shape::Point);
+            let is_point = marker.is_some_and(|m| setup.is_point(m));
             let Some(place) = parse_position(reader, &line, setup, is_point) else { continue };
             Some(place)
         };

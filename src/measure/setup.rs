@@ -307,6 +307,11 @@ impl Setup {
         wing.map(|(k, m)| (k, frame.wing_point(&m.position_m))).collect()
     }
 
+    /// Returns whether a marker of the survey is a point without a decal.
+    pub fn is_point(&self, marker: usize) -> bool {
+        self.markers.get(marker).is_some_and(|m| m.shape == Shape::Point)
+    }
+
     /// Returns the span from the bending root to the outermost marker on the wing, m; 0 without one.
     pub fn reach_m(&self) -> f64 {
         self.wing_markers().iter().fold(0.0, |reach: f64, (_, point)| reach.max(point.x - self.root_offset_m))

@@ -215,8 +215,8 @@ widths! {
 const AIRLINER_REACH_M: f64 = 20.0;
 
 impl WidthRow {
-    /// Returns the default in radians, metres, pixels or seconds, for a wing of this length, m. What is a length of the wing
-    /// itself is smaller in proportion on wings that are shorter than an airliner's.
+    /// Returns the default in radians, metres, pixels or seconds, for a wing of this length, m. Lengths of the wing
+    /// itself, not of the camera, are smaller in proportion on wings that are shorter than an airliner's.
     pub fn default_for(&self, reach_m: f64) -> f64 {
         let follows = self.unit == METRE && self.section != "camera";
         let share = if follows { (reach_m / AIRLINER_REACH_M).clamp(0.0, 1.0) } else { 1.0 };

@@ -203,8 +203,7 @@ impl Tracker {
         let Some(mut picture) = processed.decode(|| decode::decode_partial(bytes, format, &first)) else {
             return unread;
         };
-        if wing.count_shown() == 0 && !self.orientation.templates.is_empty() {
-            // Without decals there is nothing that the detector could find.
+        if wing.has_points_alone() {
             let markers = processed.timed(|ended| view::process_frame(&mut picture, Some(&wing), ended));
             processed.set_markers(markers);
             return SearchMode::Full;

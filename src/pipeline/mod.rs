@@ -126,12 +126,13 @@ fn single_frame_options(
 /// frames, because the test, which also has the places of the markers, takes milliseconds.
 const MAX_SIZE_SIGMAS: f64 = 0.7;
 
-/// Number of removed images from which on a common cause is looked for: one of 300 images is removed without any, two of a frame
-/// in one frame of 500.
+/// Number of removed images of a frame from which on a common cause is looked for. Without one, the tests remove an image in
+/// 300, and two images in one frame of 500.
 const SUSPECT_REMOVALS: usize = 2;
 
 /// Adds the cause to the reason of a doubtful result or of a failed adjustment, and to the remarks of one that its test rejects,
-/// from which several images were removed or whose markers have another size than their distances predict, if a diagnosis finds it.
+/// from which several images were removed or whose markers have another size than their distances predict, if a diagnosis
+/// finds it.
 fn add_diagnosis(
     record: &mut ImageRecord,
     processed: &ProcessedFrame,

@@ -101,10 +101,9 @@ const TEMPLATE_SIGMAS: f64 = 4.0;
 /// Cuts the templates of the points. The first frame in which a point is marked and fits defines it; in the other frames
 /// the place is that which its template shows.
 fn cut_templates(setup: &Setup, frames: &[GroundFrame], fit: &mut OrientationFit) {
-    let is_point = |marker: usize| setup.markers.get(marker).is_some_and(|m| m.shape == Shape::Point);
     let mut first: Vec<(usize, PointTemplate)> = vec![];
     for (k, frame) in frames.iter().enumerate() {
-        for mark in frame.manual.iter().filter(|mark| is_point(mark.marker)) {
+        for mark in frame.manual.iter().filter(|mark| setup.is_point(mark.marker)) {
             let is_used = fit.residuals.iter().any(|(frame, marker, _)| (*frame, *marker) == (k, mark.marker));
             let is_new = first.iter().all(|(_, template)| template.marker != mark.marker);
             let (Some(place), true) = (mark.place, is_used && is_new) else { continue };
@@ -126,7 +125,7 @@ fn cut_templates(setup: &Setup, frames: &[GroundFrame], fit: &mut OrientationFit
     templates.sort_by_key(|template| template.marker);
     fit.orientation.templates = templates;
     // A point without a place is a task for the user, not a failure of the detector.
-    for marker in (0..setup.markers.len()).filter(|k| is_point(*k)) {
+    for marker in (0..setup.markers.len()).filter(|k| setup.is_point(*k)) {
         if frames.iter().all(|frame| frame.manual.iter().all(|mark| mark.marker != marker)) {
             fit.explain_unused(marker, UNMARKED_POINT);
         }

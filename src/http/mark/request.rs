@@ -7,7 +7,6 @@ use super::{MarkRefusal, OpenImage, Workplace};
 use crate::clock::{Clock, SystemClock};
 use crate::installation::{ManualObservation, ManualPosition, POINT_SIGMA_PX};
 use crate::measure::adjust::Observation;
-use crate::measure::setup::Shape;
 use crate::pipeline::manual_observations::{mark_position, observation_from_mark};
 use crate::store::manual_marks::{ManualMark, MarkAction, MarkPosition, MarkSource};
 
@@ -156,7 +155,7 @@ impl MarkRequestContext<'_> {
         let at = at.filter(|at| at.iter().all(|v| v.is_finite()) && setup.lens.contains(at));
         let at = at.ok_or_else(|| MarkRefusal::Invalid("give a position within the image: u_px and v_px".into()))?;
         self.check_replaceable(&request.id, request.over)?;
-        let is_point = setup.markers.get(index).is_some_and(|m| m.shape == Shape::Point);
+        let is_point = setup.is_point(index);
         let fit = if request.exact || is_point { None } else { self.refine_marker_position(index, at) };
         // A corner is seen more exactly than the middle of a disc.
         let most = if is_point { POINT_SIGMA_PX } else { f64::INFINITY };

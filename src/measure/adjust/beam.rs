@@ -293,6 +293,7 @@ where
 
 impl<'a> AxisIntegrator<'a> {
     fn new(root_m: Vector3<f64>, bending: &'a Bending) -> Self {
+        /// Index of the root's rise among the functions of bending.
         const RISE: usize = MAX_CURVATURE_TERMS + 1;
         let mut values = [0.0; BENDING_FUNCTIONS];
         values.iter_mut().zip(bending.curvature_per_m).for_each(|(value, c)| *value = *c);

@@ -9,7 +9,6 @@ use super::{IdentifyError, Identities};
 use crate::detect::Detection;
 use crate::geometry::Lens;
 use crate::ordering::sort_by_value;
-use crate::setup::Shape;
 
 /// Minimum number of pairs; fewer leave no redundancy.
 pub const MIN_IDENTIFIED: usize = 4;
@@ -106,7 +105,7 @@ pub(super) fn build_identities(problem: &MatchingProblem<'_>, decision: &MatchDe
     };
     let is_shown = |(j, p): (usize, &Option<PredictedImage>)| {
         // Points are found after the decals, and on the ground only if they were marked.
-        let is_decal = problem.scene.setup.markers.get(j).is_some_and(|m| m.shape != Shape::Point);
+        let is_decal = !problem.scene.setup.is_point(j);
         let is_known = || problem.detections.iter().any(|d| d.marker == Some(j));
         p.as_ref().is_some_and(|p| problem.scene.setup.lens.contains(&p.pixel)) && (is_decal || is_known())
     };

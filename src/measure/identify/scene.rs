@@ -187,10 +187,15 @@ impl<'a> WingView<'a> {
 
     /// Returns the number of markers with a decal that the ground frames show; of all, if their observations are not known.
     pub fn count_shown(&self) -> usize {
-        let has_decal = |k: usize| self.setup.markers.get(k).is_some_and(|m| m.shape != Shape::Point);
+        let has_decal = |k: usize| !self.setup.is_point(k);
         let ground = &self.orientation.ground;
         let shown = ground.iter().filter(|o| has_decal(o.marker)).count();
         if ground.is_empty() { (0..self.setup.markers.len()).filter(|k| has_decal(*k)).count() } else { shown }
+    }
+
+    /// Returns whether the ground frames show points only: nothing that the detector could find.
+    pub fn has_points_alone(&self) -> bool {
+        self.count_shown() == 0 && !self.orientation.templates.is_empty()
     }
 
     /// Returns the vertical deflection of a marker relative to the ground, wing frame, m.

@@ -13,7 +13,7 @@ use crate::adjust::{self, AdjustError, AdjustResult, Mounting, Observation, Opti
 use crate::environment::apparent_point;
 use crate::ordering::sort_by_value;
 use crate::points;
-use crate::setup::{Orientation, Setup, Shape, SurveyMarker};
+use crate::setup::{Orientation, Setup, SurveyMarker};
 
 /// Predicted standard deviations of one marker: deflection, and position along span, flow and height, m.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -170,8 +170,7 @@ impl<'a> SimulatedFlight<'a> {
     /// Simulates the ground frame, unless the orientation has one, and the frame in flight.
     fn take_frames(&mut self) {
         let covariance_px2 = |marker: usize| {
-            let is_point = self.setup.markers.get(marker).is_some_and(|m| m.shape == Shape::Point);
-            let least = if is_point { points::TYPICAL_SIGMA_PX } else { 0.0 };
+            let least = if self.setup.is_point(marker) { points::TYPICAL_SIGMA_PX } else { 0.0 };
             Matrix2::identity() * self.options.pixel_sigma.max(least).powi(2)
         };
         let turn = &self.orientation.camera_from_survey;

@@ -13,7 +13,9 @@ use crate::identify::PATCH_REACH_PX;
 
 /// Unknowns: shift, two slopes of the skin, gain, offset, two ramps, three terms of the blur.
 pub(super) const UNKNOWNS: usize = 11;
+/// Index of the gain among the unknowns.
 pub(super) const GAIN: usize = 4;
+/// Index of the offset among the unknowns.
 const OFFSET: usize = 5;
 /// Prior standard deviations of the shift from its start, px; of the slopes, in their standard deviations; of the variance
 /// of the blur, px^2, as between two focus settings. 0: none.

@@ -7,7 +7,7 @@ use crate::raster::Raster;
 use crate::setup::PointTemplate;
 
 /// Standard deviation of the point spread of a frame with its pixels, px: typical for a lens in focus. The sharper of two
-/// patches is smoothed to the other; the adjustment estimates what is left.
+/// patches is smoothed to the other; the adjustment estimates the remaining difference.
 const POINT_SPREAD_PX: f64 = 0.8;
 /// Variance of the smoothing below which it is left to the adjustment, px^2.
 const MIN_SMOOTHING_PX2: f64 = 0.04;

@@ -137,7 +137,7 @@ pub fn process_frame(picture: &mut impl Picture, wing: Option<&WingView>, ended:
     let fitting = wing.filter(|wing| ViewFault::from_size(picture.raster(), &wing.setup.lens).is_none());
     let Some(wing) = fitting else { return process_full_frame(picture, wing, ended) };
     let shown = wing.count_shown();
-    let found = if shown == 0 && !wing.orientation.templates.is_empty() {
+    let found = if wing.has_points_alone() {
         FrameMarkers { fault: Some(ViewFault::WITHOUT_DECALS), ..FrameMarkers::default() }
     } else {
         match (FrameView { wing, picture, ended }).search() {

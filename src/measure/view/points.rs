@@ -49,8 +49,7 @@ pub(super) fn add_points(
     if let Some(mut identities) = found.identities.take() {
         let has_template = |marker: usize| wing.orientation.templates.iter().any(|t| t.marker == marker);
         for (marker, reason) in &mut identities.missing {
-            let is_point = wing.setup.markers.get(*marker).is_some_and(|m| m.shape == Shape::Point);
-            if is_point && !has_template(*marker) {
+            if wing.setup.is_point(*marker) && !has_template(*marker) {
                 WITHOUT_TEMPLATE.clone_into(reason);
             }
         }

@@ -92,7 +92,7 @@ impl Wing {
         move |e| tip_deflection_m / (2.5 * self.structure.size) * self.twist_tip_rad * share(e)
     }
 
-    /// Place of a section along the axis, and what is left of the arc length on a winglet, m.
+    /// Place of a section along the axis, and the remaining arc length on a winglet, m.
     pub fn split_at_winglet(&self, e: f64) -> (f64, f64) {
         if self.structure.winglet_rad == 0.0 {
             return (e, 0.0);
@@ -185,8 +185,8 @@ impl Aircraft {
         deflection_m / (USUAL_DEFLECTION_M * self.truth.wing.structure.size)
     }
 
-    /// Twist of the section midway between the torsion pair about the axis along the span, rad: what is left of the
-    /// section's rotation after the change of its slope.
+    /// Twist of the section midway between the torsion pair about the axis along the span, rad: its
+    /// rotation without the change of its slope.
     pub fn pair_twist_rad(&self, when: WingState) -> f64 {
         let pair = &self.truth.setup.torsion[0];
         let stations = &self.truth.stations;

@@ -36,11 +36,8 @@ impl<'a> JointSolution<'a> {
         let solved = flight.widen_refuted_priors(solved, &mut removed);
         let solved = flight.readmit_observations(solved, &mut removed)?;
         let rough = flight.tune_variances(solved, DEPARTURE_ROUNDS)?;
-        let rough = flight.explain_by_image_shifts(rough)?;
+        let rough = flight.explain_by_image_shifts(rough, &mut removed)?;
         let solved = flight.solve_converged(&rough.fit)?;
-        if flight.prior_scales.stabilised_px > 0.0 {
-            removed.clear();
-        }
         Ok(Self { flight, solved, removed })
     }
 

@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use super::frames::Flight;
 use super::hyperparameters::frame_rotation_column;
 use super::solving::SolvedFlight;
-use super::usage::FlightUsage;
+use super::usage::{FlightUsage, RemovedObservation};
 use crate::adjust::AdjustResult;
 use crate::adjust::stated_widths::WidthEvidence;
 use crate::adjust::terms::{mount_drift_rad, mount_repeatability_rad};
@@ -184,11 +184,16 @@ impl Flight<'_> {
     }
 
     /// Takes shifts of the image from frame to frame for the cause of a large drift if no rotation explains the frames as
-    /// well: a rotation moves the edges of an image by more than its middle, stabilisation does not.
+    /// well: a rotation moves the edges of an image by more than its middle, stabilisation does not. Then outliers are found
+    /// again.
     ///
     /// # Errors
     /// Returns an error if the flight has no solution.
-    pub fn explain_by_image_shifts(&mut self, solved: SolvedFlight) -> AdjustResult<SolvedFlight> {
+    pub fn explain_by_image_shifts(
+        &mut self,
+        solved: SolvedFlight,
+        removed: &mut Vec<RemovedObservation>,
+    ) -> AdjustResult<SolvedFlight> {
         let configured = mount_drift_rad(self.input.setup);
         let is_known = self.input.setup.uncertainty[Width::Stabilisation] > 0.0;
         if is_known || self.hyperparameters.drift_rad < SUSPECT_DRIFT_RATIO * configured.max(STEADY_ROTATION_RAD) {
@@ -206,7 +211,9 @@ impl Flight<'_> {
             return Ok(solved);
         }
         *self = shifted;
-        self.tune_variances(again, SHIFT_ROUNDS)
+        let (clean, outliers) = self.remove_outliers()?;
+        *removed = outliers;
+        self.tune_variances(clean, SHIFT_ROUNDS)
     }
 
     /// Determines the mountings: a remount is a step in rotation that is statistically significant **and** larger than the

@@ -66,6 +66,7 @@ pub const TYPICAL_SURFACE: [(f64, f64, i32); 7] =
 const TYPICAL_REACH_M: f64 = 31.0;
 /// Standard deviation of the change of slope at a break: up to that of an upright winglet.
 const BREAK_SIGMA: f64 = 3.0;
+/// Chord at the outermost marker over that at the root, by which the crown flattens: an airliner's. An assumption.
 const TYPICAL_TAPER: f64 = 0.3;
 /// Decrease of the sum of squares by which a break is established, in units of the residuals' variance. Chance exceeds it
 /// once in a million at one place; the places that are tried are some sixty.
@@ -133,7 +134,7 @@ impl SurveySurface {
                 let breaks_x_m = best.frame.breaks_x_m.iter().copied().chain([at]).collect();
                 Self::fit_robust(points, weights, &SurfaceFrame { breaks_x_m, ..best.frame.clone() })
             };
-            // Each break is told by points on both sides.
+            // Points on both sides determine a break.
             let inboard = |at: f64| spans.iter().filter(|x| **x < at).count() as isize;
             let ends = best.frame.breaks_x_m.iter().map(|at| inboard(*at));
             let missing = POINTS_BETWEEN_BREAKS - POINTS_BESIDE_BREAKS;
@@ -204,6 +205,7 @@ impl SurveySurface {
 
 /// Finds the minimum of a function between two places by golden sections.
 fn minimise_between((mut from, mut to): (f64, f64), cost: impl Fn(f64) -> f64) -> f64 {
+    /// Golden ratio less one, by which each step shortens the interval.
     const GOLDEN: f64 = 0.618_033_988_749_895;
     let inner = |from: f64, to: f64| (to - GOLDEN * (to - from), from + GOLDEN * (to - from));
     let (mut low, mut high) = inner(from, to);

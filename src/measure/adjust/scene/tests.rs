@@ -10,6 +10,7 @@ use crate::adjust::example::{orientation, setup, window};
 use crate::adjust::shapes::curvature_integrals;
 use crate::setup::{Setup, SetupUncertainty};
 
+/// Steps of the reference's quadrature: finer than the difference that the tests resolve.
 const STEPS: usize = 16000;
 const C: usize = 5;
 const T: usize = 3;
