@@ -5,8 +5,11 @@ use std::fmt::Write as _;
 
 use std::path::Path;
 
+use image::codecs::png::{PngDecoder, PngEncoder};
+use image::{DynamicImage, ExtendedColorType, ImageDecoder as _, ImageEncoder as _};
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2};
 use serde::Deserialize;
+use sha2::{Digest as _, Sha256};
 
 use super::{Installation, ORIENTATION_FILE, Reader, write_atomically};
 use crate::measure::identify::OrientationFit;
@@ -29,7 +32,7 @@ struct OrientationTable {
     /// Points whose templates are in [`TEMPLATES_FILE`], from top to bottom.
     #[serde(default)]
     point: Vec<PointEntry>,
-    /// File name -> SHA-256 of camera and survey.
+    /// File name -> SHA-256 of camera, survey and templates.
     #[serde(default)]
     made_with: BTreeMap<String, String>,
 }
@@ -79,7 +82,6 @@ pub(super) fn read_orientation(reader: &mut Reader, markers: &[SurveyMarker]) ->
     }
     let (file, text) = reader.read_text(ORIENTATION_FILE, "write it with `wingd orient`")?;
     let table: OrientationTable = reader.parse_toml(&file, &text)?;
-    check_sources(reader, &file, &table.made_with);
     let m = matrix_from_rows(&table.camera_from_survey);
     let defect = (m * m.transpose() - Matrix3::identity()).amax();
     if !(defect < ORTHONORMAL_TOLERANCE && m.determinant() > 0.0) {
@@ -99,7 +101,9 @@ pub(super) fn read_orientation(reader: &mut Reader, markers: &[SurveyMarker]) ->
     let camera_from_survey = Rotation3::from_matrix_unchecked(rotation);
     let index = |u: UnusedMarker| Some((markers.iter().position(|m| m.id == u.id)?, u.reason));
     let unused = table.unused.into_iter().filter_map(index).collect();
-    let templates = if table.point.is_empty() { vec![] } else { read_templates(reader, &table.point, markers)? };
+    let templates = if table.point.is_empty() { Some(vec![]) } else { read_templates(reader, &table.point, markers) };
+    check_sources(reader, &file, &table.made_with);
+    let templates = templates?;
     let orientation = Orientation { camera_from_survey, covariance_rad2, ground, templates };
     Some(StoredOrientation { orientation, unused, accepted: table.accepted })
 }
@@ -108,11 +112,10 @@ pub(super) fn read_orientation(reader: &mut Reader, markers: &[SurveyMarker]) ->
 fn read_templates(reader: &mut Reader, entries: &[PointEntry], markers: &[SurveyMarker]) -> Option<Vec<PointTemplate>> {
     let remedy = "run `wingd orient` again with the ground frames";
     let (file, bytes) = reader.read_bytes(TEMPLATES_FILE, remedy)?;
-    let decoded = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png).map(|i| i.to_luma8());
     let side = TEMPLATE_SIDE_PX;
-    let grey =
-        decoded.ok().filter(|grey| (grey.width() as usize, grey.height() as usize) == (side, side * entries.len()));
-    let Some(grey) = grey else {
+    let size = (side as u32, (side * entries.len()) as u32);
+    let decoder = PngDecoder::new(std::io::Cursor::new(bytes)).ok().filter(|decoder| decoder.dimensions() == size);
+    let Some(grey) = decoder.and_then(|decoder| DynamicImage::from_decoder(decoder).ok()).map(|i| i.to_luma8()) else {
         let problem = format!("is not an image of {} templates of {side} px", entries.len());
         reader.fault(&file, "file", problem, remedy);
         return None;
@@ -133,19 +136,22 @@ fn read_templates(reader: &mut Reader, entries: &[PointEntry], markers: &[Survey
     found
 }
 
-/// Writes the templates of points, and returns their entries in `orientation.toml`.
+/// Writes the image of the templates, and returns its SHA-256.
 fn write_templates(installation: &Installation, templates: &[PointTemplate]) -> std::io::Result<String> {
-    let mut text = String::new();
-    if templates.is_empty() {
-        return Ok(text);
-    }
     let (side, height) = (TEMPLATE_SIDE_PX as u32, (TEMPLATE_SIDE_PX * templates.len()) as u32);
     let all: Vec<u8> = templates.iter().flat_map(|t| t.patch.luma()).copied().collect();
-    let mut png = std::io::Cursor::new(vec![]);
-    let grey = image::GrayImage::from_raw(side, height, all);
-    let grey = grey.ok_or_else(|| std::io::Error::other("the templates of the points differ in size"))?;
-    grey.write_to(&mut png, image::ImageFormat::Png).map_err(std::io::Error::other)?;
-    write_atomically(&installation.directory.join(TEMPLATES_FILE), png.into_inner())?;
+    let mut png = vec![];
+    let encoder = PngEncoder::new(&mut png);
+    encoder.write_image(&all, side, height, ExtendedColorType::L8).map_err(std::io::Error::other)?;
+    write_atomically(&installation.directory.join(TEMPLATES_FILE), &png)?;
+    Ok(hex::encode(Sha256::digest(&png)))
+}
+
+/// Writes the entries of the templates.
+fn write_points(text: &mut String, installation: &Installation, templates: &[PointTemplate]) {
+    if templates.is_empty() {
+        return;
+    }
     let _ = writeln!(
         text,
         "\n# Templates of points, in the order of {TEMPLATES_FILE}: origin in the ground frame, and place, px"
@@ -156,7 +162,6 @@ fn write_templates(installation: &Installation, templates: &[PointTemplate]) -> 
         let _ = writeln!(text, "[[point]]\nid = {}\nleft_px = {left}\ntop_px = {top}", toml::Value::from(id));
         let _ = writeln!(text, "u_px = {:.5}\nv_px = {:.5}\n", place.x, place.y);
     }
-    Ok(text)
 }
 
 /// Checks that camera and survey are those that the attitude was computed with.
@@ -227,6 +232,10 @@ pub fn write_orientation(
     for (name, digest) in installation.digests.iter().filter(|(name, _)| installation.sources.contains(name)) {
         let _ = writeln!(text, "{} = \"{digest}\"", toml::Value::from(name.as_str()));
     }
+    if !fit.orientation.templates.is_empty() {
+        let digest = write_templates(installation, &fit.orientation.templates)?;
+        let _ = writeln!(text, "\"{TEMPLATES_FILE}\" = \"{digest}\"");
+    }
     for (k, (name, digest)) in images.iter().enumerate() {
         let _ = writeln!(text, "\n[[image]]\nname = {}\nsha256 = \"{digest}\"", toml::Value::from(name.as_str()));
         let _ = writeln!(text, "# marker, residual u, v (observed - computed), px\nresiduals = [");
@@ -242,7 +251,7 @@ pub fn write_orientation(
         let _ = writeln!(text, "\n[[unused]]\nid = {id}\nreason = {reason}");
     }
     write_ground(&mut text, installation, &fit.orientation.ground);
-    text.push_str(&write_templates(installation, &fit.orientation.templates)?);
+    write_points(&mut text, installation, &fit.orientation.templates);
     write_atomically(&installation.directory.join(ORIENTATION_FILE), &text)
 }
 
