@@ -4,9 +4,15 @@
 use std::path::Path;
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use nalgebra::Matrix2;
 use wingd::installation;
 use wingd::measure::detect;
 use wingd::measure::identify::{self, MAX_DEFLECTION_CHANGE_M, WingView};
+use wingd::measure::observation::Observation;
+use wingd::measure::points::cut_template;
+use wingd::measure::render::{Light, Scene, SceneOptions, SceneSide};
+use wingd::measure::setup::{Orientation, Shape};
+use wingd::measure::view::process_frame;
 use wingd::pipeline::decode::decode_image;
 
 fn benches(c: &mut Criterion) {
@@ -40,5 +46,33 @@ fn benches(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(all, benches);
+/// A frame with 16 decals and 12 points, and the same frame if the survey has the decals alone.
+fn points(c: &mut Criterion) {
+    let options = SceneOptions { markers: 16, quadrants: 8, points: 12, ..SceneOptions::random(31, SceneSide::Right) };
+    let scene = Scene::random(31, &options);
+    let shot = scene.ground_shot(31);
+    let ground = scene.render(&shot).expect("renders");
+    let image = scene.render(&scene.flight_shot(1.5, Light::Plain, 1)).expect("renders");
+    let (mut marks, mut templates) = (vec![], vec![]);
+    for (marker, truth) in scene.truth(&shot).markers.iter().enumerate() {
+        let Some(pixel) = truth.pixel.filter(|_| truth.visible) else { continue };
+        marks.push(Observation { marker, pixel, covariance_px2: Matrix2::identity() * 0.03_f64.powi(2) });
+        templates.extend(cut_template(&ground, marker, pixel).filter(|_| truth.shape == Shape::Point));
+    }
+    let camera_from_survey = scene.camera_from_survey;
+    let with = Orientation { camera_from_survey, covariance_rad2: None, ground: marks, templates };
+    let (mut setup, mut without) = (scene.setup.clone(), with.clone());
+    without.templates.clear();
+    without.ground.retain(|mark| !setup.is_point(mark.marker));
+    setup.markers.retain(|marker| marker.shape != Shape::Point);
+    let mut group = c.benchmark_group("points");
+    group.sample_size(20);
+    for (name, setup, orientation) in [("none", &setup, &without), ("12", &scene.setup, &with)] {
+        let wing = WingView::in_flight(setup, orientation);
+        group.bench_function(name, |b| b.iter(|| process_frame(&mut &image, Some(&wing), &mut |_| ())));
+    }
+    group.finish();
+}
+
+criterion_group!(all, benches, points);
 criterion_main!(all);

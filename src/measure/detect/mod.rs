@@ -50,7 +50,7 @@ mod sample;
 mod scope;
 mod search;
 mod segment;
-mod simd;
+pub(crate) mod simd;
 
 use crate::detect::accept::{correlated, dirt, found::FoundMarkers, lost_contrast, misfit};
 use crate::detect::detection::compare_positions;

@@ -64,6 +64,14 @@ impl PatchPrediction {
         self.centre_px + self.map * map_terms(offset_px)
     }
 
+    /// Returns the coefficients of [`Self::frame_point`] as polynomials of the offset along u, for an offset along v, px.
+    pub fn row_path(&self, v_px: f64) -> [[f64; 3]; 2] {
+        let [by_u, by_v, uu, uv, vv] = [0, 1, 2, 3, 4].map(|k| self.map.column(k));
+        let constant = self.centre_px + (by_v + vv * v_px) * v_px;
+        let linear = by_u + uv * v_px;
+        [0, 1].map(|k| [constant[k], linear[k], uu[k]])
+    }
+
     /// Returns the derivative of [`Self::frame_point`] at an offset.
     pub fn map_jacobian(&self, offset_px: &Vector2<f64>) -> Matrix2<f64> {
         let (x, y) = (offset_px.x, offset_px.y);

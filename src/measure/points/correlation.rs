@@ -3,6 +3,7 @@
 use nalgebra::Vector2;
 
 use super::patch::GreyPatch;
+use crate::detect::simd::dispatch::wide;
 use crate::identify::PATCH_REACH_PX;
 use crate::ordering::sort_by_value;
 
@@ -53,6 +54,26 @@ pub(super) fn find_like_places(template: &GreyPatch, patch: &GreyPatch, search: 
     kept
 }
 
+wide! {
+    /// Adds the products of rows with those of a patch from a column and row on.
+    fn multiply_rows(rows: &[Vec<f32>], patch: &GreyPatch, start: [usize; 2], lanes: &mut [f32; LANES])
+        = multiply_rows_inline
+}
+
+#[inline(always)]
+fn multiply_rows_inline(rows: &[Vec<f32>], patch: &GreyPatch, [left, top]: [usize; 2], lanes: &mut [f32; LANES]) {
+    let mut sums = [0.0; LANES];
+    for (row, line) in rows.iter().zip(patch.rows().skip(top)) {
+        for (a, b) in row.chunks_exact(LANES).zip(line[left..].chunks(LANES)) {
+            match <&[f32; LANES]>::try_from(b) {
+                Ok(b) => sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b),
+                Err(_) => sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b),
+            }
+        }
+    }
+    *lanes = sums;
+}
+
 /// A template without its mean, and sums over the patch that it is compared with.
 struct Correlator<'a> {
     patch: &'a GreyPatch,
@@ -67,9 +88,8 @@ struct Correlator<'a> {
 impl<'a> Correlator<'a> {
     fn new(template: &GreyPatch, patch: &'a GreyPatch, reach: usize) -> Self {
         let side = 2 * reach + 1;
-        let first = template.reach[0] - reach;
-        let lines: Vec<&[f32]> =
-            (0..side).map(|j| &template.row(j as isize - reach as isize)[first..first + side]).collect();
+        let [left, top] = template.size().map(|own| (own - side) / 2);
+        let lines: Vec<&[f32]> = (top..top + side).map(|j| &template.row(j)[left..left + side]).collect();
         let mean = lines.iter().flat_map(|line| line.iter()).sum::<f32>() / (side * side) as f32;
         let padded = |line: &&[f32]| {
             let mut row: Vec<f32> = line.iter().map(|v| v - mean).collect();
@@ -78,11 +98,11 @@ impl<'a> Correlator<'a> {
         };
         let rows: Vec<Vec<f32>> = lines.iter().map(padded).collect();
         let norm = rows.iter().flatten().map(|v| f64::from(v * v)).sum::<f64>().sqrt();
-        let (width, height) = (2 * patch.reach[0] + 1, 2 * patch.reach[1] + 1);
+        let [width, height] = patch.size();
         let mut sums = vec![[0.0; 2]; (width + 1) * (height + 1)];
-        for j in 0..height {
+        for (j, row) in patch.rows().enumerate() {
             let mut line = [0.0; 2];
-            for (i, value) in patch.row(j as isize - patch.reach[1] as isize).iter().enumerate() {
+            for (i, value) in row.iter().enumerate() {
                 let value = f64::from(*value);
                 line = [line[0] + value, line[1] + value * value];
                 let above = sums[j * (width + 1) + i + 1];
@@ -94,21 +114,16 @@ impl<'a> Correlator<'a> {
 
     /// Returns the correlation at a shift; 0 if the patch ends within the template.
     fn correlation(&self, [x, y]: [isize; 2]) -> f64 {
-        let left = x + self.patch.reach[0] as isize - self.reach as isize;
-        let top = y + self.patch.reach[1] as isize - self.reach as isize;
         let side = 2 * self.reach + 1;
-        let (width, height) = (2 * self.patch.reach[0] + 1, 2 * self.patch.reach[1] + 1);
+        let [width, height] = self.patch.size();
+        let (left, top) =
+            (x + (width / 2) as isize - self.reach as isize, y + (height / 2) as isize - self.reach as isize);
         if left < 0 || top < 0 || left as usize + side > width || top as usize + side > height {
             return 0.0;
         }
         let (left, top) = (left as usize, top as usize);
-        let mut lanes = [0.0_f32; LANES];
-        for (j, row) in self.rows.iter().enumerate() {
-            let line = &self.patch.row((top + j) as isize - self.patch.reach[1] as isize)[left..];
-            for (a, b) in row.chunks_exact(LANES).zip(line.chunks(LANES)) {
-                lanes.iter_mut().zip(a.iter().zip(b)).for_each(|(lane, (a, b))| *lane += a * b);
-            }
-        }
+        let mut lanes = [0.0; LANES];
+        multiply_rows(&self.rows, self.patch, [left, top], &mut lanes);
         let corner = |i: usize, j: usize| self.sums[(top + j) * (width + 1) + left + i];
         let [all, right, below, both] = [corner(0, 0), corner(side, 0), corner(0, side), corner(side, side)];
         let area = |k: usize| both[k] - right[k] - below[k] + all[k];

@@ -112,6 +112,7 @@ pub fn find_places(
 /// Place with its adjusted shift and the log odds of the adjusted patch.
 struct AdjustedPlace {
     adjusted: AdjustedShift,
+    residuals: Vec<f64>,
     odds: f64,
 }
 
@@ -133,8 +134,9 @@ impl PatchPair<'_> {
                 };
             let shift = adjusted.shift();
             if all.iter().all(|known| (known.adjusted.shift() - shift).norm() > 1.0) {
-                let odds = -0.5 * ADJUSTED_VALUES * adjusted.misfit(&self.patch).ln() + self.prior_odds(&shift);
-                all.push(AdjustedPlace { adjusted, odds });
+                let residuals = adjusted.residuals(&self.patch);
+                let odds = -0.5 * ADJUSTED_VALUES * adjusted.misfit(&residuals).ln() + self.prior_odds(&shift);
+                all.push(AdjustedPlace { adjusted, residuals, odds });
             }
         }
         all.sort_by(|a, b| b.odds.total_cmp(&a.odds));
@@ -154,8 +156,9 @@ pub fn match_point(
     let pair = PatchPair::new(frame, template, prediction)?;
     let slopes = prediction.by_slope.map(|by| pair.inverse * by);
     let places = pair.adjust_places(slopes)?;
-    let (AdjustedPlace { adjusted, odds }, others) = places.split_first().ok_or(PointRejection::Unlike)?;
-    let mut found = adjusted.conclude(&pair.patch)?;
+    let (AdjustedPlace { adjusted, residuals, odds }, others) = places.split_first().ok_or(PointRejection::Unlike)?;
+    let shifted = adjusted.shifted_patch(&pair.patch);
+    let mut found = adjusted.conclude(&shifted, residuals)?;
     let weight = found.covariance.try_inverse().ok_or(PointRejection::NoStructure)?;
     for other in others.iter().filter(|other| other.odds > odds - MIN_LOG_ODDS) {
         let apart = other.adjusted.shift() - found.shift;
@@ -169,7 +172,6 @@ pub fn match_point(
         return Err(PointRejection::Changed);
     }
     let start = Vector2::new(BACKWARD_START_PX, -BACKWARD_START_PX);
-    let shifted = adjusted.shifted_patch(&pair.patch);
     let back = adjust_shift(&shifted, &pair.template, start, pair.offset, slopes.map(|by| -by), &CHECK_PASSES)?.shift();
     if back.dot(&(weight * back)) > MAX_LOOP.0 * MAX_LOOP.0 && back.norm() > MAX_LOOP.1 {
         return Err(PointRejection::Inconsistent);

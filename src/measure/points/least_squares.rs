@@ -7,7 +7,8 @@
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 use super::PointRejection;
-use super::patch::GreyPatch;
+use super::patch::{GreyPatch, RowPath, sobel_gradient};
+use crate::detect::simd::dispatch::wide;
 use crate::estimation::robust::robust_sigma;
 use crate::identify::PATCH_REACH_PX;
 
@@ -22,10 +23,12 @@ const OFFSET: usize = 5;
 pub(super) const PRIOR_SIGMAS: [f64; UNKNOWNS] = [4.0, 4.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.4, 0.4, 0.4];
 /// Standard deviation of the weights over the patch, px: the structure at the point counts more than its surroundings.
 const WINDOW_SIGMA_PX: f64 = 9.0;
-/// Number of pixels of which one estimates the noise.
-const NOISE_STRIDE: usize = 4;
+/// Number of residuals that estimate the noise: its standard deviation is then known to 8 %.
+const NOISE_VALUES: usize = 240;
+/// Number of pixels of which one counts for the start.
+const START_STRIDE: usize = 2;
 /// Step at convergence, px.
-const SETTLED_PX: f64 = 0.005;
+const SETTLED_PX: f64 = 0.01;
 /// Multiple of the residuals' standard deviation beyond which weights decrease.
 const ROBUST_LIMIT: f64 = 2.5;
 /// Side of the blocks over which residuals are summed, px: the correlation of blur, interpolation and a block of JPEG's
@@ -57,6 +60,8 @@ pub(super) const MATCH_PASSES: [AdjustmentPass; 4] = [
 pub(super) const CHECK_PASSES: [AdjustmentPass; 1] = [AdjustmentPass { stride: 2, steps: 8, robust: false }];
 
 pub(super) type Unknowns = SVector<f64, UNKNOWNS>;
+/// Derivatives with respect to the unknowns, and a zero: registers hold four of them.
+pub(super) type DesignRow = [f64; UNKNOWNS + 1];
 pub(super) type Normal = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 
 /// Pixel of the template with the derivatives of the grey value.
@@ -65,7 +70,7 @@ pub(super) struct PixelRow {
     pub(super) at: Vector2<f64>,
     pub(super) template: f64,
     /// Derivatives with respect to the unknowns, by the template's gradient.
-    pub(super) design: [f64; UNKNOWNS],
+    pub(super) design: DesignRow,
     pub(super) weight: f64,
     /// Weight by the distance from the point.
     pub(super) window: f64,
@@ -96,14 +101,16 @@ pub(super) fn adjust_shift(
     let mut unknowns = matching.start_values(patch, start);
     let (mut noise, mut last) = (MIN_NOISE, Vector2::repeat(f64::INFINITY));
     for pass in passes {
+        let mut residuals = matching.residuals(patch, &unknowns, pass.stride);
         if pass.robust {
-            let residuals = matching.residuals(patch, &unknowns, 1);
             noise = robust_noise(&residuals);
-            matching.weight_rows(&residuals, noise);
+            matching.weight_rows((&residuals, pass.stride), noise);
         }
         let normal = matching.normal_matrix(pass.stride);
-        for _ in 0..pass.steps {
-            let residuals = matching.residuals(patch, &unknowns, pass.stride);
+        for step in 0..pass.steps {
+            if step > 0 {
+                residuals = matching.residuals(patch, &unknowns, pass.stride);
+            }
             let change = matching.step(&normal, &unknowns, start, (&residuals, pass.stride), noise);
             let change = change.ok_or(PointRejection::NoStructure)?;
             unknowns += change;
@@ -130,26 +137,33 @@ pub(super) struct AdjustedShift {
 
 /// Standard deviation of residuals from their median size, grey levels.
 fn robust_noise(residuals: &[f64]) -> f64 {
-    let some = residuals.iter().step_by(NOISE_STRIDE);
+    let some = residuals.iter().step_by(residuals.len().div_ceil(NOISE_VALUES));
     MIN_NOISE * robust_sigma(some.map(|r| r.abs() / MIN_NOISE).collect())
 }
 
 fn template_rows(template: &GreyPatch, offset: Vector2<f64>, slopes: &[Matrix2<f64>; 2]) -> Vec<PixelRow> {
-    let reach = PATCH_REACH_PX as isize;
+    let reach = PATCH_REACH_PX as i32;
     let scale = 1.0 / PATCH_REACH_PX as f64;
-    let row = |x: isize, y: isize| {
-        let value = |i: isize, j: isize| f64::from(template.value(x + i, y + j));
-        let centre = value(0, 0);
-        let gradient = template.gradient(x, y);
-        let (xx, yy) = (value(1, 0) + value(-1, 0) - 2.0 * centre, value(0, 1) + value(0, -1) - 2.0 * centre);
-        let xy = 0.25 * (value(1, 1) - value(1, -1) - value(-1, 1) + value(-1, -1));
-        let at = Vector2::new(x as f64, y as f64) + offset;
-        let [a, b] = slopes.map(|by| -gradient.dot(&(by * at)));
-        let design = [-gradient.x, -gradient.y, a, b, centre, 1.0, at.x * scale, at.y * scale, 0.5 * xx, 0.5 * yy, xy];
-        let window = (-0.5 * at.norm_squared() / (WINDOW_SIGMA_PX * WINDOW_SIGMA_PX)).exp();
-        PixelRow { at, template: centre, design, weight: window, window }
-    };
-    (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| row(x, y))).collect()
+    let bell = |along: f64| (-0.5 * (along / WINDOW_SIGMA_PX).powi(2)).exp();
+    let windows: Vec<f64> = (-reach..=reach).map(|x| bell(f64::from(x) + offset.x)).collect();
+    let mut rows = Vec::with_capacity(windows.len() * windows.len());
+    for y in -reach..=reach {
+        let down = bell(f64::from(y) + offset.y);
+        for (x, across) in (-reach..=reach).zip(&windows) {
+            let around = template.neighbours(x, y);
+            let [above, [left, centre, right], below] = around;
+            let gradient = sobel_gradient(&around);
+            let (xx, yy) = (right + left - 2.0 * centre, below[1] + above[1] - 2.0 * centre);
+            let xy = 0.25 * (below[2] - above[2] - below[0] + above[0]);
+            let at = Vector2::new(f64::from(x), f64::from(y)) + offset;
+            let [a, b] = slopes.map(|by| -gradient.dot(&(by * at)));
+            let [ramp_u, ramp_v] = [at.x * scale, at.y * scale];
+            let design = [-gradient.x, -gradient.y, a, b, centre, 1.0, ramp_u, ramp_v, 0.5 * xx, 0.5 * yy, xy, 0.0];
+            let window = across * down;
+            rows.push(PixelRow { at, template: centre, design, weight: window, window });
+        }
+    }
+    rows
 }
 
 impl Matching {
@@ -157,50 +171,68 @@ impl Matching {
     fn start_values(&self, patch: &GreyPatch, start: Vector2<f64>) -> Unknowns {
         let mut unknowns = Unknowns::zeros();
         unknowns.fixed_rows_mut::<2>(0).copy_from(&start);
-        let sampled: Vec<f64> =
-            self.rows.iter().map(|row| f64::from(self.sample_at(patch, row.at, &unknowns))).collect();
-        let total: f64 = self.rows.iter().map(|row| row.weight).sum();
-        let mean = |value: &dyn Fn(usize) -> f64| {
-            self.rows.iter().enumerate().map(|(k, row)| row.weight * value(k)).sum::<f64>() / total
+        let sampled = self.sample(patch, &unknowns, START_STRIDE);
+        let rows = || self.rows.iter().step_by(START_STRIDE).zip(&sampled);
+        let total: f64 = rows().map(|(row, _)| row.weight).sum();
+        let mean = |value: &dyn Fn(f64, f64) -> f64| {
+            rows().map(|(row, frame)| row.weight * value(row.template, f64::from(*frame))).sum::<f64>() / total
         };
-        let (template, frame) = (mean(&|k| self.rows[k].template), mean(&|k| sampled[k]));
-        let variance = mean(&|k| (self.rows[k].template - template).powi(2));
-        let covariance = mean(&|k| (self.rows[k].template - template) * (sampled[k] - frame));
+        let (template, frame) = (mean(&|template, _| template), mean(&|_, frame| frame));
+        let variance = mean(&|other, _| (other - template).powi(2));
+        let covariance = mean(&|other, value| (other - template) * (value - frame));
         unknowns[GAIN] = if variance > 0.0 { covariance / variance } else { 1.0 };
         unknowns[OFFSET] = frame - unknowns[GAIN] * template;
         unknowns
     }
 
-    /// Returns the grey value of the frame's patch at an offset from the point in the template.
-    pub(super) fn sample_at(&self, patch: &GreyPatch, at: Vector2<f64>, unknowns: &Unknowns) -> f32 {
-        let sheared = (self.slopes[0] * unknowns[2] + self.slopes[1] * unknowns[3]) * at;
-        let on_grid = at - self.offset + sheared;
-        patch.sample(on_grid.x + unknowns[0], on_grid.y + unknowns[1])
+    /// Returns the positions in the frame's patch of the template's row `y` px from its centre.
+    pub(super) fn row_path(&self, y: f64, unknowns: &Unknowns) -> RowPath {
+        let shear = self.slopes[0] * unknowns[2] + self.slopes[1] * unknowns[3];
+        let start = shear * (self.offset + Vector2::new(0.0, y)) + Vector2::new(unknowns[0], unknowns[1] + y);
+        [[start.x, 1.0 + shear[(0, 0)], 0.0], [start.y, shear[(1, 0)], 0.0]]
+    }
+
+    /// Returns the grey values of the frame at every `stride`-th pixel.
+    fn sample(&self, patch: &GreyPatch, unknowns: &Unknowns, stride: usize) -> Vec<f32> {
+        let side = 2 * PATCH_REACH_PX + 1;
+        let mut values = vec![0.0; (side * side).div_ceil(stride)];
+        let (mut filled, reach) = (0, PATCH_REACH_PX as f64);
+        for j in 0..side {
+            let skipped = (filled * stride) - j * side;
+            let end = ((j + 1) * side).div_ceil(stride);
+            let path = self.row_path(j as f64 - reach, unknowns);
+            patch.sample_row(&path, skipped as f64 - reach, stride as f64, &mut values[filled..end]);
+            filled = end;
+        }
+        values
     }
 
     /// Returns the grey values of the frame less those of the model, at every `stride`-th pixel.
     pub(super) fn residuals(&self, patch: &GreyPatch, unknowns: &Unknowns, stride: usize) -> Vec<f64> {
-        let one = |row: &PixelRow| {
-            let model: f64 = (GAIN..UNKNOWNS).map(|k| row.design[k] * unknowns[k]).sum();
-            f64::from(self.sample_at(patch, row.at, unknowns)) - model
-        };
-        self.rows.iter().step_by(stride).map(one).collect()
+        let sampled = self.sample(patch, unknowns, stride);
+        let mut residuals = vec![0.0; sampled.len()];
+        subtract_model(&self.rows, stride, &unknowns.data.0[0], &sampled, &mut residuals);
+        residuals
     }
 
     /// Returns the normal matrix of the design as it is, for a gain of 1, of every `stride`-th pixel.
     fn normal_matrix(&self, stride: usize) -> Normal {
-        let mut sums = [[0.0; UNKNOWNS]; UNKNOWNS];
-        for row in self.rows.iter().step_by(stride) {
-            for (own, sums) in row.design.iter().zip(&mut sums) {
-                let weighted = own * row.weight;
-                sums.iter_mut().zip(&row.design).for_each(|(sum, other)| *sum += weighted * other);
-            }
+        let mut weighted = vec![[0.0; UNKNOWNS + 1]; self.rows.len().div_ceil(stride)];
+        for (weighted, row) in weighted.iter_mut().zip(self.rows.iter().step_by(stride)) {
+            weighted.iter_mut().zip(&row.design).for_each(|(weighted, own)| *weighted = own * row.weight);
         }
-        Normal::from(sums)
+        self.sum_products(&weighted, stride)
     }
 
-    fn weight_rows(&mut self, residuals: &[f64], noise: f64) {
-        for (row, residual) in self.rows.iter_mut().zip(residuals) {
+    /// Returns the sums of products of derivatives at every `stride`-th pixel with other rows of as many.
+    pub(super) fn sum_products(&self, left: &[DesignRow], stride: usize) -> Normal {
+        let mut sums = [[0.0; UNKNOWNS + 1]; UNKNOWNS + 1];
+        sum_products(&self.rows, stride, left, &mut sums);
+        Normal::from_fn(|i, k| sums[i][k])
+    }
+
+    fn weight_rows(&mut self, (residuals, stride): (&[f64], usize), noise: f64) {
+        for (row, residual) in self.rows.iter_mut().step_by(stride).zip(residuals) {
             let size = residual.abs() / (ROBUST_LIMIT * noise);
             row.weight = if size > 1.0 { row.window / (size * size) } else { row.window };
         }
@@ -229,17 +261,68 @@ impl Matching {
         noise: f64,
     ) -> Option<Unknowns> {
         let factors = Self::factors(unknowns);
-        let mut sums = [0.0; UNKNOWNS];
-        for (row, residual) in self.rows.iter().step_by(stride).zip(residuals) {
-            let weighted = row.weight * residual;
-            sums.iter_mut().zip(&row.design).for_each(|(sum, own)| *sum += weighted * own);
-        }
+        let mut sums = [0.0; UNKNOWNS + 1];
+        add_right_side(&self.rows, stride, residuals, &mut sums);
         let mut from_prior = *unknowns;
         from_prior[0] -= start.x;
         from_prior[1] -= start.y;
         let prior = self.prior_information(noise);
-        let right = Unknowns::from(sums).component_mul(&factors) - prior.component_mul(&from_prior);
+        let right = Unknowns::from_fn(|k, _| sums[k]).component_mul(&factors) - prior.component_mul(&from_prior);
         let scaled = Normal::from_fn(|i, k| normal[(i, k)] * factors[i] * factors[k]) + Normal::from_diagonal(&prior);
         Some(scaled.cholesky()?.solve(&right))
+    }
+}
+
+wide! {
+    /// Subtracts the model's grey values from those of the frame at every `stride`-th pixel.
+    fn subtract_model(rows: &[PixelRow], stride: usize, unknowns: &[f64; UNKNOWNS], sampled: &[f32], out: &mut [f64])
+        = subtract_model_inline
+}
+
+#[inline(always)]
+fn subtract_model_inline(
+    rows: &[PixelRow],
+    stride: usize,
+    unknowns: &[f64; UNKNOWNS],
+    sampled: &[f32],
+    out: &mut [f64],
+) {
+    for ((row, value), out) in rows.iter().step_by(stride).zip(sampled).zip(out) {
+        let model = (GAIN..UNKNOWNS).fold(0.0, |sum, k| sum + row.design[k] * unknowns[k]);
+        *out = f64::from(*value) - model;
+    }
+}
+
+wide! {
+    /// Sums the products of derivatives at every `stride`-th pixel with other rows of as many.
+    fn sum_products(rows: &[PixelRow], stride: usize, left: &[DesignRow], sums: &mut [DesignRow; UNKNOWNS + 1])
+        = sum_products_inline
+}
+
+/// Three rows of sums at a time stay in registers.
+#[inline(always)]
+fn sum_products_inline(rows: &[PixelRow], stride: usize, left: &[DesignRow], sums: &mut [DesignRow; UNKNOWNS + 1]) {
+    for (k, sums) in sums.chunks_exact_mut(3).enumerate() {
+        let mut own = [[0.0; UNKNOWNS + 1]; 3];
+        for (row, left) in rows.iter().step_by(stride).zip(left) {
+            let left = [left[3 * k], left[3 * k + 1], left[3 * k + 2]];
+            for (own, left) in own.iter_mut().zip(left) {
+                own.iter_mut().zip(&row.design).for_each(|(sum, right)| *sum += left * right);
+            }
+        }
+        sums.copy_from_slice(&own);
+    }
+}
+
+wide! {
+    /// Adds the weighted products of derivatives and residuals at every `stride`-th pixel.
+    fn add_right_side(rows: &[PixelRow], stride: usize, residuals: &[f64], sums: &mut DesignRow) = add_right_side_inline
+}
+
+#[inline(always)]
+fn add_right_side_inline(rows: &[PixelRow], stride: usize, residuals: &[f64], sums: &mut DesignRow) {
+    for (row, residual) in rows.iter().step_by(stride).zip(residuals) {
+        let weighted = row.weight * residual;
+        sums.iter_mut().zip(&row.design).for_each(|(sum, own)| *sum += weighted * own);
     }
 }

@@ -1,7 +1,8 @@
-//! Patches of grey values on the grid of the ground frame, around a point.
+//! Patches of grey values around a point, on the grid of the ground frame.
 
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
+use crate::detect::simd::dispatch::wide;
 use crate::identify::{PATCH_REACH_PX, PatchPrediction};
 use crate::raster::Raster;
 use crate::setup::PointTemplate;
@@ -9,121 +10,195 @@ use crate::setup::PointTemplate;
 /// Standard deviation of the point spread of a frame with its pixels, px: typical for a lens in focus. The sharper of two
 /// patches is smoothed to the other; the adjustment estimates the remaining difference.
 const POINT_SPREAD_PX: f64 = 0.8;
-/// Variance of the smoothing below which it is left to the adjustment, px^2.
-const MIN_SMOOTHING_PX2: f64 = 0.04;
+/// Largest variance of one pass of the smoothing, px^2: the weights of its 3 x 3 pixels are then positive.
+const PASS_VARIANCE_PX2: f64 = 0.25;
 /// Grey level from which a pixel is saturated.
-const SATURATED_LEVEL: u8 = 250;
+const SATURATED_LEVEL: f32 = 250.0;
 /// Pixels on each side of a patch for the cubic interpolation and its derivatives.
 pub(super) const MARGIN_PX: usize = 3;
+/// Largest side of the area of a frame that a patch is interpolated from, px: a patch of the largest search radius at three
+/// times the scale.
+const MAX_AREA_PX: f64 = 400.0;
 
-/// Grey values around a centre, which is the ground frame's pixel nearest to a point.
+/// Number of positions whose weights are computed together.
+const LANES: usize = 8;
+
+/// Sum with which a number is rounded to an integer in the last bits: 1.5 times 2^23.
+const ROUNDING: f32 = 12_582_912.0;
+
+/// Grey values of a rectangle of pixels.
 #[derive(Clone, Debug)]
 pub(super) struct GreyPatch {
-    /// Largest offsets from the centre, px.
-    pub(super) reach: [usize; 2],
+    /// Column and row of the first value, px from the origin.
+    first: [i32; 2],
     width: usize,
+    height: usize,
     values: Vec<f32>,
 }
 
+/// Positions along a row at `x`: coefficients of a quadratic polynomial for either coordinate, px.
+pub(super) type RowPath = [[f64; 3]; 2];
+
 impl GreyPatch {
-    /// Creates a patch from its values at offsets from the centre.
-    pub(super) fn from_values(reach: [usize; 2], mut value: impl FnMut(f64, f64) -> f32) -> Self {
-        let [a, b] = reach.map(|r| r as i32);
-        let values = (-b..=b).flat_map(|y| (-a..=a).map(move |x| (x, y))).map(|(x, y)| value(x.into(), y.into()));
-        Self { reach, width: 2 * reach[0] + 1, values: values.collect() }
+    /// Creates a patch from its values at the pixels up to `reach` on both sides of the origin.
+    pub(super) fn from_values(reach: [usize; 2], value: impl Fn(i32, i32) -> f32) -> Self {
+        Self::from_rows(reach, |y, row| {
+            (-(reach[0] as i32)..).zip(row).for_each(|(x, own)| *own = value(x, y));
+        })
     }
 
-    /// Returns the values of a row at an offset from the centre.
-    pub(super) fn row(&self, y: isize) -> &[f32] {
-        let start = (y + self.reach[1] as isize).max(0) as usize * self.width;
-        self.values.get(start..start + self.width).unwrap_or(&[])
+    /// Creates a patch whose rows are filled at the pixels up to `reach` on both sides of the origin.
+    pub(super) fn from_rows(reach: [usize; 2], mut fill: impl FnMut(i32, &mut [f32])) -> Self {
+        let ([width, height], first) = (reach.map(|r| 2 * r + 1), reach.map(|r| -(r as i32)));
+        let mut patch = Self { first, width, height, values: vec![0.0; width * height] };
+        let rows = patch.values.chunks_exact_mut(patch.width);
+        (patch.first[1]..).zip(rows).for_each(|(y, row)| fill(y, row));
+        patch
     }
 
-    /// Returns the value at an offset from the centre, which is clamped to the patch.
-    pub(super) fn value(&self, x: isize, y: isize) -> f32 {
-        let clamp = |v: isize, reach: usize| (v + reach as isize).clamp(0, 2 * reach as isize) as usize;
-        self.values[clamp(y, self.reach[1]) * self.width + clamp(x, self.reach[0])]
+    /// Returns the number of columns and rows.
+    pub(super) fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
     }
 
-    /// Returns the gradient at an offset from the centre, 1/px, from 3 x 3 pixels (Sobel), which halves the noise of a
-    /// difference.
-    pub(super) fn gradient(&self, x: isize, y: isize) -> Vector2<f64> {
-        let across = |dx: isize, dy: isize| self.value(x + dx, y + dy) - self.value(x - dx, y - dy);
-        let diagonals = [across(1, 1), across(1, -1)];
-        let along_u = 2.0 * across(1, 0) + diagonals[0] + diagonals[1];
-        let along_v = 2.0 * across(0, 1) + diagonals[0] - diagonals[1];
-        Vector2::new(f64::from(along_u), f64::from(along_v)) / 8.0
+    /// Returns the rows from top to bottom.
+    pub(super) fn rows(&self) -> impl ExactSizeIterator<Item = &[f32]> {
+        self.values.chunks_exact(self.width)
     }
 
-    /// Interpolates cubically at an offset from the centre.
-    pub(super) fn sample(&self, x: f64, y: f64) -> f32 {
-        let (left, top) = (x.floor(), y.floor());
-        let (wx, wy) = (cubic_weights((x - left) as f32), cubic_weights((y - top) as f32));
-        let (left, top) = (left as isize - 1, top as isize - 1);
-        let (i, j) = (left + self.reach[0] as isize, top + self.reach[1] as isize);
-        let inside = i >= 0 && j >= 0 && i as usize + 4 <= self.width && j as usize + 4 <= 2 * self.reach[1] + 1;
-        let mut sum = 0.0;
-        for (k, wy) in wy.iter().enumerate() {
-            let row: f32 = if inside {
-                let start = (j as usize + k) * self.width + i as usize;
-                wx.iter().zip(&self.values[start..start + 4]).map(|(wx, value)| wx * value).sum()
-            } else {
-                wx.iter().zip(0..).map(|(wx, i)| wx * self.value(left + i, top + k as isize)).sum()
-            };
-            sum += wy * row;
-        }
-        sum
+    /// Returns the row with an index from the top.
+    pub(super) fn row(&self, index: usize) -> &[f32] {
+        self.values.get(index * self.width..(index + 1) * self.width).unwrap_or(&[])
+    }
+
+    /// Returns the 3 x 3 values around a pixel, which must be inside by one.
+    #[inline(always)]
+    pub(super) fn neighbours(&self, x: i32, y: i32) -> [[f64; 3]; 3] {
+        let start = (y - 1 - self.first[1]) as usize * self.width + (x - 1 - self.first[0]) as usize;
+        [0, 1, 2].map(|k| {
+            let row = &self.values[start + k * self.width..][..3];
+            [f64::from(row[0]), f64::from(row[1]), f64::from(row[2])]
+        })
     }
 
     /// Returns the patch halved in size by the mean of 2 x 2 pixels; the centre moves by (0.5, 0.5) px.
     pub(super) fn halved(&self) -> Self {
-        let reach = self.reach.map(|r| (r - 1) / 2);
+        let reach = [self.width, self.height].map(|side| (side - 3) / 4);
         Self::from_values(reach, |x, y| {
-            let (x, y) = (2 * x as isize, 2 * y as isize);
-            0.25 * (self.value(x, y) + self.value(x + 1, y) + self.value(x, y + 1) + self.value(x + 1, y + 1))
+            let [column, row] = [2 * x - self.first[0], 2 * y - self.first[1]].map(|v| v as usize);
+            let sum = |row: usize| self.values[row * self.width + column] + self.values[row * self.width + column + 1];
+            0.25 * (sum(row) + sum(row + 1))
         })
+    }
+
+    /// Smooths the patch by a covariance, px^2, in passes over 3 x 3 pixels whose weights have its second moments.
+    fn smooth(&mut self, covariance_px2: &Matrix2<f64>) {
+        let count = (covariance_px2.symmetric_eigenvalues().max() / PASS_VARIANCE_PX2).ceil();
+        let one = covariance_px2.map(|v| (v / count) as f32);
+        for _ in 0..count as usize {
+            let before = self.values.clone();
+            smooth_rows(&before, self.width, [one[(0, 0)], one[(0, 1)], one[(1, 1)]], &mut self.values);
+        }
+    }
+
+    /// Interpolates the values at the positions of a path for `x = first, first + step, ...`; positions outside have the
+    /// value at the edge.
+    pub(super) fn sample_row(&self, path: &RowPath, first: f64, step: f64, out: &mut [f32]) {
+        let [left, top] = self.first.map(f64::from);
+        let [mut u, mut v] = *path;
+        u[0] -= left;
+        v[0] -= top;
+        let path = [u, v].map(|along| along.map(|c| c as f32));
+        sample_cubic(&self.values, [self.width, self.height], &path, [first, step].map(|x| x as f32), out);
     }
 }
 
-/// Weights of the cubic convolution (Keys 1981) of four neighbours at a fraction.
+/// Derivatives of grey values along u and v at the centre of 3 x 3 pixels (Sobel), 1/px: half the noise of a difference.
+#[inline(always)]
+pub(super) fn sobel_gradient([a, b, c]: &[[f64; 3]; 3]) -> Vector2<f64> {
+    let along_u = 2.0 * (b[2] - b[0]) + (c[2] - c[0]) + (a[2] - a[0]);
+    let along_v = 2.0 * (c[1] - a[1]) + (c[0] - a[0]) + (c[2] - a[2]);
+    Vector2::new(along_u, along_v) / 8.0
+}
+
+wide! {
+    /// Smooths rows by 3 x 3 weights with the second moments uu, uv, vv; the values at the edge stay.
+    fn smooth_rows(before: &[f32], width: usize, moments: [f32; 3], out: &mut [f32]) = smooth_rows_inline
+}
+
+#[inline(always)]
+fn smooth_rows_inline(before: &[f32], width: usize, [uu, uv, vv]: [f32; 3], out: &mut [f32]) {
+    let rows = before.len() / width;
+    for y in 1..rows.saturating_sub(1) {
+        let [above, own, below] = [y - 1, y, y + 1].map(|y| &before[y * width..(y + 1) * width]);
+        let out = &mut out[y * width + 1..(y + 1) * width - 1];
+        for (x, out) in out.iter_mut().enumerate() {
+            let centre = 2.0 * own[x + 1];
+            let across = own[x] + own[x + 2] - centre;
+            let down = above[x + 1] + below[x + 1] - centre;
+            let mixed = above[x] + below[x + 2] - above[x + 2] - below[x];
+            *out = own[x + 1] + 0.5 * (uu * across + vv * down) + 0.25 * uv * mixed;
+        }
+    }
+}
+
+wide! {
+    /// Interpolates values of `size` columns and rows by cubic convolution (Keys 1981) at the positions of a path for
+    /// `x = first, first + step, ...`
+    fn sample_cubic(values: &[f32], size: [usize; 2], path: &[[f32; 3]; 2], steps: [f32; 2], out: &mut [f32])
+        = sample_cubic_inline
+}
+
+#[inline(always)]
+fn sample_cubic_inline(
+    values: &[f32],
+    size: [usize; 2],
+    path: &[[f32; 3]; 2],
+    [first, step]: [f32; 2],
+    out: &mut [f32],
+) {
+    let limits = size.map(|side| side as f32 - 2.001);
+    for (chunk, out) in out.chunks_mut(LANES).enumerate() {
+        let mut whole = [[0_u32; LANES]; 2];
+        let mut weights = [[[0.0_f32; LANES]; 4]; 2];
+        for k in 0..2 {
+            let ([a, b, c], limit) = (path[k], limits[k]);
+            for lane in 0..LANES {
+                let x = first + step * (chunk * LANES + lane) as f32;
+                // At 1 the rounding would be down.
+                let at = (a + x * (b + x * c)).max(1.001);
+                let at = at.min(limit);
+                let rounded = at - 0.5 + ROUNDING;
+                whole[k][lane] = rounded.to_bits() - ROUNDING.to_bits();
+                let four = cubic_weights(at - (rounded - ROUNDING));
+                weights[k].iter_mut().zip(four).for_each(|(lanes, weight)| lanes[lane] = weight);
+            }
+        }
+        let [wx, wy] = weights;
+        for (lane, out) in out.iter_mut().enumerate() {
+            let start = (whole[1][lane] as usize - 1) * size[0] + whole[0][lane] as usize - 1;
+            let mut columns = [0.0_f32; 4];
+            for (j, wy) in wy.iter().enumerate() {
+                let line = &values[start + j * size[0]..][..4];
+                columns.iter_mut().zip(line).for_each(|(sum, value)| *sum += wy[lane] * value);
+            }
+            *out = (wx[0][lane] * columns[0] + wx[1][lane] * columns[1])
+                + (wx[2][lane] * columns[2] + wx[3][lane] * columns[3]);
+        }
+    }
+}
+
+/// Weights of the cubic convolution of four neighbours at a fraction.
+#[inline(always)]
 fn cubic_weights(t: f32) -> [f32; 4] {
     let (t2, t3) = (t * t, t * t * t);
     [-0.5 * t + t2 - 0.5 * t3, 1.0 - 2.5 * t2 + 1.5 * t3, 0.5 * t + 2.0 * t2 - 1.5 * t3, 0.5 * (t3 - t2)]
 }
 
-/// Taps of a smoothing along one axis: offsets, px, and weights.
-fn smoothing_taps(sigma: f64, step: f64) -> Vec<(f64, f32)> {
-    if sigma <= 0.0 {
-        return vec![(0.0, 1.0)];
-    }
-    let count = (2.0 * sigma / step).ceil();
-    let step = 2.0 * sigma / count;
-    let taps = (0..=2 * count as usize).map(|k| (k as f64 - count) * step);
-    let all: Vec<(f64, f32)> = taps.map(|at| (at, (-0.5 * (at / sigma).powi(2)).exp() as f32)).collect();
-    let sum: f32 = all.iter().map(|(_, weight)| weight).sum();
-    all.into_iter().map(|(at, weight)| (at, weight / sum)).collect()
-}
-
-/// Taps of a Gaussian smoothing with the positive part of a covariance, px^2; `step`: their distance along a unit vector,
-/// px. A single tap if there is none.
-fn gaussian_taps(covariance_px2: &Matrix2<f64>, step: impl Fn(&Vector2<f64>) -> f64) -> Vec<(Vector2<f64>, f32)> {
-    let axes = SymmetricEigen::new(*covariance_px2);
-    let along = |k: usize| {
-        let axis: Vector2<f64> = axes.eigenvectors.column(k).into_owned();
-        let variance = axes.eigenvalues[k];
-        let sigma = if variance > MIN_SMOOTHING_PX2 { variance.sqrt() } else { 0.0 };
-        (axis, smoothing_taps(sigma, step(&axis)))
-    };
-    let ((first, a), (second, b)) = (along(0), along(1));
-    let pairs = a.iter().flat_map(|a| b.iter().map(move |b| (a, b)));
-    pairs.map(|((x, p), (y, q))| (first * *x + second * *y, p * q)).collect()
-}
-
-/// Blur that the ground frame has beyond a frame, on the grid of the ground frame, px^2; negative where the frame is more
-/// blurred.
-fn excess_blur(patch: &PatchPrediction) -> Matrix2<f64> {
-    let inverse = patch.map_jacobian(&Vector2::zeros()).try_inverse().unwrap_or_else(Matrix2::identity);
-    (Matrix2::identity() - inverse * inverse.transpose()) * POINT_SPREAD_PX.powi(2)
+/// Returns the positive part of a symmetric matrix.
+fn positive_part(matrix: &Matrix2<f64>) -> Matrix2<f64> {
+    let axes = SymmetricEigen::new(*matrix);
+    axes.eigenvectors * Matrix2::from_diagonal(&axes.eigenvalues.map(|v| v.max(0.0))) * axes.eigenvectors.transpose()
 }
 
 /// Offset of the patch's centre from the point, px.
@@ -134,79 +209,67 @@ pub(super) fn centre_offset(template: &PointTemplate) -> Vector2<f64> {
 /// Returns the patch of a template, smoothed as the frame shows it.
 pub(super) fn template_patch(template: &PointTemplate, prediction: &PatchPrediction) -> GreyPatch {
     let [width, height] = [template.patch.width(), template.patch.height()];
-    let centre = template.place_px.map(f64::round) - Vector2::new(template.origin_px[0], template.origin_px[1]).cast();
+    let centre = template.place_px.map(|v| v.round() as isize);
+    let [left, top] = template.origin_px.map(|v| v as isize);
     let reach = [(width - 1) / 2, (height - 1) / 2];
-    let grey =
-        GreyPatch::from_values(reach, |x, y| f32::from(template.patch.nearest_value(centre.x + x, centre.y + y)));
-    let taps = gaussian_taps(&-excess_blur(prediction), |_| 0.5);
-    match taps.len() {
-        1 => grey,
-        _ => GreyPatch::from_values(reach, |x, y| {
-            taps.iter().map(|(at, weight)| weight * grey.sample(x + at.x, y + at.y)).sum()
-        }),
+    let value =
+        |x: i32, y: i32| template.patch.clamped_value(centre.x - left + x as isize, centre.y - top + y as isize);
+    let mut patch = GreyPatch::from_values(reach, |x, y| f32::from(value(x, y)));
+    if let Some(inverse) = prediction.map_jacobian(&Vector2::zeros()).try_inverse() {
+        let excess = inverse * inverse.transpose() - Matrix2::identity();
+        patch.smooth(&(positive_part(&excess) * POINT_SPREAD_PX.powi(2)));
+    }
+    patch
+}
+
+/// Copies values of a frame from a column and row on, clamped to the frame's edge.
+fn copy_row(frame: &Raster, [left, y]: [i32; 2], out: &mut [f32]) {
+    let row = frame.row(y.clamp(0, frame.height() as i32 - 1) as usize);
+    let inside = usize::try_from(left).ok().and_then(|left| row.get(left..left + out.len()));
+    match inside {
+        Some(values) => out.iter_mut().zip(values).for_each(|(out, value)| *out = f32::from(*value)),
+        None => (left..).zip(out).for_each(|(x, out)| *out = f32::from(row[x.clamp(0, row.len() as i32 - 1) as usize])),
     }
 }
 
 /// Returns the patch of a frame on the grid of the ground frame, with a search area of `search` px to both sides, and the
 /// fraction of saturated pixels; `None` if the area without the search is not completely in the frame.
+///
+/// The frame is first smoothed by the blur that the ground frame has beyond it.
 pub(super) fn frame_patch(
     frame: &Raster,
     prediction: &PatchPrediction,
     offset: Vector2<f64>,
     search: [usize; 2],
 ) -> Option<(GreyPatch, f64)> {
-    let reach = PATCH_REACH_PX as f64 + 1.0;
-    let (right, bottom) = (frame.width() as f64 - 2.0, frame.height() as f64 - 2.0);
-    let corners = [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)];
-    let is_inside = |(x, y): (f64, f64)| {
-        let at = prediction.frame_point(&Vector2::new(x * reach, y * reach));
-        at.x >= 1.0 && at.y >= 1.0 && at.x <= right && at.y <= bottom
+    let border = |reach: Vector2<f64>| {
+        let around = (-1..=1).flat_map(|y| (-1..=1).map(move |x| Vector2::new(f64::from(x), f64::from(y))));
+        around.map(move |at| prediction.frame_point(&at.component_mul(&reach)))
     };
-    if !corners.into_iter().all(is_inside) {
+    let (right, bottom) = (frame.width() as f64 - 2.0, frame.height() as f64 - 2.0);
+    let is_inside = |at: Vector2<f64>| at.x >= 1.0 && at.y >= 1.0 && at.x <= right && at.y <= bottom;
+    if !border(Vector2::repeat(PATCH_REACH_PX as f64 + 1.0)).all(is_inside) {
         return None;
     }
-    let jacobian = prediction.map_jacobian(&Vector2::zeros());
-    let step = |axis: &Vector2<f64>| (1.0 / (jacobian * axis).norm()).min(1.0);
-    let taps: Vec<(Vector2<f64>, f32)> =
-        gaussian_taps(&excess_blur(prediction), step).into_iter().map(|(at, w)| (jacobian * at, w)).collect();
-    let (mut saturated, mut count) = (0_usize, 0_usize);
-    let patch = GreyPatch::from_values(search.map(|s| s + PATCH_REACH_PX + MARGIN_PX), |x, y| {
-        let at = prediction.frame_point(&(Vector2::new(x, y) + offset));
-        count += 1;
-        saturated += usize::from(frame.nearest_value(at.x, at.y) >= SATURATED_LEVEL);
-        match taps.len() {
-            1 => sample_cubic(frame, &at),
-            _ => taps.iter().map(|(by, weight)| weight * sample_linear(frame, &(at + by))).sum(),
-        }
-    });
-    Some((patch, saturated as f64 / count as f64))
-}
-
-/// Interpolates a frame cubically, clamped to its edge.
-fn sample_cubic(frame: &Raster, at: &Vector2<f64>) -> f32 {
-    let (left, top) = (at.x.floor(), at.y.floor());
-    let (wx, wy) = (cubic_weights((at.x - left) as f32), cubic_weights((at.y - top) as f32));
-    sum_around(frame, left as isize - 1, top as isize - 1, wx, wy)
-}
-
-/// Interpolates a frame linearly, clamped to its edge.
-fn sample_linear(frame: &Raster, at: &Vector2<f64>) -> f32 {
-    let (left, top) = (at.x.floor(), at.y.floor());
-    let (fx, fy) = ((at.x - left) as f32, (at.y - top) as f32);
-    sum_around(frame, left as isize, top as isize, [1.0 - fx, fx], [1.0 - fy, fy])
-}
-
-/// Sums weighted values of a frame from a column and row.
-fn sum_around<const N: usize>(frame: &Raster, left: isize, top: isize, wx: [f32; N], wy: [f32; N]) -> f32 {
-    let end = left + N as isize;
-    let mut sum = 0.0;
-    for (y, wy) in (top..).zip(wy) {
-        let inside = (left >= 0 && y >= 0).then(|| frame.row(y as usize).get(left as usize..end as usize)).flatten();
-        let row: f32 = match inside {
-            Some(values) => values.iter().zip(wx).map(|(value, wx)| wx * f32::from(*value)).sum(),
-            None => (left..end).zip(wx).map(|(x, wx)| wx * f32::from(frame.clamped_value(x, y))).sum(),
-        };
-        sum += wy * row;
+    let reach = search.map(|s| s + PATCH_REACH_PX + MARGIN_PX);
+    let all: Vec<Vector2<f64>> = border(Vector2::from(reach.map(|r| r as f64 + 1.0))).collect();
+    let low = all.iter().fold(prediction.centre_px, |a, b| a.inf(b)).map(|v| v.floor() - MARGIN_PX as f64);
+    let high = all.iter().fold(prediction.centre_px, |a, b| a.sup(b)).map(|v| v.ceil() + MARGIN_PX as f64);
+    let [width, height] = [high.x - low.x, high.y - low.y].map(|side| side.min(MAX_AREA_PX) as usize + 1);
+    let [left, top] = [low.x, low.y].map(|v| v as i32);
+    let mut values = vec![0.0; width * height];
+    for (y, values) in (top..).zip(values.chunks_exact_mut(width)) {
+        copy_row(frame, [left, y], values);
     }
-    sum
+    let mut area = GreyPatch { first: [left, top], width, height, values };
+    let jacobian = prediction.map_jacobian(&Vector2::zeros());
+    let excess = jacobian * jacobian.transpose() - Matrix2::identity();
+    area.smooth(&(positive_part(&excess) * POINT_SPREAD_PX.powi(2)));
+    let patch = GreyPatch::from_rows(reach, |y, row| {
+        let path = prediction.row_path(f64::from(y) + offset.y);
+        area.sample_row(&path, offset.x - reach[0] as f64, 1.0, row);
+    });
+    let saturated = patch.values.iter().filter(|value| **value >= SATURATED_LEVEL).count();
+    let share = saturated as f64 / patch.values.len() as f64;
+    Some((patch, share))
 }

@@ -8,13 +8,16 @@ use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
 use super::PointRejection;
 use super::least_squares::{
-    AdjustedShift, BLOCK_PX, GAIN, MIN_NOISE, Matching, Normal, PRIOR_SIGMAS, PixelRow, UNKNOWNS, Unknowns,
+    AdjustedShift, BLOCK_PX, DesignRow, GAIN, MIN_NOISE, Matching, Normal, PRIOR_SIGMAS, PixelRow, UNKNOWNS, Unknowns,
 };
-use super::patch::GreyPatch;
+use super::patch::{GreyPatch, sobel_gradient};
 use crate::identify::PATCH_REACH_PX;
 
 /// Number of neighbouring pixels whose interpolated gradients have one independent value.
 const CORRELATED_GRADIENTS: f64 = 3.0;
+/// Number of standard deviations of the products of noise that are subtracted from a direction's information: noise alone
+/// exceeds them in 1 of 40.
+const NOISE_SIGMAS: f64 = 2.0;
 /// Largest factor on a standard deviation in a direction without structure.
 const MAX_RAISE: f64 = 100.0;
 /// Smallest standard deviation of a shift, px: errors of the interpolation and of the map within the patch.
@@ -37,38 +40,30 @@ pub(super) struct PatchShift {
 
 impl Matching {
     /// Returns the products of the gradients of both patches, with the priors of all unknowns but the shift.
-    fn information(&self, shifted: &GreyPatch, factors: &Unknowns, noise: f64) -> Normal {
-        let reach = PATCH_REACH_PX as isize;
-        let side = 2 * reach + 1;
-        let mut sums = [[0.0; UNKNOWNS]; UNKNOWNS];
-        for (k, row) in self.rows.iter().enumerate() {
-            let (x, y) = (k as isize % side - reach, k as isize / side - reach);
-            let gradient = shifted.gradient(x, y);
-            let mut seen: [f64; UNKNOWNS] = std::array::from_fn(|i| row.design[i] * factors[i]);
-            let own = seen;
+    fn information(&self, gradients: &[Vector2<f64>], factors: &Unknowns, noise: f64) -> Normal {
+        let seen = |(row, gradient): (&PixelRow, &Vector2<f64>)| {
+            let mut seen = row.design;
+            seen.iter_mut().zip(factors).for_each(|(own, factor)| *own *= factor);
             [seen[0], seen[1]] = [-gradient.x, -gradient.y];
             [seen[2], seen[3]] = self.slopes.map(|by| -gradient.dot(&(by * row.at)));
-            for (seen, sums) in seen.iter().zip(&mut sums) {
-                let weighted = seen * row.weight;
-                sums.iter_mut().zip(&own).for_each(|(sum, own)| *sum += weighted * own);
-            }
-        }
+            seen.map(|seen| seen * row.weight)
+        };
+        let seen: Vec<DesignRow> = self.rows.iter().zip(gradients).map(seen).collect();
+        let products = self.sum_products(&seen, 1) * Normal::from_diagonal(factors);
         // The shift's own prior only keeps the adjustment from drifting: it is no observation.
         let mut prior = self.prior_information(noise);
         prior.fixed_rows_mut::<2>(0).fill(0.0);
-        Normal::from(sums) + Normal::from_diagonal(&prior)
+        products + Normal::from_diagonal(&prior)
     }
 
     /// Returns the factors by which standard deviations of the shift are raised because noise may feign information: that of
-    /// each direction less three standard deviations of the products of noise over itself. `None` if no direction has any.
-    fn raise_weak_directions(&self, inverse: &Normal, shifted: &GreyPatch, gain: f64) -> Option<Matrix2<f64>> {
+    /// each direction less some standard deviations of the products of noise over itself. `None` if no direction has any.
+    fn raise_weak_directions(&self, inverse: &Normal, gradients: &[Vector2<f64>], gain: f64) -> Option<Matrix2<f64>> {
         let products = inverse.fixed_view::<2, 2>(0, 0).try_inverse()?;
         let axes = SymmetricEigen::new((products + products.transpose()) * 0.5);
-        let reach = PATCH_REACH_PX as isize;
         let (mut of_template, mut of_frame) = (Vector2::zeros(), Vector2::zeros());
-        for (k, row) in self.rows.iter().enumerate() {
-            let (x, y) = (k as isize % (2 * reach + 1) - reach, k as isize / (2 * reach + 1) - reach);
-            let seen = axes.eigenvectors.tr_mul(&shifted.gradient(x, y));
+        for (row, gradient) in self.rows.iter().zip(gradients) {
+            let seen = axes.eigenvectors.tr_mul(gradient);
             let own = axes.eigenvectors.tr_mul(&Vector2::new(row.design[0], row.design[1])) * gain;
             of_template += own.component_mul(&own) * row.weight;
             of_frame += seen.component_mul(&seen) * row.weight;
@@ -77,7 +72,7 @@ impl Matching {
         let independent = sum(1).powi(2) / (CORRELATED_GRADIENTS * sum(2));
         let factors = axes.eigenvalues.zip_zip_map(&of_template, &of_frame, |information, template, frame| {
             let noise = (template - information).max(0.0) * (frame - information).max(0.0) / independent;
-            (information / (information - 3.0 * noise.sqrt()).max(information.abs() / MAX_RAISE)).max(1.0)
+            (information / (information - NOISE_SIGMAS * noise.sqrt()).max(information.abs() / MAX_RAISE)).max(1.0)
         });
         let is_weak = axes.eigenvalues.map(|information| information <= 0.0);
         let factors = factors.zip_map(&is_weak, |factor, weak| if weak { MAX_RAISE } else { factor });
@@ -107,38 +102,46 @@ impl AdjustedShift {
     }
 
     /// Returns the mean square of the residuals, weighted by the distance from the point, grey levels squared.
-    pub(super) fn misfit(&self, patch: &GreyPatch) -> f64 {
-        let residuals = self.matching.residuals(patch, &self.unknowns, 1);
+    pub(super) fn misfit(&self, residuals: &[f64]) -> f64 {
         let rows = || self.matching.rows.iter();
-        let squares: f64 = rows().zip(&residuals).map(|(row, r)| row.window * r * r).sum();
+        let squares: f64 = rows().zip(residuals).map(|(row, r)| row.window * r * r).sum();
         (squares / rows().map(|row| row.window).sum::<f64>()).max(MIN_NOISE * MIN_NOISE)
+    }
+
+    /// Returns the grey values of the frame's patch less those of the model.
+    pub(super) fn residuals(&self, patch: &GreyPatch) -> Vec<f64> {
+        self.matching.residuals(patch, &self.unknowns, 1)
     }
 
     /// Returns the patch at the shift.
     pub(super) fn shifted_patch(&self, patch: &GreyPatch) -> GreyPatch {
-        let at = |x: f64, y: f64| self.matching.offset + Vector2::new(x, y);
-        GreyPatch::from_values([PATCH_REACH_PX + 1; 2], |x, y| self.matching.sample_at(patch, at(x, y), &self.unknowns))
+        let reach = PATCH_REACH_PX + 1;
+        GreyPatch::from_rows([reach; 2], |y, row| {
+            let path = self.matching.row_path(f64::from(y), &self.unknowns);
+            patch.sample_row(&path, -(reach as f64), 1.0, row);
+        })
     }
 
-    /// Returns the shift with its covariance.
+    /// Returns the shift with its covariance; `shifted`: the frame's patch at the shift.
     ///
     /// # Errors
     /// Returns the reason if no direction is well determined, or the adjustment did not converge.
-    pub(super) fn conclude(&self, patch: &GreyPatch) -> Result<PatchShift, PointRejection> {
+    pub(super) fn conclude(&self, shifted: &GreyPatch, residuals: &[f64]) -> Result<PatchShift, PointRejection> {
         let Self { matching, unknowns, noise, last } = self;
-        let shifted = self.shifted_patch(patch);
+        let reach = PATCH_REACH_PX as i32;
+        let pixels = (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| (x, y)));
+        let gradients: Vec<Vector2<f64>> = pixels.map(|(x, y)| sobel_gradient(&shifted.neighbours(x, y))).collect();
         let factors = Matching::factors(unknowns);
-        let residuals = matching.residuals(patch, unknowns, 1);
-        let information = matching.information(&shifted, &factors, *noise);
+        let information = matching.information(&gradients, &factors, *noise);
         let inverse = information.try_inverse().ok_or(PointRejection::NoStructure)?;
         let influence = inverse.fixed_rows::<2>(0) * Normal::from_diagonal(&factors);
         let mut rounding = Matrix2::zeros();
         let effect = |(row, residual): (&PixelRow, &f64)| {
-            let by_grey = influence * Unknowns::from(row.design) * row.weight;
+            let by_grey = influence * Unknowns::from_fn(|k, _| row.design[k]) * row.weight;
             rounding += by_grey * by_grey.transpose() * (MIN_NOISE * MIN_NOISE);
             by_grey * *residual
         };
-        let effects: Vec<Vector2<f64>> = matching.rows.iter().zip(&residuals).map(effect).collect();
+        let effects: Vec<Vector2<f64>> = matching.rows.iter().zip(residuals).map(effect).collect();
         let prior = matching.prior_information(*noise);
         let by_prior = Unknowns::from_fn(|k, _| if k < 2 { 0.0 } else { (prior[k] * PRIOR_SIGMAS[k]).powi(2) });
         let of_shift = inverse.fixed_rows::<2>(0);
@@ -146,7 +149,7 @@ impl AdjustedShift {
         // Each unknown takes the residuals of a block.
         let lost = 1.0 / (1.0 - (UNKNOWNS * BLOCK_PX * BLOCK_PX) as f64 / matching.rows.len() as f64);
         let raised =
-            matching.raise_weak_directions(&inverse, &shifted, factors[0]).ok_or(PointRejection::NoStructure)?;
+            matching.raise_weak_directions(&inverse, &gradients, factors[0]).ok_or(PointRejection::NoStructure)?;
         let covariance = raised * (block_covariance(&effects) * lost + rounding + priors) * raised
             + Matrix2::identity() * MIN_SIGMA_PX.powi(2);
         let axes = SymmetricEigen::new(covariance).eigenvalues;
@@ -157,7 +160,7 @@ impl AdjustedShift {
         if last.dot(&(weight * last)) > SETTLED_SIGMAS * SETTLED_SIGMAS {
             return Err(PointRejection::NoConvergence);
         }
-        let explained = matching.explained_share(unknowns, &residuals);
+        let explained = matching.explained_share(unknowns, residuals);
         Ok(PatchShift { shift: self.shift(), covariance, explained })
     }
 }

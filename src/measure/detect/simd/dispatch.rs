@@ -38,4 +38,4 @@ macro_rules! wide {
     };
 }
 
-pub(in crate::detect) use wide;
+pub(crate) use wide;
