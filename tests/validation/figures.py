@@ -273,6 +273,11 @@ FIGURES = {
     "bench-opencv": ("benches", "^opencv: #", "{:.0f} ms"),
     "bench-scipy": ("benches", "^scipy: #", "{:.0f} ms"),
     "bench-live": ("benches", "^live, 21 markers: #", "{:.1f} ms"),
+    "bench-points": (
+        "benches",
+        r"^points/12: #$[\s\S]*?^points/none: #$",
+        lambda points, none: f"{(points - none) / 12:.2f} ms",
+    ),
     "bench-clutter": (
         "benches",
         "^detect rendered/backlight: #$[\\s\\S]*^detect rendered/dusk: #$[\\s\\S]*^detect rendered/glare: #$[\\s\\S]*^detect rendered/gradient: #$"
