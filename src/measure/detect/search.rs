@@ -40,9 +40,6 @@ pub fn is_faint(found: &FoundMarkers, factor: usize) -> bool {
     large.len() < MIN_FOR_ORIENTATION || large.iter().filter(is_weak).count() * FAINT_ONE_IN > large.len()
 }
 
-/// Factor between the blur of a coarse fit and that of the last one. Chosen; `tests/detect/fixtures.rs`.
-const COARSE_BLUR_MARGIN: f64 = 1.25;
-
 /// Order in which hypotheses are measured.
 #[derive(Clone, Copy, PartialEq)]
 enum SearchStage {
@@ -86,11 +83,10 @@ impl MarkerSearch<'_> {
     }
 
     /// Returns whether a hypothesis need not be measured.
-    fn skips(&mut self, stage: SearchStage, hypothesis: &Hypothesis) -> bool {
+    fn skips(&self, hypothesis: &Hypothesis) -> bool {
         !self.scope.includes(hypothesis)
             || hypothesis.blobs.iter().any(|&i| self.taken[i])
             || self.scope.is_explained(hypothesis, &self.found.measured)
-            || (stage == SearchStage::Quadrants && self.measurer.are_discs(hypothesis))
     }
 
     /// Measures a hypothesis and stores the marker or the reason for its rejection.
@@ -105,8 +101,6 @@ impl MarkerSearch<'_> {
             Ok(measured) => {
                 hypothesis.blobs.iter().for_each(|&i| self.taken[i] = true);
                 self.found.measured.push(measured);
-                let bounds = &mut self.measurer.bounds;
-                bounds.blur = consistency::blur_limit(&self.found).map_or(bounds.blur, |b| COARSE_BLUR_MARGIN * b);
             }
             Err(reason) => {
                 self.found.rejected.push(Rejected::from_ellipse(&hypothesis.ellipse, reason));
@@ -194,7 +188,7 @@ impl<'a> SearchProgress<'a> {
         };
         for stage in [SearchStage::Quadrants, SearchStage::Narrow, SearchStage::Discs] {
             for hypothesis in &search.stage_hypotheses(stage) {
-                if !search.skips(stage, hypothesis) {
+                if !search.skips(hypothesis) {
                     search.measure(hypothesis);
                 }
             }

@@ -1,9 +1,11 @@
 //! Frames, rotations, lens and rigid transforms.
 
+mod conic;
 mod lens;
 mod transform;
 mod wing_frame;
 
+pub use conic::fit_conic;
 pub use lens::{BROWN, Lens, LensError};
 pub use transform::{FitError, PointPair, Similarity, TransformFit};
 pub use wing_frame::WingFrame;

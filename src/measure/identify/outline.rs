@@ -3,9 +3,9 @@
 use std::f64::consts::TAU;
 use std::sync::LazyLock;
 
-use nalgebra::{Matrix2, Rotation3, SMatrix, SVector, SymmetricEigen, Unit, Vector2, Vector3};
+use nalgebra::{Rotation3, SymmetricEigen, Unit, Vector2, Vector3};
 
-use crate::geometry::Lens;
+use crate::geometry::{Lens, fit_conic};
 
 /// A disc on a slightly warped skin, camera frame.
 #[derive(Clone, Copy, Debug)]
@@ -50,7 +50,7 @@ impl SkinDisc {
             let p = self.centre_m + outboard * along + self.chord * across + rise;
             *point = lens.project(&p)?;
         }
-        let (ellipse_px, shape) = fit_ellipse(&points)?;
+        let (ellipse_px, shape) = fit_conic(&points)?;
         let eigen = SymmetricEigen::new(shape);
         let (large, small) = if eigen.eigenvalues[0] >= eigen.eigenvalues[1] { (0, 1) } else { (1, 0) };
         let axis = eigen.eigenvectors.column(large);
@@ -82,28 +82,4 @@ impl SkinDisc {
         let turn = Rotation3::from_axis_angle(&Unit::new_normalize(*axis), angle_rad);
         Self { normal: turn * self.normal, chord: turn * self.chord, ..*self }
     }
-}
-
-/// Fits a conic to points. Returns its centre c and its shape matrix: (p - c)' shape^-1 (p - c) = 1.
-fn fit_ellipse(points: &[Vector2<f64>]) -> Option<(Vector2<f64>, Matrix2<f64>)> {
-    let count = points.len() as f64;
-    let mean = points.iter().sum::<Vector2<f64>>() / count;
-    let scatter = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum::<Matrix2<f64>>() / count;
-    // Whitened, the flattest ellipse is a circle and the equations are well conditioned.
-    let root = scatter.cholesky()?.l();
-    let whiten = root.try_inverse()?;
-    let mut normal = SMatrix::<f64, 5, 5>::zeros();
-    let mut right = SVector::<f64, 5>::zeros();
-    for p in points {
-        let q = whiten * (p - mean);
-        let row = SVector::<f64, 5>::new(q.x * q.x, q.x * q.y, q.y * q.y, q.x, q.y);
-        normal += row * row.transpose();
-        right += row;
-    }
-    let c = normal.cholesky()?.solve(&right);
-    let quadratic = Matrix2::new(c[0], 0.5 * c[1], 0.5 * c[1], c[2]);
-    let centre = quadratic.try_inverse()? * Vector2::new(c[3], c[4]) * -0.5;
-    let level = 1.0 + centre.dot(&(quadratic * centre));
-    let shape = root * (quadratic.try_inverse()? * level) * root.transpose();
-    Some((mean + root * centre, shape))
 }

@@ -7,14 +7,13 @@ use super::verdict::MeasuredMarker;
 use crate::detect::accept::options::CONSISTENCY;
 use crate::detect::detection::{Detection, RejectReason};
 use crate::detect::hypothesis::neighbours;
-use crate::detect::image::ellipse::{Ellipse, wrap_half_turn};
+use crate::detect::image::ellipse::wrap_half_turn;
 use crate::ordering::sort_by_value;
 use crate::setup::Shape;
 
 /// Rejects every detection whose centre lies well within the outline of a better one: one marker segmented at two
 /// thresholds.
 pub fn reject_duplicates(found: &mut FoundMarkers) {
-    reject_disc_pairs(found);
     let within = |one: &Detection, other: &Detection| {
         let most = if one.shape == other.shape { CONSISTENCY.same_radius } else { CONSISTENCY.same_radius_other_shape };
         other.ellipse().normalized_radius(one.centre_px) < most
@@ -33,27 +32,6 @@ pub fn reject_duplicates(found: &mut FoundMarkers) {
             i += 1;
         }
     }
-}
-
-/// Rejects quadrants that contain two detected discs with skin between them, because the black parts of true quadrants
-/// meet. At least one of the two was segmented poorly, otherwise the pair would have been recognised as discs before the
-/// fit (`Measurer::are_discs`). A disc counts only if its residuals are smaller than those of the quadrants, because the
-/// black parts of true quadrants can pass for discs.
-fn reject_disc_pairs(found: &mut FoundMarkers) {
-    let discs = found.measured.iter().map(|m| &m.detection).filter(|d| d.shape == Shape::Circle);
-    let discs: Vec<(Ellipse, f64)> = discs.map(|d| (d.ellipse(), d.fit_rms)).collect();
-    found.reject_matching(RejectReason::Duplicate, |m| {
-        let whole = m.detection.ellipse();
-        let apart = |one: &Ellipse, other: &Ellipse| {
-            let between = other.centre - one.centre;
-            between.norm() - one.radius_along(between) - other.radius_along(between)
-                > CONSISTENCY.disc_gap_blurs * m.blur
-        };
-        let inside = discs.iter().filter(|(disc, rms)| whole.contains(disc.centre) && *rms < m.detection.fit_rms);
-        let inside: Vec<&Ellipse> = inside.map(|(disc, _)| disc).collect();
-        let two_apart = || (1..inside.len()).any(|i| inside[..i].iter().any(|other| apart(inside[i], other)));
-        m.detection.shape == Shape::Quadrant && two_apart()
-    });
 }
 
 /// Rejects detections that are far more blurred than the frame's median edge. One lens produces all edges of a frame, so
@@ -170,24 +148,6 @@ mod tests {
             marker: None,
         };
         MeasuredMarker::whole(detection)
-    }
-
-    #[test]
-    fn two_discs_with_skin_between_them_are_not_quadrants() {
-        // The tips of the discs are 12 px apart, or 3 px as the black parts of blurred quadrants; in the third
-        // case black parts pass for discs, with larger residuals than those of the quadrants.
-        let cases = [(36.0, 3.0, [Shape::Circle; 2].as_slice()), (31.5, 3.0, &[Shape::Quadrant])];
-        for (half, rms, kept) in cases.into_iter().chain([(36.0, 0.3, [Shape::Quadrant].as_slice())]) {
-            let discs = [150.0 - half, 150.0 + half].map(|x| measured(Shape::Circle, x, 30.0));
-            let mut quadrants = measured(Shape::Quadrant, 150.0, 66.0);
-            quadrants.detection.fit_rms = rms;
-            let mut found = FoundMarkers { measured: vec![quadrants], rejected: Vec::new() };
-            found.measured.extend(discs);
-            reject_duplicates(&mut found);
-            let shapes: Vec<Shape> = found.measured.iter().map(|m| m.detection.shape).collect();
-            assert_eq!(shapes, kept, "{half}, {rms}");
-            assert!(found.rejected.iter().all(|r| r.reason == RejectReason::Duplicate));
-        }
     }
 
     /// Builds detections at separate positions from shape, semi-axes (px), direction (rad) and blur (px).

@@ -104,9 +104,6 @@ numbers! {
         same_radius: f64 = 0.5,
         /// Largest such radius between a disc and quadrants.
         same_radius_other_shape: f64 = 0.8,
-        /// Smallest width of skin between two discs for them not to be quadrants, blurs: the black parts of quadrants meet.
-        /// Tested in `consistency.rs`.
-        disc_gap_blurs: f64 = 3.0,
         /// Largest blur over the median one, a ratio: one lens produces all edges. Chosen on the rendered sets; tested in
         /// `consistency.rs`.
         max_blur_ratio: f64 = 2.0,

@@ -4,8 +4,7 @@ use super::strategies::Measurer;
 use super::whole::looks_cut;
 use crate::detect::accept::verdict::MeasurementResult;
 use crate::detect::attempt::options::WHOLE;
-use crate::detect::detection::{Detection, RejectReason};
-use crate::detect::hypothesis::Hypothesis;
+use crate::detect::detection::Detection;
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::propose::moments;
 
@@ -19,12 +18,6 @@ impl Measurer<'_> {
     /// Returns whether a blob is a whole disc with a precise position.
     pub fn is_sure_disc(&self, index: usize) -> bool {
         matches!(self.measure_round(index), Some(Ok(disc)) if disc.is_sure())
-    }
-
-    /// Returns whether the two blobs of a pair are whole discs side by side.
-    pub fn are_discs(&self, hypothesis: &Hypothesis) -> bool {
-        let disc = |&i: &usize| matches!(self.measure_round(i), Some(Ok(_) | Err(RejectReason::Uncertain)));
-        hypothesis.blobs.len() == 2 && hypothesis.blobs.iter().all(disc)
     }
 
     /// Returns whether two or more discs lie in measured quadrants, each with less than half of their residuals.

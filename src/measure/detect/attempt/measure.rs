@@ -155,16 +155,14 @@ impl FitAttempt<'_> {
         let appearance = EdgeAppearance { crossing: hypothesis.ellipse.centre, blur, sag: 0.0 };
         first(appearance).or_else(|reason| {
             let crossing = crossing_in_reduced(image, hypothesis, floor).ok_or(reason)?;
-            let soft = EdgeAppearance { crossing, blur: MEASURE.soft_px, ..appearance };
-            first(EdgeAppearance { crossing, ..appearance }).or_else(|_| first(soft))
+            first(EdgeAppearance { crossing, ..appearance })
         })
     }
 
     /// Fits all parameters, from those of the first fit and the scale of its residuals, grey levels, and judges the fit.
     fn last_fit(&self, fitted: &Hypothesis, near: &MarkerParameters, scale: f64) -> MeasurementResult {
         let Self { image, blobs, hypothesis, bounds, floor, .. } = *self;
-        // The prior from a neighbouring twin stays that of the hypothesis.
-        let (mut unknowns, bends) = select_unknowns(if hypothesis.prior.twin { hypothesis } else { fitted });
+        let (mut unknowns, bends) = select_unknowns(fitted);
         unknowns.free[GAMMA] &= grey_contrast(near) > MEASURE.min_gamma_contrast * near[LIGHT];
         bounds.overshoot.iter().for_each(|known| overshoot::add_overshoot_prior(known, &mut unknowns));
         let whole = !hypothesis.is_under_decal();
@@ -237,7 +235,7 @@ impl FitAttempt<'_> {
         // The edges next to a saturated end determine it less precisely than the neighbouring discs: it stays
         // excluded.
         let known = fitted.prior.has_full_size();
-        let fringe = || through(glare::find_glare_bands(self.image, &fitted.ellipse, MEASURE.fringe_ratio, 0.0));
+        let fringe = || through(glare::find_glare_bands(self.image, &fitted.ellipse, MEASURE.fringe_ratio));
         let fringe = if known { fringe().map(|(fringe, _)| fringe) } else { None };
         match (plain, fringe) {
             (Ok(plain), Some(fringe)) if !is_preferred(&fringe.detection, &plain.detection) => Ok(plain),

@@ -28,9 +28,6 @@ numbers! {
         min_axes_px: [f64; 2] = [3.5, 0.7],
         /// Blur with which a fit starts if none is predicted, px: that of a sharp image.
         blur_px: f64 = 1.0,
-        /// Blur with which the fit of large quadrants is repeated if it fails, px: they may be near the camera and out of
-        /// focus, with half of the largest measured blur or more.
-        soft_px: f64 = 2.0,
         /// Smallest tangent of half the angle between quadrants' edges at the start.
         min_tangent: f64 = 0.02,
         /// Smallest semi-axes at the start of the last fit, px: major, minor.

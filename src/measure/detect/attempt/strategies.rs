@@ -2,18 +2,14 @@
 
 use std::cell::{OnceCell, RefCell};
 
-use nalgebra::Vector2;
-
 use crate::detect::accept::verdict::{MeasuredMarker, MeasurementResult};
 use crate::detect::appearance::parameters::MarkerPattern;
 use crate::detect::attempt::measure::{Bounds, SharedCandidates, measure_hypothesis, reject_without_fit};
 use crate::detect::attempt::whole;
 use crate::detect::detection::RejectReason;
 use crate::detect::hypothesis::{Hypothesis, prior::MarkerPrior};
-use crate::detect::image::ellipse::Ellipse;
-use crate::detect::occlusion::{decal, decal::ROW_DIRECTION, glare};
 use crate::detect::propose::blurred_quadrants::resegment_against_skin;
-use crate::detect::propose::{glare_cut, partial_ellipse, quadrant_outline};
+use crate::detect::propose::glare_cut;
 use crate::detect::segment::blob::Blob;
 use crate::raster::Raster;
 
@@ -26,21 +22,8 @@ enum StrategyCondition {
     Unsure,
     /// The blob looks whole.
     Whole,
-    /// The blob looks cut, and no strategy has yielded a marker.
-    Cut,
     /// The blob looks cut outside glare, and no strategy has yielded a marker.
     CutOutsideGlare,
-}
-
-/// Need for a size predicted from the neighbouring discs.
-#[derive(Clone, Copy)]
-enum SizeNeed {
-    /// Not needed, because the marker shows its size.
-    NotNeeded,
-    /// Needed if the marker was measured with the size of a twin.
-    IfTwin,
-    /// Needed whether the marker was measured or not.
-    Always,
 }
 
 /// Interpretation of a hypothesis.
@@ -50,21 +33,22 @@ struct Strategy {
     propose: fn(&StrategyRun) -> Option<Hypothesis>,
     /// True if its failure is the reason that is reported.
     reports_failure: bool,
-    size: SizeNeed,
+    /// True if the size is needed that the neighbouring discs predict, whether the marker was measured or not.
+    needs_size: bool,
 }
 
 impl Strategy {
     /// Creates a strategy for a marker that shows its size; its failure is not reported.
     const fn new(condition: StrategyCondition, propose: fn(&StrategyRun) -> Option<Hypothesis>) -> Self {
-        Self { condition, propose, reports_failure: false, size: SizeNeed::NotNeeded }
+        Self { condition, propose, reports_failure: false, needs_size: false }
     }
 
     const fn with_reported_failure(self) -> Self {
         Self { reports_failure: true, ..self }
     }
 
-    const fn with_size_need(self, size: SizeNeed) -> Self {
-        Self { size, ..self }
+    const fn with_size_need(self) -> Self {
+        Self { needs_size: true, ..self }
     }
 
     /// Creates the strategy that measures the hypothesis as it was proposed.
@@ -74,11 +58,7 @@ impl Strategy {
 }
 
 /// Strategies for quadrants.
-const QUADRANT_STRATEGIES: [Strategy; 3] = [
-    // Black parts that were segmented at two thresholds, segmented at one.
-    Strategy::new(StrategyCondition::Unanswered, |run| {
-        quadrant_outline::resegment_unequal(run.measurer.image, run.seen, run.measurer.blobs)
-    }),
+const QUADRANT_STRATEGIES: [Strategy; 2] = [
     Strategy::as_proposed(StrategyCondition::Unanswered),
     // Blurred quadrants, segmented by black and white against the skin.
     Strategy::new(StrategyCondition::Unanswered, |run| {
@@ -87,18 +67,12 @@ const QUADRANT_STRATEGIES: [Strategy; 3] = [
 ];
 
 /// Strategies for a blob that may be a disc.
-const DISC_STRATEGIES: [Strategy; 5] = [
+const DISC_STRATEGIES: [Strategy; 3] = [
     Strategy::as_proposed(StrategyCondition::Whole),
     // Glare hides an end of the disc or crosses it; also tried if it looks whole but its position is imprecise.
     Strategy::new(StrategyCondition::Unsure, |run| run.find_disc_in_glare().cloned())
         .with_reported_failure()
-        .with_size_need(SizeNeed::Always),
-    // Disc under a neighbour's decal along rows or columns.
-    Strategy::new(StrategyCondition::Cut, |run| run.disc_under_decal(|_| ROW_DIRECTION))
-        .with_reported_failure()
-        .with_size_need(SizeNeed::IfTwin),
-    // Disc under a decal along the line in which its rim ends.
-    Strategy::new(StrategyCondition::Cut, |run| run.find_disc_under_slanted_decal()).with_size_need(SizeNeed::IfTwin),
+        .with_size_need(),
     // Disc cut only by its local threshold, which followed a lower background, for example due to a line at its
     // tip.
     Strategy::new(StrategyCondition::CutOutsideGlare, |run| {
@@ -154,21 +128,16 @@ impl<'a> Measurer<'a> {
             let due = run.meets_condition(strategy.condition);
             let Some(proposed) = due.then(|| (strategy.propose)(&run)).flatten() else { continue };
             let measured = run.measure_proposed(&proposed);
-            needs_size = match (strategy.size, &measured) {
-                (SizeNeed::Always, _) => Some(proposed),
-                (SizeNeed::IfTwin, Ok(_)) => Some(proposed).filter(|hidden| hidden.prior.twin),
-                (_, Ok(_)) => None,
-                (_, Err(_)) => needs_size,
-            };
+            if strategy.needs_size {
+                needs_size = Some(proposed);
+            } else if measured.is_ok() {
+                needs_size = None;
+            }
             match measured {
                 Ok(measured) => run.answer = Some(measured),
                 Err(why) if strategy.reports_failure => reason = why,
                 Err(_) => {}
             }
-        }
-        // A disc shortened by glare may look whole and have a precise position.
-        if run.blob.is_some() && run.has_sure_answer() && glare::ends_in_white(self.image, &seen.ellipse) {
-            needs_size = needs_size.or_else(|| run.find_disc_in_glare().cloned());
         }
         AttemptOutcome { measured: run.answer.ok_or(reason), needs_size }
     }
@@ -228,9 +197,8 @@ impl<'a> StrategyRun<'a> {
             StrategyCondition::Unanswered => self.answer.is_none(),
             StrategyCondition::Unsure => !self.has_sure_answer(),
             StrategyCondition::Whole => !is_cut(),
-            StrategyCondition::Cut => self.answer.is_none() && is_cut(),
             StrategyCondition::CutOutsideGlare => {
-                self.meets_condition(StrategyCondition::Cut) && self.find_disc_in_glare().is_none()
+                self.answer.is_none() && is_cut() && self.find_disc_in_glare().is_none()
             }
         }
     }
@@ -250,27 +218,7 @@ impl<'a> StrategyRun<'a> {
     }
 
     fn find_disc_in_glare(&self) -> Option<&Hypothesis> {
-        let completed =
-            |(index, _)| glare_cut::complete_disc(self.measurer.image, self.seen, index, self.measurer.blobs);
+        let completed = |(_, blob)| glare_cut::complete_disc(self.measurer.image, self.seen, blob);
         self.in_glare.get_or_init(|| self.blob.and_then(completed)).as_ref()
-    }
-
-    /// Completes the disc under the decals of its neighbours, whose edges have the given directions.
-    fn disc_under_decal(&self, direction: impl Fn(&Blob) -> Vector2<f64>) -> Option<Hypothesis> {
-        partial_ellipse::complete_disc(self.seen, self.blob?.1, self.measurer.blobs, direction)
-    }
-
-    fn find_disc_under_slanted_decal(&self) -> Option<Hypothesis> {
-        let blob = self.blob?.1;
-        let cut = |other: &Blob| {
-            if partial_ellipse::is_ellipse(other) {
-                decal::find_cut_direction(blob, &Ellipse::from_blob(other))
-            } else {
-                None
-            }
-        };
-        let hidden = self.disc_under_decal(|other| cut(other).unwrap_or(ROW_DIRECTION))?;
-        let is_slanted = hidden.decals().any(|decal| decal.axis != ROW_DIRECTION);
-        (hidden.prior.twin && is_slanted).then_some(hidden)
     }
 }

@@ -40,8 +40,6 @@ pub enum CovarianceSource {
     NeighbourThickness,
     /// Size of a disc that differs from that predicted by the survey's diameter at its distance.
     SurveyedSize,
-    /// Different position of the same disc in a second pass.
-    SecondPass,
     /// Uncertainty of the perspective bias of a disc's centre, which is removed.
     Perspective,
     /// Covariance given with the detection, without further detail.

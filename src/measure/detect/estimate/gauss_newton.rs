@@ -201,15 +201,7 @@ impl<'a> FitProblem<'a> {
             if settled || (iteration + 1 == most && moved < near_px) {
                 return Some(ConvergedIteration { parameters: m, start, scale, step, factor });
             }
-            if until == Tolerance::Final && iteration + 1 >= ITERATION.slow_after && moved > ITERATION.slow_px {
-                return None;
-            }
-            let leaves = |share: f64| step.scale > share * grey_contrast(&m);
-            let is_far = moved > ITERATION.late_px && leaves(ITERATION.late_residual);
-            if (is_far && iteration >= ITERATION.late_after)
-                || (iteration >= ITERATION.early_after && leaves(ITERATION.early_residual))
-                || (until == Tolerance::Coarse && self.is_hopeless(iteration, step.scale / grey_contrast(&m)))
-            {
+            if until == Tolerance::Coarse && self.is_hopeless(iteration, step.scale / grey_contrast(&m)) {
                 return None;
             }
         }

@@ -10,10 +10,6 @@ numbers! {
         /// Maximum iterations of the final fit: if the blur differs between the directions, pixels at an end regain weight
         /// one by one.
         max_final_steps: usize = 30,
-        /// Iterations after which a fit is abandoned if it still moves by more than `slow_px`.
-        slow_after: usize = 12,
-        /// Step of the centre above which a fit is too slow, px.
-        slow_px: f64 = 0.1,
         /// First scale of the residuals of a coarse fit, a fraction of the contrast: most pixels are flat and contain no
         /// information on an edge that is still misplaced.
         first_scale: f64 = 0.15,
@@ -39,10 +35,6 @@ numbers! {
         min_reduction: f64 = 0.1,
         /// Step of the centre, in its standard deviations, below which the final fit has converged.
         final_tolerance: f64 = 0.1,
-        /// Iterations after which a fit with residuals above `early_residual` cannot be a marker.
-        early_after: usize = 5,
-        /// Scale of the residuals above which a fit is abandoned after `early_after`, a fraction of the contrast.
-        early_residual: f64 = 0.2,
         /// Iterations after which a coarse fit of a disc cannot be a marker if its residuals exceed a fraction of the
         /// contrast. The worst of 116 rendered discs had 0.28; 40 % of the fits that failed had more than 0.35.
         hopeless: (usize, f64) = (2, 0.35),
@@ -51,13 +43,6 @@ numbers! {
         hopeless_crossing: (usize, f64) = (1, 0.25),
         /// Corresponding limit for quadrants fitted by edges and outline, whose final residuals are 0.12 at most.
         hopeless_outlined: (usize, f64) = (2, 0.25),
-        /// Iterations after which a fit that still moves by more than `late_px` with residuals above `late_residual` cannot
-        /// be a marker.
-        late_after: usize = 8,
-        /// Step of the centre above which a fit is abandoned after `late_after`, px.
-        late_px: f64 = 1.0,
-        /// Scale of the residuals above which a fit is abandoned after `late_after`, a fraction of the contrast.
-        late_residual: f64 = 0.05,
         /// Maximum iterations of the fit with a light field, which starts from the result of the final fit.
         max_field_steps: usize = 4,
         /// Damping of the fit with a light field in the first two iterations and afterwards, fractions of the diagonal.
@@ -138,13 +123,6 @@ numbers! {
         /// Prior standard deviation of the relative difference between the blurs of the edges of quadrants and their mean:
         /// motion blurs them depending on direction. `tests/detect/motion.rs`.
         uneven_blur: f64 = 0.1,
-        /// Prior standard deviation of the direction of a disc relative to an equal neighbour, rad. Chosen, as the next
-        /// two; `tests/detect/decals.rs`.
-        twin_angle_rad: f64 = 0.02,
-        /// Prior standard deviation of its length relative to the neighbour, a fraction.
-        twin_major: f64 = 0.03,
-        /// Prior standard deviation of its thickness relative to the neighbour, a fraction.
-        twin_minor: f64 = 0.1,
         /// Semi-minor axis above which more parameters of the light and the bends of quadrants are determined, px. Chosen;
         /// `tests/detect/sweep.rs`.
         thick_px: f64 = 2.5,

@@ -80,11 +80,6 @@ fn hypothesis_prior(hypothesis: &Hypothesis) -> [PriorValue; N] {
         out[BEND + 1] = out[BEND];
         out[UNEVEN_BLUR] = PriorValue::zero(PRIOR.uneven_blur);
     }
-    if known.twin {
-        out[ANGLE] = PriorValue { value: ellipse.angle, sigma: PRIOR.twin_angle_rad };
-        out[MAJOR] = PriorValue::with_relative_sigma(ellipse.major, PRIOR.twin_major);
-        out[MINOR] = PriorValue::with_relative_sigma(ellipse.minor, PRIOR.twin_minor);
-    }
     if let Some(size) = known.size.filter(|_| hypothesis.pattern == MarkerPattern::Disc) {
         out[MAJOR] = size.major;
         if let Some(slope) = size.slope {

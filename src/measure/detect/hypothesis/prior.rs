@@ -23,11 +23,9 @@ impl PriorValue {
     }
 }
 
-/// Prior of a marker, from a neighbouring twin, its neighbours or the orientation.
+/// Prior of a marker, from its neighbours or the orientation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MarkerPrior {
-    /// True if size, direction and thickness are those of a twin, a neighbouring disc.
-    pub twin: bool,
     /// Size predicted by the neighbouring discs or the orientation.
     pub size: Option<SizePrior>,
     /// Edges as those of the frame's other markers, for a marker too thin to determine them itself.
@@ -37,7 +35,7 @@ pub struct MarkerPrior {
 }
 
 impl MarkerPrior {
-    /// Returns whether all of the size is predicted, as only the orientation or a twin can.
+    /// Returns whether all of the size is predicted, as only the orientation or a neighbour can.
     pub fn has_full_size(&self) -> bool {
         self.size.is_some_and(|size| size.slope.is_some())
     }

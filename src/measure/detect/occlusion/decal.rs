@@ -29,13 +29,11 @@ impl Decal {
     }
 
     /// Returns the rectangle that the decal of a print may cover of a blob, both given by their bounds in the direction
-    /// `axis`: a rim of `rim_px` around the print, and the last `blur_px` of the blob if it ends near the print, because
-    /// blur mixes them with the decal.
-    pub fn from_print(axis: Vector2<f64>, print: [f64; 4], blob: [f64; 4], [rim_px, blur_px]: [f64; 2]) -> Self {
+    /// `axis`: the print, and the last `blur_px` of the blob if it ends near the print, because blur mixes them with the
+    /// decal.
+    pub fn from_print(axis: Vector2<f64>, print: [f64; 4], blob: [f64; 4], blur_px: f64) -> Self {
         let mut bounds = print;
         for k in 0..2 {
-            bounds[k] -= rim_px;
-            bounds[k + 2] += rim_px;
             let (before, after) = (print[k] - blob[k + 2], blob[k] - print[k + 2]);
             if (0.0..2.0 * DECAL.margin_px).contains(&before) {
                 bounds[k] = bounds[k].min(blob[k + 2] - blur_px);
@@ -149,11 +147,11 @@ mod tests {
         let axis = ellipse.major_direction();
         let [x0, y0, x1, y1] = outline_bounds(&ellipse, axis);
         assert!((x1 - x0 - 20.0).abs() < 1e-9 && (y1 - y0 - 4.0).abs() < 1e-9);
-        let decal = Decal::from_print(axis, [x0, y0, x1, y1], [x0, y1 + 5.0, x1, y1 + 9.0], [7.0, 2.5]);
+        let decal = Decal::from_print(axis, [x0, y0, x1, y1], [x0, y1 + 5.0, x1, y1 + 9.0], 2.5);
         // The blob begins 5 px beyond the print; one blur more than that is hidden.
         let across = Vector2::new(-axis.y, axis.x);
         assert!(decal.contains(&(ellipse.centre + across * 9.4)) && !decal.contains(&(ellipse.centre + across * 9.6)));
-        assert!(decal.contains(&(ellipse.centre + axis * 16.9)) && !decal.contains(&(ellipse.centre + axis * 17.1)));
+        assert!(decal.contains(&(ellipse.centre + axis * 9.9)) && !decal.contains(&(ellipse.centre + axis * 10.1)));
         assert_eq!(outline_bounds(&ellipse, ROW_DIRECTION)[0], ellipse.centre.x - ellipse.half_extent().x);
     }
 }

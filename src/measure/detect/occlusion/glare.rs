@@ -8,22 +8,10 @@ use crate::detect::occlusion::options::GLARE;
 use crate::estimation::robust::median;
 use crate::raster::Raster;
 
-/// Returns true if the skin beyond an end of a disc is saturated, so that glare may have cut the disc.
-pub fn ends_in_white(image: &Raster, ellipse: &Ellipse) -> bool {
-    let axis = ellipse.major_direction();
-    [-1.0, 1.0].iter().any(|side| {
-        GLARE.beyond_tip_px.iter().all(|past| {
-            let at = ellipse.centre + axis * (side * (ellipse.major + past));
-            image.nearest_value(at.x, at.y) >= GLARE.white
-        })
-    })
-}
-
 /// Returns the bands in which glare lies over a marker whose position is known approximately. A band reaches from where the
-/// skin is `begins` times lighter than elsewhere, extended outwards by `fringe` times the distance from there to the bright
-/// part.
-pub fn find_glare_bands(image: &Raster, ellipse: &Ellipse, begins: f64, fringe: f64) -> Vec<OcclusionBand> {
-    bright_bands(&lighter_side(&skin_profiles(image, ellipse)), ellipse, begins, fringe)
+/// skin is `begins` times lighter than elsewhere.
+pub fn find_glare_bands(image: &Raster, ellipse: &Ellipse, begins: f64) -> Vec<OcclusionBand> {
+    bright_bands(&lighter_side(&skin_profiles(image, ellipse)), ellipse, begins)
 }
 
 /// Returns at each position the lighter grey level of the skin on both sides. A marker off by a few px shows one its
@@ -42,7 +30,7 @@ pub fn find_slanting_glare(image: &Raster, ellipse: &Ellipse, begins: f64) -> Ve
         to: if band.to > middle + ellipse.major { f64::INFINITY } else { band.to },
         ..band
     };
-    let lit_on = |skin: &[f64]| bright_bands(skin, ellipse, begins, 0.0);
+    let lit_on = |skin: &[f64]| bright_bands(skin, ellipse, begins);
     let skin = skin_profiles(image, ellipse);
     let slanting = match skin.each_ref().map(|side| lit_on(side)) {
         [one, other] if one.len() == 1 && other.len() == 1 => slanting_band([one[0], other[0]].map(open), ellipse),
@@ -79,7 +67,7 @@ fn slanting_band(sides: [OcclusionBand; 2], ellipse: &Ellipse) -> Option<Occlusi
 }
 
 /// Returns the bands in which the skin along a marker is lit.
-fn bright_bands(skin: &[f64], ellipse: &Ellipse, begins: f64, fringe: f64) -> Vec<OcclusionBand> {
+fn bright_bands(skin: &[f64], ellipse: &Ellipse, begins: f64) -> Vec<OcclusionBand> {
     let axis = ellipse.major_direction();
     let mut sorted = skin.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -92,10 +80,9 @@ fn bright_bands(skin: &[f64], ellipse: &Ellipse, begins: f64, fringe: f64) -> Ve
     for run in skin.chunk_by(|one, other| (*one > begins * typical) == (*other > begins * typical)) {
         let next = first + run.len();
         let bright = |v: &f64| *v > GLARE.bright_ratio * typical;
-        if let (Some(rise), Some(fall)) = (run.iter().position(bright), run.iter().rev().position(bright)) {
-            let beyond = |way: usize| GLARE.margin_px + fringe * way as f64;
-            let from = if first == 0 { f64::NEG_INFINITY } else { place(first) - beyond(rise) };
-            let to = if next == skin.len() { f64::INFINITY } else { place(next) + beyond(fall) };
+        if run.iter().any(bright) {
+            let from = if first == 0 { f64::NEG_INFINITY } else { place(first) - GLARE.margin_px };
+            let to = if next == skin.len() { f64::INFINITY } else { place(next) + GLARE.margin_px };
             match out.last_mut() {
                 _ if from > middle + ellipse.major || to < middle - ellipse.major => {}
                 Some(OcclusionBand { to: last, .. }) if *last > from => *last = to,
@@ -172,7 +159,7 @@ mod tests {
         };
         let image = Raster::new(300, 200, (0..300 * 200).map(value).collect()).expect("the sizes agree");
         let bands = find_slanting_glare(&image, &ellipse, GLARE.bright_ratio);
-        assert_eq!(bands, find_glare_bands(&image, &ellipse, GLARE.bright_ratio, 0.0));
+        assert_eq!(bands, find_glare_bands(&image, &ellipse, GLARE.bright_ratio));
         assert!(matches!(bands[..], [OcclusionBand { from, .. }] if (186.0..190.0).contains(&from)), "{bands:?}");
     }
 }

@@ -24,11 +24,6 @@ numbers! {
 
     /// Glare over a marker, from the skin next to it.
     GLARE: GlareOptions {
-        /// Grey value above which skin is saturated. Derived: 255 minus the errors of JPEG around edges.
-        white: u8 = 250,
-        /// Distances beyond the tip of a disc at which saturation is tested, px: beyond the largest blur. Chosen;
-        /// `tests/detect/glare.rs`.
-        beyond_tip_px: [f64; 3] = [3.0, 4.5, 6.0],
         /// Minimum ratio of lit skin to the median of the skin for glare. Chosen on the rendered glare frames;
         /// `tests/detect/glare.rs`.
         min_ratio: f64 = 1.15,
@@ -104,9 +99,6 @@ numbers! {
         unbroken: f64 = 0.75,
         /// Minimum number of visible pieces.
         pieces: usize = 4,
-        /// Fraction of the minimum darkness and significance above which a line is examined in detail: the first test is in
-        /// single precision.
-        hint: f64 = 0.9,
         /// Maximum fraction of the outline that a seam may hide: a larger part would be seen otherwise.
         max_hidden: f64 = 0.35,
         /// Maximum number of seams at a disc: one at each tip.

@@ -11,7 +11,7 @@ use crate::detect::image::ellipse::Ellipse;
 use crate::detect::image::scanline::{self, EllipseFrame};
 use crate::detect::occlusion::options::SEAM;
 use crate::detect::simd::dispatch::wide;
-use crate::detect::simd::lanes::{LANES, Lanes, all_lanes, each, sum_lanes};
+use crate::detect::simd::lanes::{LANES, Lanes, all_lanes, each};
 use crate::ordering::sort_by_value;
 use crate::raster::Raster;
 
@@ -34,8 +34,7 @@ pub fn find_seams(image: &Raster, ellipse: &Ellipse, m: &MarkerParameters, scale
         }
         let Some(line) = find_line(&signs) else { break };
         signs.retain(|s| line.distance_to(&s.at) > 2.0 * SEAM.half_width_px);
-        let half = if ring.suggests_seam(&line) { half_width(&ring.ring_pixels_near_line(&line), &line) } else { None };
-        if let Some(half) = half {
+        if let Some(half) = half_width(&ring.ring_pixels_near_line(&line), &line) {
             let band = OcclusionBand { axis: line.across, from: line.at - half, to: line.at + half };
             if ellipse.outline_fraction(|at| band.contains(at)) <= SEAM.max_hidden {
                 out.push(band);
@@ -115,96 +114,33 @@ impl<'a> SeamRing<'a> {
         ]
     }
 
-    /// Calls a function for the pixels of each row that are near a line, with row, first column and values.
-    fn for_rows_near(&self, line: &SeamLine, mut call: impl FnMut(usize, usize, &[u8])) {
+    fn ring_pixels_near_line(&self, line: &SeamLine) -> Vec<RingPixel> {
         let through = scanline::EdgeLine { at: line.across * line.at, across: line.across };
+        let mut out = Vec::new();
         for (y, parts) in &self.rows {
             let (from, to) = through.row_interval(*y as f64, SEAM.beside_px.1 + 1.0);
             let (from, to) = (from.max(0.0) as usize, to.max(0.0) as usize);
             for part in parts {
                 let near = part.start.max(from)..part.end.min(to.saturating_add(1));
-                if let Some(pixels) = self.image.row(*y).get(near.clone()).filter(|p| !p.is_empty()) {
-                    call(*y, near.start, pixels);
-                }
+                let pixels = self.image.row(*y).get(near.clone()).unwrap_or_default();
+                out.extend(near.zip(pixels).map(|(x, &v)| self.ring_pixel(x, *y, v)));
             }
         }
-    }
-
-    /// Returns true if the pixels on a line are dark enough relative to those next to it for a detailed test.
-    fn suggests_seam(&self, line: &SeamLine) -> bool {
-        let mut sums = StripSums { on: [Lanes::splat(0.0); 2], nearby: [Lanes::splat(0.0); 3] };
-        let by_scale = 1.0 / self.scale;
-        self.for_rows_near(line, |y, x, pixels| {
-            let off = line.across.dot(&Vector2::new(x as f64, y as f64)) - line.at;
-            let light = self.skin_polynomial(x, y).map(|v| (v * by_scale) as f32);
-            add_row(pixels, [off as f32, line.across.x as f32], light, by_scale as f32, &mut sums);
-        });
-        let ([sum, count], [other, others, squares]) =
-            (sums.on.map(|s| sum_lanes(&s)), sums.nearby.map(|s| sum_lanes(&s)));
-        seam_contrast([sum, count], [other, others, squares], SEAM.hint).is_some()
-    }
-
-    fn ring_pixels_near_line(&self, line: &SeamLine) -> Vec<RingPixel> {
-        let mut out = Vec::new();
-        self.for_rows_near(line, |y, x, pixels| {
-            out.extend((x..).zip(pixels).map(|(x, &v)| self.ring_pixel(x, y, v)));
-        });
         out
     }
 }
 
-/// Sums of the darkness relative to the skin, in residual scales, on a line and next to it: sum and count, and next to it
-/// also the sum of squares.
-struct StripSums {
-    on: [Lanes; 2],
-    nearby: [Lanes; 3],
-}
-
-wide! {
-    /// Adds the pixels of a row, given the distance of the first one from the line and its increase per pixel, px, and the
-    /// light as a polynomial of the position, in residual scales.
-    fn add_row(pixels: &[u8], distance: [f32; 2], light: [f32; 3], by_scale: f32, sums: &mut StripSums)
-        = add_row_generic
-}
-
-#[inline(always)]
-fn add_row_generic(pixels: &[u8], [off, more]: [f32; 2], light: [f32; 3], by_scale: f32, sums: &mut StripSums) {
-    let [c, b, a] = light;
-    let StripSums { on: [sum, count], nearby: [other, others, squares] } = sums;
-    for (k, some) in pixels.chunks(LANES).enumerate() {
-        let first = (k * LANES) as f32;
-        let mut grey = Lanes::splat(0.0);
-        for (grey, &v) in grey.iter_mut().zip(some) {
-            *grey = f32::from(v);
-        }
-        for i in 0..LANES {
-            let x = first + i as f32;
-            let distance = (off + more * x).abs();
-            let darker = c + (b + a * x) * x - grey[i] * by_scale;
-            let there = i < some.len();
-            let on = if there && distance < SEAM.on_px { 1.0 } else { 0.0 };
-            let near = distance >= SEAM.beside_px.0 as f32 && distance < SEAM.beside_px.1 as f32;
-            let nearby = if there && near { 1.0 } else { 0.0 };
-            let clamped = darker.clamp(-SEAM.foreign_scales, SEAM.foreign_scales);
-            sum[i] += on * darker;
-            count[i] += on;
-            other[i] += nearby * clamped;
-            others[i] += nearby;
-            squares[i] += nearby * clamped * clamped;
-        }
-    }
-}
-
 /// Returns the darkness on a line relative to the skin next to it, and the darkness of that skin, in residual scales, from
-/// the sums of a strip. `None` if the line is less dark than `share` of a seam.
-fn seam_contrast([sum, count]: [f64; 2], [other, others, squares]: [f64; 3], share: f64) -> Option<(f64, f64)> {
+/// the sums of a strip: sum and count, and next to the line also the sum of squares. `None` if the line is less dark than a
+/// seam.
+fn seam_contrast([sum, count]: [f64; 2], [other, others, squares]: [f64; 3]) -> Option<(f64, f64)> {
     if count < SEAM.min_signs as f64 || others < SEAM.min_signs as f64 {
         return None;
     }
     let skin = other / others;
     let noise = (squares / others - skin * skin).max(SEAM.min_variance).sqrt();
     let peak = sum / count - skin;
-    let certain = peak > share * SEAM.darker_scales && peak * count.sqrt() > share * SEAM.significance * noise;
+    let certain = peak > SEAM.darker_scales && peak * count.sqrt() > SEAM.significance * noise;
     certain.then_some((peak, skin))
 }
 
@@ -252,10 +188,9 @@ fn find_line(signs: &[RingPixel]) -> Option<SeamLine> {
     }
     let few: Vec<&Vector2<f64>> = signs.iter().take(SEAM.max_signs).map(|s| &s.at).collect();
     let origin = *few.first()?;
-    let mut places = [[Lanes::splat(f32::MAX); SEAM.max_signs / LANES]; 2];
+    let mut places = [[f32::MAX; SEAM.max_signs]; 2];
     for (k, at) in few.iter().enumerate() {
-        let at = *at - origin;
-        (places[0][k / LANES][k % LANES], places[1][k / LANES][k % LANES]) = (at.x as f32, at.y as f32);
+        (places[0][k], places[1][k]) = ((at.x - origin.x) as f32, (at.y - origin.y) as f32);
     }
     let [i, j] = best_pair(&places, few.len())?;
     let along = few.get(j)?.to_owned() - few.get(i)?.to_owned();
@@ -268,7 +203,7 @@ fn find_line(signs: &[RingPixel]) -> Option<SeamLine> {
 }
 
 /// Columns and rows of the candidates, px from the first; unused entries are far away.
-type SignPositions = [[Lanes; SEAM.max_signs / LANES]; 2];
+type SignPositions = [[f32; SEAM.max_signs]; 2];
 
 wide! {
     /// Returns the two of the first `count` positions whose line passes the largest number of positions.
@@ -277,30 +212,20 @@ wide! {
 
 #[inline(always)]
 fn best_line_pair_generic([x, y]: &SignPositions, count: usize) -> Option<[usize; 2]> {
-    let at = |k: usize| (x[k / LANES][k % LANES], y[k / LANES][k % LANES]);
-    let (mut best, mut most) = (None, 0.0);
+    let (mut best, mut most) = (None, 0);
     for i in 0..count {
-        let one = at(i);
-        // The number of positions near each line through this position and 16 others.
-        for others in (i + 1) / LANES..count.div_ceil(LANES) {
-            let (u, v) = (each(|j| x[others][j] - one.0), each(|j| y[others][j] - one.1));
-            let square = each(|j| u[j] * u[j] + v[j] * v[j]);
+        for j in i + 1..count {
+            let (u, v) = (x[j] - x[i], y[j] - y[i]);
+            let square = u * u + v * v;
             // Limit of the squared product of the distance from the line and the length of the pair.
-            let reach = each(|j| (SEAM.half_width_px * SEAM.half_width_px) as f32 * square[j]);
-            let mut near = Lanes::splat(0.0);
-            for k in 0..count {
-                let (dx, dy) = (at(k).0 - one.0, at(k).1 - one.1);
-                near = each(|j| {
-                    let off = dx * v[j] - dy * u[j];
-                    near[j] + if off * off < reach[j] { 1.0 } else { 0.0 }
-                });
-            }
-            for j in 0..LANES {
-                let pair = [i, others * LANES + j];
-                let counts = pair[1] > i && pair[1] < count && square[j] >= (SEAM.apart_px * SEAM.apart_px) as f32;
-                if counts && near[j] > most {
-                    (best, most) = (Some(pair), near[j]);
-                }
+            let reach = (SEAM.half_width_px * SEAM.half_width_px) as f32 * square;
+            let is_near = |k: usize| {
+                let off = (x[k] - x[i]) * v - (y[k] - y[i]) * u;
+                u32::from(off * off < reach)
+            };
+            let near: u32 = (0..SEAM.max_signs).map(is_near).sum();
+            if square >= (SEAM.apart_px * SEAM.apart_px) as f32 && near > most {
+                (best, most) = (Some([i, j]), near);
             }
         }
     }
@@ -346,7 +271,7 @@ fn half_width(spots: &[RingPixel], line: &SeamLine) -> Option<f64> {
         }
     }
     let (sum, count) = (profile[0][0] + profile[1][0], profile[0][1] + profile[1][1]);
-    let (peak, skin) = seam_contrast([sum, count], nearby, 1.0)?;
+    let (peak, skin) = seam_contrast([sum, count], nearby)?;
     let dark = pieces.iter().filter(|(_, [sum, count])| sum / count - skin > SEAM.dark_piece * peak).count();
     let certain = pieces.len() >= SEAM.pieces && dark as f64 >= SEAM.unbroken * pieces.len() as f64;
     let ended = |&[sum, count]: &[f64; 2]| count > 0.0 && sum / count - skin < SEAM.ended * peak;

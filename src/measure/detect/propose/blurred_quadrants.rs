@@ -5,8 +5,7 @@ use std::f64::consts::PI;
 use nalgebra::{Matrix2, Vector2};
 
 use super::quadrant_outline::{grey_values_inside, skin_grey};
-use crate::detect::appearance::parameters::{BLUR, DARK, LIGHT, MarkerParameters, N};
-use crate::detect::estimate::{options::OUTLINED, outlined_quadrants, prior::darkness_for_grey_ratio};
+use crate::detect::estimate::options::OUTLINED;
 use crate::detect::hypothesis::{Hypothesis, prior::MarkerPrior};
 use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
 use crate::detect::propose::{moments, options::BLURRED, quadrant_edges};
@@ -31,7 +30,7 @@ pub fn resegment_against_skin(image: &Raster, hypothesis: &Hypothesis, softest: 
     Some(Hypothesis { prior, ..found })
 }
 
-/// Finds quadrants whose black shows as two blobs, near each other or apart, or as one, too blurred to be recognised by
+/// Finds quadrants whose black shows as two blobs, near each other, or as one, too blurred to be recognised by
 /// black alone. Only blobs that are `wanted` and are no discs are used.
 pub fn find_narrow_quadrants(
     image: &Raster,
@@ -53,9 +52,7 @@ pub fn find_narrow_quadrants(
         contrast.filter(|_| !is_disc(i))
     };
     let contrasts: Vec<Option<usize>> = blobs.iter().zip(taken).enumerate().map(&mut may_be).collect();
-    let far = find_far_pairs(blobs, |i| contrasts[i].is_some());
-    let far = far.into_iter().filter(|pair| near.binary_search(pair).is_err());
-    let pairs = near.iter().copied().chain(far).map(Vec::from);
+    let pairs = near.iter().copied().map(Vec::from);
     let single = (0..blobs.len()).map(|i| vec![i]);
     let mut out: Vec<Hypothesis> = Vec::new();
     let seeds = pairs.chain(single).filter_map(|seed| {
@@ -80,31 +77,6 @@ pub fn find_narrow_quadrants(
     out
 }
 
-/// Returns pairs of flat blobs that lie in a row, so far apart that blur may have removed the black between them.
-fn find_far_pairs(blobs: &[Blob], wanted: impl Fn(usize) -> bool) -> Vec<[usize; 2]> {
-    let flat: Vec<(usize, Ellipse)> = (blobs.iter().enumerate())
-        .filter(|(i, _)| wanted(*i))
-        .map(|(i, blob)| (i, Ellipse::from_blob(blob)))
-        .filter(|(_, seen)| seen.major > BLURRED.flat * seen.minor)
-        .collect();
-    let in_row = |one: &Ellipse, other: &Ellipse| {
-        let between = other.centre - one.centre;
-        let along =
-            |seen: &Ellipse| between.dot(&seen.major_direction()).abs() > BLURRED.in_row_rad.cos() * between.norm();
-        between.norm() < BLURRED.apart * (one.major + other.major) && along(one) && along(other)
-    };
-    let mut out = Vec::new();
-    for (k, (i, one)) in flat.iter().enumerate() {
-        for (j, other) in &flat[k + 1..] {
-            let ratio = blobs[*i].area / blobs[*j].area;
-            if (BLURRED.min_area_ratio..1.0 / BLURRED.min_area_ratio).contains(&ratio) && in_row(one, other) {
-                out.push([*i, *j]);
-            }
-        }
-    }
-    out
-}
-
 /// Returns the difference between the lightest and the darkest grey level around a blob, if something there is lighter than
 /// the skin, as white is next to black.
 fn white_black_contrast(image: &Raster, blob: &Blob, noise: f64) -> Option<usize> {
@@ -125,17 +97,13 @@ fn quadrants_from_black_and_white(image: &Raster, seen: &Ellipse, blobs: &[usize
     if seen.major > BLURRED.max_major_px {
         return None;
     }
-    let (ellipse, m, skin) = contrasting_outline(image, seen)?;
-    let found = quadrant_edges::find_edges(ellipse, image, blobs)?;
-    let start = outlined_quadrants::initial_parameters(&found, &m, skin)?;
-    let (found, m) = outlined_quadrants::refine_quadrants(image, &found, start, BLURRED.blur_px)?;
-    let prior = MarkerPrior { blur: Some(m[BLUR]), ..found.prior };
+    let found = quadrant_edges::find_edges(contrasting_outline(image, seen)?, image, blobs)?;
+    let prior = MarkerPrior { blur: Some(BLURRED.blur_px), ..found.prior };
     Some(Hypothesis { prior, ..found })
 }
 
-/// Returns the outline of all parts around the visible part of quadrants that differ from the skin, parameters with their
-/// grey levels, and the grey level of the skin.
-fn contrasting_outline(image: &Raster, seen: &Ellipse) -> Option<(Ellipse, MarkerParameters, f64)> {
+/// Returns the outline of all parts around the visible part of quadrants that differ from the skin.
+fn contrasting_outline(image: &Raster, seen: &Ellipse) -> Option<Ellipse> {
     let mut seen = *seen;
     for _ in 0..BLURRED.max_rounds {
         let (major, minor) = (
@@ -156,10 +124,7 @@ fn contrasting_outline(image: &Raster, seen: &Ellipse) -> Option<(Ellipse, Marke
         let parts: Vec<&Blob> = parts.iter().filter(|b| b.area > least && longest.contains(b.centroid)).collect();
         let found = convex_hull_ellipse(&parts).filter(|ellipse| ellipse.minor >= BLURRED.min_minor_px)?;
         if found.major < BLURRED.longer * seen.major {
-            let mut m = [0.0; N];
-            (m[LIGHT], m[BLUR]) = (white.max(1) as f64, BLURRED.blur_px.value);
-            m[DARK] = darkness_for_grey_ratio(black as f64 / m[LIGHT]);
-            return Some((found, m, skin as f64));
+            return Some(found);
         }
         seen = found;
     }

@@ -49,8 +49,7 @@ pub fn disc_under_decal(
 ) -> Option<Hypothesis> {
     let minor = neighbour.minor / neighbour.major * major.value;
     let shape = Ellipse { centre: blob.centroid, major: major.value, minor, angle: neighbour.angle };
-    let decal =
-        Decal::from_print(axis, outline_bounds(neighbour, axis), blob_bounds(blob, axis), [0.0, DECAL_CUT.cut_px]);
+    let decal = Decal::from_print(axis, outline_bounds(neighbour, axis), blob_bounds(blob, axis), DECAL_CUT.cut_px);
     let seen: Vec<Vector2<f64>> = blob.contour().into_iter().filter(|at| !decal.contains(at)).collect();
     let centre = fit_centre(&shape, &seen, neighbour.centre)?;
     let slope = SlopePrior {

@@ -6,7 +6,6 @@ pub mod gather;
 pub mod glare_cut;
 pub mod moments;
 pub mod options;
-pub mod partial_ellipse;
 pub mod quadrant_edges;
 pub mod quadrant_outline;
 pub mod reduced;

@@ -1,7 +1,5 @@
 //! Tuned numbers of proposals, with meaning, unit, origin.
 
-use crate::detect::hypothesis::prior::PriorValue;
-
 numbers! {
     /// Quadrants of whose black blur leaves too little. Chosen on drawn and rendered quadrants and checked by
     /// `tests/detect/sweep.rs`, unless they are bounds on time.
@@ -27,13 +25,6 @@ numbers! {
         max_major_px: f64 = 160.0,
         /// Maximum number of seeds that are tried, so that clutter cannot take arbitrarily long.
         max_seeds: usize = 120,
-        /// Maximum distance of two black parts in a row, in units of their semi-major axes: a blur of 2 px leaves two
-        /// lobes, 100 px apart, of a target of 78 x 7 px.
-        apart: f64 = 2.2,
-        /// Maximum angle between each part and the row, rad.
-        in_row_rad: f64 = 0.25,
-        /// Minimum ratio of the areas of the two black parts.
-        min_area_ratio: f64 = 0.4,
         /// Minimum area of a part that is used, a fraction of the product of the visible semi-axes.
         part: f64 = 0.1,
         /// Ratio of an outline to the visible part above which the search is repeated around the outline.
@@ -42,8 +33,8 @@ numbers! {
         max_rounds: usize = 3,
         /// Minimum semi-minor axis of an outline, px.
         min_minor_px: f64 = 1.0,
-        /// Prior of the blur, px.
-        blur_px: PriorValue = PriorValue { value: 1.5, sigma: 0.7 },
+        /// Blur with which the fit of such quadrants starts, px.
+        blur_px: f64 = 1.5,
         /// Minimum fraction of a hull that the parts cover.
         min_filled: f64 = 0.4,
         /// Minimum fraction of its ellipse that a hull covers: 0.95 for a parallelogram.
@@ -160,38 +151,10 @@ numbers! {
         step: f64 = 0.6,
         /// Minimum median step, grey levels: fainter ones are noise.
         min_step: f64 = 8.0,
-        /// Area of the rest of a disc beyond the glare: minimum, px, and maximum relative to that of the first part.
-        rest: (f64, f64) = (30.0, 3.0),
-        /// Range of the distance of the rest along the axis, in semi-major axes of the first part.
-        along: (f64, f64) = (1.0, 5.0),
-        /// Maximum distance of the rest across the axis, a fraction of that along it, in addition to the semi-minor axis.
-        across: f64 = 0.1,
-        /// Maximum mean distance of both rims from one ellipse, px.
-        off_px: f64 = 1.0,
         /// Maximum ratio of the axes of a completed outline to those of its visible part: major, minor.
         larger: [f64; 2] = [2.0, 1.6],
         /// Minimum number of visible contour points.
         min_points: usize = 40,
-    }
-
-    /// Ellipse through a part of a contour. Chosen on `fixtures/dev` and drawn decals; `tests/detect/decals.rs` checks it.
-    PARTIAL: PartialOptions {
-        /// Distance to which a cut edge is blurred into its surroundings, px.
-        blur_px: f64 = 2.5,
-        /// Relative difference below which a neighbour counts as of the same size.
-        same_size: f64 = 0.12,
-        /// Minimum visible fraction of the contour next to a disc of the same size.
-        share: f64 = 0.35,
-        /// Minimum visible fraction of the contour without such a disc.
-        share_alone: f64 = 0.55,
-        /// Range of the area of a neighbour relative to the blob's.
-        neighbour: (f64, f64) = (0.3, 6.0),
-        /// Range of a blob's pixels relative to those of its ellipse of inertia in which it counts as an ellipse.
-        fill: (f64, f64) = (0.95, 1.05),
-        /// Maximum ratio of the axes of a completed outline to those of its visible part: major, minor.
-        larger: [f64; 2] = [2.0, 3.0],
-        /// Minimum number of visible contour points.
-        min_points: usize = 24,
     }
 
     /// Search for the edges of quadrants that best separate dark from light.
@@ -227,8 +190,6 @@ numbers! {
         white: f64 = 0.05,
         /// Minimum distance of both ends of the white from the centre, in semi-major axes, and maximum ratio of the two.
         white_ends: (f64, f64) = (0.7, 1.25),
-        /// Ratio of the areas of two black quadrants above which they were segmented with different thresholds.
-        unequal: f64 = 1.2,
         /// Semi-minor axis above which blur removes too little of quadrants to affect the outline, px.
         thick_px: f64 = 20.0,
         /// Semi-minor axis below which quadrants are fitted with their outline, blurs: blur removes too much of their

@@ -9,7 +9,7 @@ use crate::detect::image::scanline::{EllipseFrame, columns_in_area, row_interval
 use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
 use crate::detect::propose::{moments, options::OUTLINE};
 use crate::detect::segment::bitmask::LevelSide;
-use crate::detect::segment::blob::{self, Blob};
+use crate::detect::segment::blob;
 use crate::raster::Raster;
 
 /// Returns quadrants with the outline of the pixels that are nearer to black than to white.
@@ -60,23 +60,6 @@ pub fn fit_outline_and_edges(
         start,
         PriorValue::with_relative_sigma(m[BLUR], OUTLINE.same_blur),
     )
-}
-
-/// Segments quadrants again with one threshold if their two black parts were found with thresholds so different that one is
-/// much larger. Returns `None` if the parts are similar.
-pub fn resegment_unequal(image: &Raster, hypothesis: &Hypothesis, blobs: &[Blob]) -> Option<Hypothesis> {
-    let [one, other] = hypothesis.blobs[..] else { return None };
-    let ratio = blobs.get(one)?.area / blobs.get(other)?.area;
-    let seen_together = hypothesis.edges.is_none() || hypothesis.prior.blur.is_some();
-    if seen_together || (1.0 / OUTLINE.unequal..OUTLINE.unequal).contains(&ratio) {
-        return None;
-    }
-    let ellipse = &hypothesis.ellipse;
-    let counts = Histogram::from_values(grey_values_inside(image, ellipse));
-    let (black, white) = (counts.value_at_rank(counts.total() / 10)?, counts.value_at_rank(counts.total() * 9 / 10)?);
-    let own = blob::dark_parts(image, ellipse, 0.0, black.midpoint(white) as u8);
-    let found = moments::quadrants_from_blobs(&[0, 1], &own)?;
-    Some(Hypothesis { blobs: hypothesis.blobs.clone(), ..found })
 }
 
 /// Returns the grey values of the pixels within an outline.

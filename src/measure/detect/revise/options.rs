@@ -82,9 +82,6 @@ numbers! {
         inner_fraction: f64 = 0.75,
         /// Error of quadrants' outline, px: near the camera the centre of a target's outline is not its own.
         outline_error_px: f64 = 8.0,
-        /// Extension of glare beyond its visible part, in units of the distance from where it becomes visible to where it
-        /// is bright: black is lit long before the skin is. If too little of a disc is left, the visible part is used.
-        fringes: [f64; 2] = [1.0, 0.0],
         /// Ratio by which glare brightens the skin if it leaves too little of an edge.
         blinding_ratio: f64 = 1.3,
         /// Largest blur over that of the frame, a ratio.

@@ -4,13 +4,13 @@
 //! With the surveyed diameter at the known distance, only the position is estimated. Quadrants cut by glare or touched by
 //! something dark may not be recognised; within their predicted outline the visible edges determine the crossing.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::Vector2;
 
 use crate::detect::accept::{correlated, dirt, lost_contrast, misfit};
 use crate::detect::accept::{options::CONSISTENCY, preference::is_preferred, verdict::MeasuredMarker};
 use crate::detect::appearance::parameters::MarkerPattern;
 use crate::detect::attempt::{measure::Bounds, strategies::Measurer};
-use crate::detect::detection::covariance::{CovarianceSource, squared_mahalanobis};
+use crate::detect::detection::covariance::CovarianceSource;
 use crate::detect::detection::{Detection, Detections, MarkerPrediction, compare_positions};
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::hypothesis::prior::{EdgePrior, MarkerPrior, PriorValue, SizePrior, SlopePrior};
@@ -82,14 +82,14 @@ impl ReliableDiscs {
 }
 
 impl SizeDeviations {
-    /// Builds the hypothesis of a predicted marker. `fringe` extends glare beyond its visible part (`ORIENTATION.fringes`).
-    fn hypothesis(&self, image: &Raster, expected: &MarkerPrediction, fringe: f64) -> Option<Hypothesis> {
+    /// Builds the hypothesis of a predicted marker.
+    fn hypothesis(&self, image: &Raster, expected: &MarkerPrediction) -> Option<Hypothesis> {
         let ellipse = expected.ellipse()?;
         let (major, minor) = (self.major.value * ellipse.major, self.minor.value * ellipse.minor);
         let ellipse = Ellipse { major, minor, angle: wrap_half_turn(ellipse.angle + self.angle.value), ..ellipse };
         let (bands, hypothesis) = match expected.shape {
             Shape::Circle => {
-                let bands = glare::find_glare_bands(image, &ellipse, GLARE.begin_ratio, fringe);
+                let bands = glare::find_glare_bands(image, &ellipse, GLARE.begin_ratio);
                 (bands, Hypothesis::new(MarkerPattern::Disc, ellipse, Vec::new()))
             }
             Shape::Point => return None,
@@ -146,18 +146,8 @@ pub fn second_pass(image: &Raster, found: &mut Detections, expected: &[ExpectedM
     let bounds = Bounds { blur, through_glare: true, overshoot, ..Bounds::from_noise(found.noise) };
     let measurer = Measurer::new(image, &[], bounds);
     let pass = SecondPass { measurer, found, sure: &sure, psf, max_distance_px };
-    let mut new: Vec<(Option<usize>, MeasuredMarker)> = Vec::new();
-    let mut unlike: Vec<(usize, Matrix2<f64>)> = Vec::new();
-    for expected in expected {
-        new.extend(pass.remeasure(expected, &mut unlike));
-    }
+    let new: Vec<_> = expected.iter().filter_map(|expected| pass.remeasure(expected)).collect();
     let changed = !new.is_empty();
-    // After a change another pass decides.
-    for (i, inflation) in unlike.into_iter().filter(|_| !changed) {
-        if let Some(old) = found.markers.get_mut(i) {
-            old.covariance_px2.add(CovarianceSource::SecondPass, inflation);
-        }
-    }
     for ExpectedMarker { prediction, found: own, .. } in expected {
         if let Some(disc) = own.and_then(|i| found.markers.get_mut(i)) {
             sure.size_deviations(prediction).inflate_size_outlier(prediction, disc);
@@ -205,11 +195,10 @@ struct SecondPass<'a> {
 
 impl SecondPass<'_> {
     /// Measures a predicted marker again. Returns a better measurement, if there is one, with the index of the previous
-    /// one. Adds to `unlike` the variances by which previous ones that remain must be increased.
+    /// one.
     fn remeasure(
         &self,
         ExpectedMarker { prediction, found: own, .. }: &ExpectedMarker,
-        unlike: &mut Vec<(usize, Matrix2<f64>)>,
     ) -> Option<(Option<usize>, MeasuredMarker)> {
         let markers = &self.found.markers;
         let old = own.and_then(|i| markers.get(i));
@@ -241,9 +230,6 @@ impl SecondPass<'_> {
             let is_sure = |old: &Detection| whole || new.variance() < ORIENTATION.max_variance_ratio * old.variance();
             let beats = |old: &Detection| new.shape == old.shape && is_preferred(new, old) && is_sure(old);
             let better = near && old.as_ref().is_none_or(beats);
-            if let (false, true, Some(i), Some(old)) = (better, near && whole, own, &old) {
-                unlike.extend(position_disagreement(new, old).map(|inflation| (i, inflation)));
-            }
             better.then_some((own, measured))
         })
     }
@@ -252,16 +238,11 @@ impl SecondPass<'_> {
     /// outside a decal.
     fn hypotheses(&self, target: &SearchTarget, is_sure: bool) -> Vec<Hypothesis> {
         let SearchTarget { prediction, sizes, others } = target;
-        let fringes = if is_sure { &ORIENTATION.fringes[1..] } else { &ORIENTATION.fringes[..] };
-        let of = |fringe: &f64| sizes.hypothesis(self.measurer.image, prediction, *fringe);
-        let mut hypotheses: Vec<Hypothesis> = fringes.iter().filter_map(of).collect();
-        hypotheses.dedup();
+        let whole = sizes.hypothesis(self.measurer.image, prediction);
         // The disc is assumed to be hidden only if it does not look whole.
-        let hidden = |last| decal_cut::occluded_disc(self.measurer.image, last, others, ROW_DIRECTION, self.psf);
-        let hidden = hypotheses.last().and_then(hidden);
-        hypotheses.retain(|_| !is_sure);
-        hypotheses.extend(hidden);
-        hypotheses
+        let hidden = |whole| decal_cut::occluded_disc(self.measurer.image, whole, others, ROW_DIRECTION, self.psf);
+        let hidden = whole.as_ref().and_then(hidden);
+        whole.filter(|_| !is_sure).into_iter().chain(hidden).collect()
     }
 
     /// Measures a hypothesis, with the contributions of the frame's markers and its size to the covariance; also returns
@@ -288,12 +269,4 @@ impl SecondPass<'_> {
         sizes.inflate_size_outlier(prediction, &mut measured.detection);
         Some((measured, !hypothesis.is_under_decal()))
     }
-}
-
-/// Returns the covariance, px^2, to add to a previous measurement that remains if the same disc is now seen farther away
-/// than a standard deviation, although the pixels are the same.
-fn position_disagreement(new: &Detection, old: &Detection) -> Option<Matrix2<f64>> {
-    let apart = new.centre_px - old.centre_px;
-    let off = squared_mahalanobis(&apart, &old.covariance_px2);
-    (new.shape == old.shape && off > 1.0 && off.is_finite()).then(|| apart * apart.transpose())
 }
