@@ -106,7 +106,7 @@ pub struct PatchNodes {
 impl<'a> WingView<'a> {
     /// Returns the nodes of the patches; of a template that is seen edge-on in the ground frame there are none.
     pub fn patch_nodes(&self) -> PatchNodes {
-        let ground = WingView::on_ground(self.setup, self.orientation);
+        let ground = WingView::with_beam(self.setup, self.orientation, false, self.beam.clone());
         let mut nodes = PatchNodes { beam: self.beam.clone(), patches: Vec::new() };
         let mut points = Vec::new();
         for (k, template) in self.orientation.templates.iter().enumerate() {
@@ -136,8 +136,7 @@ impl<'a> WingView<'a> {
             }
         };
         let project = |points: &[Vector3<f64>]| -> Option<Vec<Vector2<f64>>> {
-            let all: Vec<_> = points.iter().map(|p| (*p, fixed)).collect();
-            self.project_points(&self.beam.with_points(&all), &WingState::zeros()).into_iter().collect()
+            points.iter().map(|p| self.project_on_ground(p)).collect()
         };
         /// Step of the differences for the size of a pixel on the skin, m.
         const STEP_M: f64 = 0.01;

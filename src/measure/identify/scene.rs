@@ -114,6 +114,11 @@ impl<'a> WingView<'a> {
             .collect()
     }
 
+    /// Returns the pixel of a point, wing frame, m, whose place does not depend on the state; `None` behind the camera.
+    pub(super) fn project_on_ground(&self, point: &Vector3<f64>) -> Option<Vector2<f64>> {
+        self.setup.lens.project(&self.apparent_point(&self.camera_from_wing(&WingState::zeros()), point))
+    }
+
     /// Returns the predicted images of all markers, with Jacobians and covariances; `None` behind the camera.
     pub(super) fn linearise(&self, state: &WingState) -> Vec<Option<PredictedImage>> {
         let rotation = self.camera_from_wing(state);

@@ -123,6 +123,10 @@ impl<P: Picture> PointFinder<'_, P> {
         mut identities: Identities,
     ) -> (Vec<Detection>, Identities) {
         for _ in 0..PASSES {
+            let is_named = |template: &PointTemplate| identities.marker_of.contains(&Some(template.marker));
+            if self.wing.orientation.templates.iter().all(is_named) {
+                break;
+            }
             let patches = self.wing.predict_patches(&self.nodes, &markers, &identities, SEARCH_SIGMAS);
             let is_open = |patch: &PatchPrediction| !identities.marker_of.contains(&Some(patch.marker));
             let open: Vec<PatchPrediction> = patches.unwrap_or_default().into_iter().filter(is_open).collect();
