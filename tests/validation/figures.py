@@ -261,7 +261,7 @@ FIGURES = {
     ),
     **{f"slope-{s}": ("publication", f"^slope {s}: bias # mm", "{:.1f}") for s in ("0.03", "0.06", "0.0875")},
     **{f"bench-{k}": bench_row(line, "{:.2g} ms | {:.2g}") for k, line in FRAME_BENCHES.items()},
-    **{f"bench-{k}": bench_row(line, "{:.3g} ms") for k, line in ADJUST_BENCHES.items()},
+    **{f"bench-{k}": bench_row(line, lambda ms, _: f"{float(f'{ms:.3g}'):g} ms") for k, line in ADJUST_BENCHES.items()},
     "live-results": ("recorder", "^results +# a second; # without numbers", "{:.1f}; {:.0f}"),
     "live-latency": ("recorder", "^latency +median # ms, 95 % # ms", "{:.0f} ms; {:.0f} ms"),
     "live-skipped": ("recorder", "^skipped +#", "{:.0f}"),
