@@ -12,6 +12,7 @@ use crate::clock::SystemClock;
 use crate::config::{self, Config};
 use crate::daemon::{self, machine, memory};
 use crate::installation::{self, Fault};
+#[cfg(feature = "desk")]
 use crate::measure::plan::{NarrowWidth, find_narrow_widths};
 use crate::measure::setup::Setup;
 use crate::pipeline::recording::cad_record;
@@ -118,6 +119,8 @@ fn advisory_findings(setup: &Setup) -> Vec<Finding> {
                    `wingd plan` shows the gain from fixed targets";
         all.push(("fixed marks", how.to_owned()));
     }
+    // The recorder's program has no plans.
+    #[cfg(feature = "desk")]
     all.extend(find_narrow_widths(setup).into_iter().map(|narrow| {
         let NarrowWidth { key, unit, values, tip_sigmas_m } = narrow;
         let [stated_mm, usual_mm] = tip_sigmas_m.map(|sigma_m| 1e3 * sigma_m);
