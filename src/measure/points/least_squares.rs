@@ -27,7 +27,7 @@ const WINDOW_SIGMA_PX: f64 = 9.0;
 const NOISE_VALUES: usize = 240;
 /// Number of pixels of which one counts for the start.
 const START_STRIDE: usize = 2;
-/// Step at convergence, px.
+/// Step at convergence, px: half the smallest standard deviation of a shift.
 const SETTLED_PX: f64 = 0.01;
 /// Multiple of the residuals' standard deviation beyond which weights decrease.
 const ROBUST_LIMIT: f64 = 2.5;

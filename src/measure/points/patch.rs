@@ -12,7 +12,7 @@ use crate::setup::PointTemplate;
 const POINT_SPREAD_PX: f64 = 0.8;
 /// Largest variance of one pass of the smoothing, px^2: the weights of its 3 x 3 pixels are then positive.
 const PASS_VARIANCE_PX2: f64 = 0.25;
-/// Grey level from which a pixel is saturated.
+/// Grey level from which a pixel is saturated: 255 less the errors of JPEG around edges.
 const SATURATED_LEVEL: f32 = 250.0;
 /// Pixels on each side of a patch for the cubic interpolation and its derivatives.
 pub(super) const MARGIN_PX: usize = 3;
