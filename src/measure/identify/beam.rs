@@ -53,6 +53,9 @@ impl Arm {
     const NONE: Self = Self { foot_m: f64::NEG_INFINITY, arm_m: Vector3::new(0.0, 0.0, 0.0) };
 }
 
+/// Step at which the foot of a point on the axis is found, m: small beside the model's error.
+const FOOT_M: f64 = 1e-6;
+
 impl CoarseBeam {
     /// Creates the beam from the survey; `may_shape`: for each marker, whether it may shape the skin.
     pub(super) fn new(setup: &Setup, may_shape: &[bool]) -> Self {
@@ -90,7 +93,11 @@ impl CoarseBeam {
         let mut foot_m = p.x - self.root.x;
         for _ in 0..6 {
             let section = self.section_at(nodes, &self.slopes, foot_m, 1.0);
-            foot_m += (target - section.axis).dot(&unit_tangent(section.slope));
+            let step_m = (target - section.axis).dot(&unit_tangent(section.slope));
+            foot_m += step_m;
+            if step_m.abs() < FOOT_M {
+                break;
+            }
         }
         let section = self.section_at(nodes, &self.slopes, foot_m, 1.0);
         let offset = target - section.axis;

@@ -18,7 +18,9 @@ pub(super) const MIN_CORRELATION: f64 = 0.4;
 /// Largest number of places.
 const MAX_PLACES: usize = 5;
 /// Number of sums that the processor adds at once.
-const LANES: usize = 8;
+const LANES: usize = 16;
+/// Number of shifts whose sums are added together: each waits for its own last addition.
+const SHIFTS: usize = 4;
 
 /// Place that looks like the template.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,23 +57,26 @@ pub(super) fn find_like_places(template: &GreyPatch, patch: &GreyPatch, search: 
 }
 
 wide! {
-    /// Adds the products of rows with those of a patch from a column and row on.
-    fn multiply_rows(rows: &[Vec<f32>], patch: &GreyPatch, start: [usize; 2], lanes: &mut [f32; LANES])
+    /// Sums the products of rows with those of a patch from a column and row on, at [`SHIFTS`] shifts along u.
+    fn multiply_rows(rows: &[Vec<f32>], patch: &GreyPatch, start: [usize; 2], out: &mut [f32; SHIFTS])
         = multiply_rows_inline
 }
 
 #[inline(always)]
-fn multiply_rows_inline(rows: &[Vec<f32>], patch: &GreyPatch, [left, top]: [usize; 2], lanes: &mut [f32; LANES]) {
-    let mut sums = [0.0; LANES];
+fn multiply_rows_inline(rows: &[Vec<f32>], patch: &GreyPatch, [left, top]: [usize; 2], out: &mut [f32; SHIFTS]) {
+    let mut sums = [[0.0; LANES]; SHIFTS];
     for (row, line) in rows.iter().zip(patch.rows().skip(top)) {
-        for (a, b) in row.chunks_exact(LANES).zip(line[left..].chunks(LANES)) {
-            match <&[f32; LANES]>::try_from(b) {
-                Ok(b) => sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b),
-                Err(_) => sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b),
+        for (k, a) in row.chunks_exact(LANES).enumerate() {
+            for (shift, sums) in sums.iter_mut().enumerate() {
+                let b = line.get(left + shift + k * LANES..).unwrap_or(&[]);
+                match b.first_chunk::<LANES>() {
+                    Some(b) => sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b),
+                    None => sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b),
+                }
             }
         }
     }
-    *lanes = sums;
+    *out = sums.map(|lanes| lanes.iter().sum());
 }
 
 /// A template without its mean, and sums over the patch that it is compared with.
@@ -112,32 +117,41 @@ impl<'a> Correlator<'a> {
         Self { patch, reach, rows, norm, sums }
     }
 
-    /// Returns the correlation at a shift; 0 if the patch ends within the template.
-    fn correlation(&self, [x, y]: [isize; 2]) -> f64 {
+    /// Writes the correlations at shifts along u from one on; 0 if the patch ends within the template.
+    fn correlate(&self, [x, y]: [isize; 2], out: &mut [f64]) {
         let side = 2 * self.reach + 1;
         let [width, height] = self.patch.size();
-        let (left, top) =
-            (x + (width / 2) as isize - self.reach as isize, y + (height / 2) as isize - self.reach as isize);
-        if left < 0 || top < 0 || left as usize + side > width || top as usize + side > height {
-            return 0.0;
+        let [x, y] = [x + (width / 2) as isize, y + (height / 2) as isize].map(|at| at - self.reach as isize);
+        let is_inside = |at: isize, size: usize| at >= 0 && at as usize + side <= size;
+        for (x, out) in (x..).step_by(SHIFTS).zip(out.chunks_mut(SHIFTS)) {
+            let mut products = [0.0; SHIFTS];
+            if x >= 0 && y >= 0 {
+                multiply_rows(&self.rows, self.patch, [x as usize, y as usize], &mut products);
+            }
+            for ((x, out), product) in (x..).zip(out).zip(products) {
+                let inside = is_inside(x, width) && is_inside(y, height);
+                *out = if inside { self.normalise(product, [x as usize, y as usize]) } else { 0.0 };
+            }
         }
-        let (left, top) = (left as usize, top as usize);
-        let mut lanes = [0.0; LANES];
-        multiply_rows(&self.rows, self.patch, [left, top], &mut lanes);
-        let corner = |i: usize, j: usize| self.sums[(top + j) * (width + 1) + left + i];
+    }
+
+    /// Returns the correlation from the sum of products at a column and row of the patch.
+    fn normalise(&self, product: f32, [left, top]: [usize; 2]) -> f64 {
+        let side = 2 * self.reach + 1;
+        let corner = |i: usize, j: usize| self.sums[(top + j) * (self.patch.size()[0] + 1) + left + i];
         let [all, right, below, both] = [corner(0, 0), corner(side, 0), corner(0, side), corner(side, side)];
         let area = |k: usize| both[k] - right[k] - below[k] + all[k];
         let variance = area(1) - area(0) * area(0) / (side * side) as f64;
         let norm = self.norm * variance.max(0.0).sqrt();
-        if norm > 1e-3 { f64::from(lanes.iter().sum::<f32>()) / norm } else { 0.0 }
+        if norm > 1e-3 { f64::from(product) / norm } else { 0.0 }
     }
 
     /// Finds the local maxima within `search` px of a shift, most alike first.
     fn find_peaks(&self, centre: [isize; 2], search: [usize; 2]) -> Vec<LikePlace> {
         let [a, b] = search.map(|s| s as isize);
         let width = (2 * a + 1) as usize;
-        let shifts = (-b..=b).flat_map(|y| (-a..=a).map(move |x| [centre[0] + x, centre[1] + y]));
-        let map: Vec<f64> = shifts.map(|shift| self.correlation(shift)).collect();
+        let mut map = vec![0.0; width * (2 * b + 1) as usize];
+        (-b..).zip(map.chunks_exact_mut(width)).for_each(|(y, row)| self.correlate([centre[0] - a, centre[1] + y], row));
         let mut places: Vec<LikePlace> = Vec::new();
         for (at, &correlation) in map.iter().enumerate().filter(|(_, c)| **c > MIN_CORRELATION) {
             let (i, j) = ((at % width) as isize - a, (at / width) as isize - b);

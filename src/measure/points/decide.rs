@@ -112,7 +112,6 @@ pub fn find_places(
 /// Place with its adjusted shift and the log odds of the adjusted patch.
 struct AdjustedPlace {
     adjusted: AdjustedShift,
-    residuals: Vec<f64>,
     odds: f64,
 }
 
@@ -134,9 +133,8 @@ impl PatchPair<'_> {
                 };
             let shift = adjusted.shift();
             if all.iter().all(|known| (known.adjusted.shift() - shift).norm() > 1.0) {
-                let residuals = adjusted.residuals(&self.patch);
-                let odds = -0.5 * ADJUSTED_VALUES * adjusted.misfit(&residuals).ln() + self.prior_odds(&shift);
-                all.push(AdjustedPlace { adjusted, residuals, odds });
+                let odds = -0.5 * ADJUSTED_VALUES * adjusted.misfit().ln() + self.prior_odds(&shift);
+                all.push(AdjustedPlace { adjusted, odds });
             }
         }
         all.sort_by(|a, b| b.odds.total_cmp(&a.odds));
@@ -156,9 +154,9 @@ pub fn match_point(
     let pair = PatchPair::new(frame, template, prediction)?;
     let slopes = prediction.by_slope.map(|by| pair.inverse * by);
     let places = pair.adjust_places(slopes)?;
-    let (AdjustedPlace { adjusted, residuals, odds }, others) = places.split_first().ok_or(PointRejection::Unlike)?;
+    let (AdjustedPlace { adjusted, odds }, others) = places.split_first().ok_or(PointRejection::Unlike)?;
     let shifted = adjusted.shifted_patch(&pair.patch);
-    let mut found = adjusted.conclude(&shifted, residuals)?;
+    let mut found = adjusted.conclude(&shifted)?;
     let weight = found.covariance.try_inverse().ok_or(PointRejection::NoStructure)?;
     for other in others.iter().filter(|other| other.odds > odds - MIN_LOG_ODDS) {
         let apart = other.adjusted.shift() - found.shift;

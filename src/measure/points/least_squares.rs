@@ -25,10 +25,12 @@ pub(super) const PRIOR_SIGMAS: [f64; UNKNOWNS] = [4.0, 4.0, 1.0, 1.0, 0.0, 0.0, 
 const WINDOW_SIGMA_PX: f64 = 9.0;
 /// Number of residuals that estimate the noise: its standard deviation is then known to 8 %.
 const NOISE_VALUES: usize = 240;
-/// Number of pixels of which one counts for the start.
+/// Number of pixels of which one counts for the start and in the first pass.
 const START_STRIDE: usize = 2;
 /// Step at convergence, px: half the smallest standard deviation of a shift.
 const SETTLED_PX: f64 = 0.01;
+/// Step below which the residuals change linearly, px, and steps end that more exact ones follow, or the check backward.
+const LINEAR_PX: f64 = 0.05;
 /// Multiple of the residuals' standard deviation beyond which weights decrease.
 const ROBUST_LIMIT: f64 = 2.5;
 /// Side of the blocks over which residuals are summed, px: the correlation of blur, interpolation and a block of JPEG's
@@ -45,31 +47,34 @@ pub(super) struct AdjustmentPass {
     /// Number of pixels of which one is used; 2 is a chequerboard.
     stride: usize,
     steps: usize,
+    /// Step at convergence, px: at most [`LINEAR_PX`].
+    settled_px: f64,
     /// Whether the weights follow the residuals; before, they are those of the window.
     robust: bool,
 }
 
 /// Passes of a match.
 pub(super) const MATCH_PASSES: [AdjustmentPass; 4] = [
-    AdjustmentPass { stride: 2, steps: 3, robust: false },
-    AdjustmentPass { stride: 2, steps: 1, robust: true },
-    AdjustmentPass { stride: 2, steps: 1, robust: true },
-    AdjustmentPass { stride: 1, steps: 10, robust: true },
+    AdjustmentPass { stride: START_STRIDE, steps: 3, settled_px: LINEAR_PX, robust: false },
+    AdjustmentPass { stride: START_STRIDE, steps: 1, settled_px: LINEAR_PX, robust: true },
+    AdjustmentPass { stride: START_STRIDE, steps: 1, settled_px: LINEAR_PX, robust: true },
+    AdjustmentPass { stride: 1, steps: 10, settled_px: SETTLED_PX, robust: true },
 ];
 /// Pass of the check backward.
-pub(super) const CHECK_PASSES: [AdjustmentPass; 1] = [AdjustmentPass { stride: 2, steps: 8, robust: false }];
+pub(super) const CHECK_PASSES: [AdjustmentPass; 1] =
+    [AdjustmentPass { stride: START_STRIDE, steps: 8, settled_px: LINEAR_PX, robust: false }];
 
 pub(super) type Unknowns = SVector<f64, UNKNOWNS>;
 /// Derivatives with respect to the unknowns, and a zero: registers hold four of them.
 pub(super) type DesignRow = [f64; UNKNOWNS + 1];
 pub(super) type Normal = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 
-/// Pixel of the template with the derivatives of the grey value.
+/// Pixel of the template with the derivatives of the grey value: two lines of the processor's cache.
+#[repr(align(64))]
 pub(super) struct PixelRow {
     /// Offset from the point, px.
     pub(super) at: Vector2<f64>,
-    pub(super) template: f64,
-    /// Derivatives with respect to the unknowns, by the template's gradient.
+    /// Derivatives with respect to the unknowns, by the template's gradient: that of the gain is the template's grey value.
     pub(super) design: DesignRow,
     pub(super) weight: f64,
     /// Weight by the distance from the point.
@@ -81,7 +86,9 @@ pub(super) struct Matching {
     /// Offset from the point to the centre of the patches, px.
     pub(super) offset: Vector2<f64>,
     pub(super) slopes: [Matrix2<f64>; 2],
+    /// Every `spacing`-th pixel of the template, row by row.
     pub(super) rows: Vec<PixelRow>,
+    spacing: usize,
 }
 
 /// Adjusts the shift of a patch of the frame against a template, from a start. `offset`: from the point to the patches'
@@ -97,39 +104,50 @@ pub(super) fn adjust_shift(
     slopes: [Matrix2<f64>; 2],
     passes: &[AdjustmentPass],
 ) -> Result<AdjustedShift, PointRejection> {
-    let mut matching = Matching { offset, slopes, rows: template_rows(template, offset, &slopes) };
-    let mut unknowns = matching.start_values(patch, start);
+    let spacing = passes.iter().map(|pass| pass.stride).min().unwrap_or(1);
+    let rows = template_rows(template, offset, &slopes, spacing);
+    let mut matching = Matching { offset, slopes, rows, spacing };
+    let mut stride = START_STRIDE / spacing;
+    let (mut unknowns, mut residuals) = matching.start_values(patch, start, stride);
     let (mut noise, mut last) = (MIN_NOISE, Vector2::repeat(f64::INFINITY));
     for pass in passes {
-        let mut residuals = matching.residuals(patch, &unknowns, pass.stride);
+        if pass.stride != stride * spacing {
+            stride = pass.stride / spacing;
+            residuals = matching.residuals(patch, &unknowns, stride);
+        }
         if pass.robust {
             noise = robust_noise(&residuals);
-            matching.weight_rows((&residuals, pass.stride), noise);
+            matching.weight_rows((&residuals, stride), noise);
         }
-        let normal = matching.normal_matrix(pass.stride);
-        for step in 0..pass.steps {
-            if step > 0 {
-                residuals = matching.residuals(patch, &unknowns, pass.stride);
-            }
-            let change = matching.step(&normal, &unknowns, start, (&residuals, pass.stride), noise);
+        let normal = matching.normal_matrix(stride);
+        for _ in 0..pass.steps {
+            let change = matching.step(&normal, &unknowns, start, (&residuals, stride), noise);
             let change = change.ok_or(PointRejection::NoStructure)?;
-            unknowns += change;
             last = change.fixed_rows::<2>(0).into_owned();
+            let is_last = last.norm() < pass.settled_px;
+            if is_last {
+                let grey = change.component_mul(&Matching::factors(&unknowns));
+                subtract_model(&matching.rows, stride, 0, &grey.data.0[0], &mut residuals);
+            }
+            unknowns += change;
             if !last.norm().is_finite() || (unknowns.fixed_rows::<2>(0) - start).amax() > MAX_SHIFT_PX {
                 return Err(PointRejection::NoConvergence);
             }
-            if last.norm() < SETTLED_PX {
+            if is_last {
                 break;
             }
+            residuals = matching.residuals(patch, &unknowns, stride);
         }
     }
-    Ok(AdjustedShift { matching, unknowns, noise, last })
+    Ok(AdjustedShift { matching, unknowns, residuals, noise, last })
 }
 
 /// Adjusted shift of a patch.
 pub(super) struct AdjustedShift {
     pub(super) matching: Matching,
     pub(super) unknowns: Unknowns,
+    /// Grey values of the frame less those of the model at the pixels of the last pass.
+    pub(super) residuals: Vec<f64>,
     pub(super) noise: f64,
     /// Last change of the shift, px.
     pub(super) last: Vector2<f64>,
@@ -141,48 +159,55 @@ fn robust_noise(residuals: &[f64]) -> f64 {
     MIN_NOISE * robust_sigma(some.map(|r| r.abs() / MIN_NOISE).collect())
 }
 
-fn template_rows(template: &GreyPatch, offset: Vector2<f64>, slopes: &[Matrix2<f64>; 2]) -> Vec<PixelRow> {
-    let reach = PATCH_REACH_PX as i32;
+/// Returns every `spacing`-th pixel of a template.
+fn template_rows(
+    template: &GreyPatch,
+    offset: Vector2<f64>,
+    slopes: &[Matrix2<f64>; 2],
+    spacing: usize,
+) -> Vec<PixelRow> {
+    let (reach, side) = (PATCH_REACH_PX as i32, 2 * PATCH_REACH_PX + 1);
     let scale = 1.0 / PATCH_REACH_PX as f64;
     let bell = |along: f64| (-0.5 * (along / WINDOW_SIGMA_PX).powi(2)).exp();
-    let windows: Vec<f64> = (-reach..=reach).map(|x| bell(f64::from(x) + offset.x)).collect();
-    let mut rows = Vec::with_capacity(windows.len() * windows.len());
-    for y in -reach..=reach {
-        let down = bell(f64::from(y) + offset.y);
-        for (x, across) in (-reach..=reach).zip(&windows) {
-            let around = template.neighbours(x, y);
-            let [above, [left, centre, right], below] = around;
-            let gradient = sobel_gradient(&around);
-            let (xx, yy) = (right + left - 2.0 * centre, below[1] + above[1] - 2.0 * centre);
-            let xy = 0.25 * (below[2] - above[2] - below[0] + above[0]);
-            let at = Vector2::new(f64::from(x), f64::from(y)) + offset;
-            let [a, b] = slopes.map(|by| -gradient.dot(&(by * at)));
-            let [ramp_u, ramp_v] = [at.x * scale, at.y * scale];
-            let design = [-gradient.x, -gradient.y, a, b, centre, 1.0, ramp_u, ramp_v, 0.5 * xx, 0.5 * yy, xy, 0.0];
-            let window = across * down;
-            rows.push(PixelRow { at, template: centre, design, weight: window, window });
-        }
-    }
-    rows
+    let bells = [offset.x, offset.y].map(|at| (-reach..=reach).map(|x| bell(f64::from(x) + at)).collect::<Vec<f64>>());
+    let row = |index: usize| {
+        let [i, j] = [index % side, index / side];
+        let [x, y] = [i, j].map(|k| k as i32 - reach);
+        let around = template.neighbours(x, y);
+        let [above, [left, centre, right], below] = around;
+        let gradient = sobel_gradient(&around);
+        let (xx, yy) = (right + left - 2.0 * centre, below[1] + above[1] - 2.0 * centre);
+        let xy = 0.25 * (below[2] - above[2] - below[0] + above[0]);
+        let at = Vector2::new(f64::from(x), f64::from(y)) + offset;
+        let [a, b] = slopes.map(|by| -gradient.dot(&(by * at)));
+        let [ramp_u, ramp_v] = [at.x * scale, at.y * scale];
+        let design = [-gradient.x, -gradient.y, a, b, centre, 1.0, ramp_u, ramp_v, 0.5 * xx, 0.5 * yy, xy, 0.0];
+        let window = bells[0][i] * bells[1][j];
+        PixelRow { at, design, weight: window, window }
+    };
+    (0..side * side).step_by(spacing).map(row).collect()
 }
 
 impl Matching {
-    /// Returns the values at the start: the gain and offset of equal mean and contrast.
-    fn start_values(&self, patch: &GreyPatch, start: Vector2<f64>) -> Unknowns {
+    /// Returns the values at the start, with the gain and offset of equal mean and contrast, and the residuals at every
+    /// `stride`-th row.
+    fn start_values(&self, patch: &GreyPatch, start: Vector2<f64>, stride: usize) -> (Unknowns, Vec<f64>) {
         let mut unknowns = Unknowns::zeros();
         unknowns.fixed_rows_mut::<2>(0).copy_from(&start);
-        let sampled = self.sample(patch, &unknowns, START_STRIDE);
-        let rows = || self.rows.iter().step_by(START_STRIDE).zip(&sampled);
+        let mut residuals = self.sample(patch, &unknowns, stride);
+        let sampled = &residuals;
+        let rows = || self.rows.iter().step_by(stride).zip(sampled);
         let total: f64 = rows().map(|(row, _)| row.weight).sum();
         let mean = |value: &dyn Fn(f64, f64) -> f64| {
-            rows().map(|(row, frame)| row.weight * value(row.template, f64::from(*frame))).sum::<f64>() / total
+            rows().map(|(row, frame)| row.weight * value(row.design[GAIN], *frame)).sum::<f64>() / total
         };
         let (template, frame) = (mean(&|template, _| template), mean(&|_, frame| frame));
         let variance = mean(&|other, _| (other - template).powi(2));
         let covariance = mean(&|other, value| (other - template) * (value - frame));
         unknowns[GAIN] = if variance > 0.0 { covariance / variance } else { 1.0 };
         unknowns[OFFSET] = frame - unknowns[GAIN] * template;
-        unknowns
+        subtract_model(&self.rows, stride, GAIN, &unknowns.data.0[0], &mut residuals);
+        (unknowns, residuals)
     }
 
     /// Returns the positions in the frame's patch of the template's row `y` px from its centre.
@@ -192,8 +217,9 @@ impl Matching {
         [[start.x, 1.0 + shear[(0, 0)], 0.0], [start.y, shear[(1, 0)], 0.0]]
     }
 
-    /// Returns the grey values of the frame at every `stride`-th pixel.
-    fn sample(&self, patch: &GreyPatch, unknowns: &Unknowns, stride: usize) -> Vec<f32> {
+    /// Returns the grey values of the frame at every `stride`-th row.
+    fn sample(&self, patch: &GreyPatch, unknowns: &Unknowns, stride: usize) -> Vec<f64> {
+        let stride = stride * self.spacing;
         let side = 2 * PATCH_REACH_PX + 1;
         let mut values = vec![0.0; (side * side).div_ceil(stride)];
         let (mut filled, reach) = (0, PATCH_REACH_PX as f64);
@@ -204,18 +230,17 @@ impl Matching {
             patch.sample_row(&path, skipped as f64 - reach, stride as f64, &mut values[filled..end]);
             filled = end;
         }
-        values
+        values.into_iter().map(f64::from).collect()
     }
 
-    /// Returns the grey values of the frame less those of the model, at every `stride`-th pixel.
-    pub(super) fn residuals(&self, patch: &GreyPatch, unknowns: &Unknowns, stride: usize) -> Vec<f64> {
-        let sampled = self.sample(patch, unknowns, stride);
-        let mut residuals = vec![0.0; sampled.len()];
-        subtract_model(&self.rows, stride, &unknowns.data.0[0], &sampled, &mut residuals);
+    /// Returns the grey values of the frame less those of the model, at every `stride`-th row.
+    fn residuals(&self, patch: &GreyPatch, unknowns: &Unknowns, stride: usize) -> Vec<f64> {
+        let mut residuals = self.sample(patch, unknowns, stride);
+        subtract_model(&self.rows, stride, GAIN, &unknowns.data.0[0], &mut residuals);
         residuals
     }
 
-    /// Returns the normal matrix of the design as it is, for a gain of 1, of every `stride`-th pixel.
+    /// Returns the normal matrix of the design as it is, for a gain of 1, of every `stride`-th row.
     fn normal_matrix(&self, stride: usize) -> Normal {
         let mut weighted = vec![[0.0; UNKNOWNS + 1]; self.rows.len().div_ceil(stride)];
         for (weighted, row) in weighted.iter_mut().zip(self.rows.iter().step_by(stride)) {
@@ -224,7 +249,7 @@ impl Matching {
         self.sum_products(&weighted, stride)
     }
 
-    /// Returns the sums of products of derivatives at every `stride`-th pixel with other rows of as many.
+    /// Returns the sums of products of derivatives at every `stride`-th row with other rows of as many.
     pub(super) fn sum_products(&self, left: &[DesignRow], stride: usize) -> Normal {
         let mut sums = [[0.0; UNKNOWNS + 1]; UNKNOWNS + 1];
         sum_products(&self.rows, stride, left, &mut sums);
@@ -274,38 +299,37 @@ impl Matching {
 }
 
 wide! {
-    /// Subtracts the model's grey values from those of the frame at every `stride`-th pixel.
-    fn subtract_model(rows: &[PixelRow], stride: usize, unknowns: &[f64; UNKNOWNS], sampled: &[f32], out: &mut [f64])
+    /// Subtracts the sums of derivatives and unknowns, from unknown `first` on, at every `stride`-th row.
+    fn subtract_model(rows: &[PixelRow], stride: usize, first: usize, unknowns: &[f64; UNKNOWNS], out: &mut [f64])
         = subtract_model_inline
 }
 
 #[inline(always)]
-fn subtract_model_inline(
-    rows: &[PixelRow],
-    stride: usize,
-    unknowns: &[f64; UNKNOWNS],
-    sampled: &[f32],
-    out: &mut [f64],
-) {
-    for ((row, value), out) in rows.iter().step_by(stride).zip(sampled).zip(out) {
-        let model = (GAIN..UNKNOWNS).fold(0.0, |sum, k| sum + row.design[k] * unknowns[k]);
-        *out = f64::from(*value) - model;
+fn subtract_model_inline(rows: &[PixelRow], stride: usize, first: usize, unknowns: &[f64; UNKNOWNS], out: &mut [f64]) {
+    let mut padded = [0.0; UNKNOWNS + 1];
+    padded.iter_mut().zip(unknowns).skip(first).for_each(|(own, value)| *own = *value);
+    for (row, out) in rows.iter().step_by(stride).zip(out) {
+        let mut sums = [0.0; 4];
+        for (a, b) in row.design.chunks_exact(4).zip(padded.chunks_exact(4)) {
+            sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
+        }
+        *out -= (sums[0] + sums[1]) + (sums[2] + sums[3]);
     }
 }
 
 wide! {
-    /// Sums the products of derivatives at every `stride`-th pixel with other rows of as many.
+    /// Sums the products of derivatives at every `stride`-th row with other rows of as many.
     fn sum_products(rows: &[PixelRow], stride: usize, left: &[DesignRow], sums: &mut [DesignRow; UNKNOWNS + 1])
         = sum_products_inline
 }
 
-/// Three rows of sums at a time stay in registers.
+/// Four rows of sums at a time stay in registers.
 #[inline(always)]
 fn sum_products_inline(rows: &[PixelRow], stride: usize, left: &[DesignRow], sums: &mut [DesignRow; UNKNOWNS + 1]) {
-    for (k, sums) in sums.chunks_exact_mut(3).enumerate() {
-        let mut own = [[0.0; UNKNOWNS + 1]; 3];
+    for (k, sums) in sums.chunks_exact_mut(4).enumerate() {
+        let mut own = [[0.0; UNKNOWNS + 1]; 4];
         for (row, left) in rows.iter().step_by(stride).zip(left) {
-            let left = [left[3 * k], left[3 * k + 1], left[3 * k + 2]];
+            let left = [0, 1, 2, 3].map(|i| left[4 * k + i]);
             for (own, left) in own.iter_mut().zip(left) {
                 own.iter_mut().zip(&row.design).for_each(|(sum, right)| *sum += left * right);
             }
@@ -315,7 +339,7 @@ fn sum_products_inline(rows: &[PixelRow], stride: usize, left: &[DesignRow], sum
 }
 
 wide! {
-    /// Adds the weighted products of derivatives and residuals at every `stride`-th pixel.
+    /// Adds the weighted products of derivatives and residuals at every `stride`-th row.
     fn add_right_side(rows: &[PixelRow], stride: usize, residuals: &[f64], sums: &mut DesignRow) = add_right_side_inline
 }
 

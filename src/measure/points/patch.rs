@@ -175,16 +175,20 @@ fn sample_cubic_inline(
             }
         }
         let [wx, wy] = weights;
-        for (lane, out) in out.iter_mut().enumerate() {
+        let mut columns = [[0.0_f32; 4]; LANES];
+        for (lane, columns) in columns.iter_mut().enumerate().take(out.len()) {
             let start = (whole[1][lane] as usize - 1) * size[0] + whole[0][lane] as usize - 1;
-            let mut columns = [0.0_f32; 4];
             for (j, wy) in wy.iter().enumerate() {
                 let line = &values[start + j * size[0]..][..4];
                 columns.iter_mut().zip(line).for_each(|(sum, value)| *sum += wy[lane] * value);
             }
-            *out = (wx[0][lane] * columns[0] + wx[1][lane] * columns[1])
-                + (wx[2][lane] * columns[2] + wx[3][lane] * columns[3]);
         }
+        let along = |lane: usize| {
+            let [a, b, c, d] = columns[lane];
+            (wx[0][lane] * a + wx[1][lane] * b) + (wx[2][lane] * c + wx[3][lane] * d)
+        };
+        let all: [f32; LANES] = std::array::from_fn(along);
+        out.copy_from_slice(&all[..out.len()]);
     }
 }
 

@@ -83,8 +83,8 @@ impl Matching {
     /// Returns the share of the frame's contrast that the template explains, without uncorrelated noise.
     fn explained_share(&self, unknowns: &Unknowns, residuals: &[f64]) -> f64 {
         let weights: f64 = self.rows.iter().map(|row| row.window).sum();
-        let mean = self.rows.iter().map(|row| row.window * row.template).sum::<f64>() / weights;
-        let contrast: f64 = self.rows.iter().map(|row| row.window * (row.template - mean).powi(2)).sum();
+        let mean = self.rows.iter().map(|row| row.window * row.design[GAIN]).sum::<f64>() / weights;
+        let contrast: f64 = self.rows.iter().map(|row| row.window * (row.design[GAIN] - mean).powi(2)).sum();
         let weighted = |(row, r): (&PixelRow, &f64)| Vector2::new(row.window.sqrt() * r, 0.0);
         let weighted: Vec<Vector2<f64>> = self.rows.iter().zip(residuals).map(weighted).collect();
         // Blocks of uncorrelated residuals, smoothed by the interpolation, have about twice their variance.
@@ -102,15 +102,10 @@ impl AdjustedShift {
     }
 
     /// Returns the mean square of the residuals, weighted by the distance from the point, grey levels squared.
-    pub(super) fn misfit(&self, residuals: &[f64]) -> f64 {
+    pub(super) fn misfit(&self) -> f64 {
         let rows = || self.matching.rows.iter();
-        let squares: f64 = rows().zip(residuals).map(|(row, r)| row.window * r * r).sum();
+        let squares: f64 = rows().zip(&self.residuals).map(|(row, r)| row.window * r * r).sum();
         (squares / rows().map(|row| row.window).sum::<f64>()).max(MIN_NOISE * MIN_NOISE)
-    }
-
-    /// Returns the grey values of the frame's patch less those of the model.
-    pub(super) fn residuals(&self, patch: &GreyPatch) -> Vec<f64> {
-        self.matching.residuals(patch, &self.unknowns, 1)
     }
 
     /// Returns the patch at the shift.
@@ -126,8 +121,8 @@ impl AdjustedShift {
     ///
     /// # Errors
     /// Returns the reason if no direction is well determined, or the adjustment did not converge.
-    pub(super) fn conclude(&self, shifted: &GreyPatch, residuals: &[f64]) -> Result<PatchShift, PointRejection> {
-        let Self { matching, unknowns, noise, last } = self;
+    pub(super) fn conclude(&self, shifted: &GreyPatch) -> Result<PatchShift, PointRejection> {
+        let Self { matching, unknowns, residuals, noise, last } = self;
         let reach = PATCH_REACH_PX as i32;
         let pixels = (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| (x, y)));
         let gradients: Vec<Vector2<f64>> = pixels.map(|(x, y)| sobel_gradient(&shifted.neighbours(x, y))).collect();
