@@ -120,6 +120,8 @@ fn advisory_findings(setup: &Setup) -> Vec<Finding> {
         all.push(("fixed marks", how.to_owned()));
     }
     // The recorder's program has no plans.
+    #[cfg(not(feature = "desk"))]
+    all.push(("narrow width", "not checked by the recorder's program; run `wingd check` at the desk".to_owned()));
     #[cfg(feature = "desk")]
     all.extend(find_narrow_widths(setup).into_iter().map(|narrow| {
         let NarrowWidth { key, unit, values, tip_sigmas_m } = narrow;

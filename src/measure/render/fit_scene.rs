@@ -29,8 +29,8 @@ const LOAD: LoadShape = LoadShape { triangular: 0.35, relief: 0.15 };
 const MAX_OFFSET_M: f64 = 0.15;
 
 impl Scene {
-    /// Builds a scene from an installation, with the survey as truth. Quantities not in the survey (load, twist, clutter)
-    /// follow from the seed; so does the attitude if none is given.
+    /// Builds a scene from an installation, with the survey as truth, but points moved onto the smooth skin. Quantities not
+    /// in the survey (load, twist, clutter) follow from the seed; so does the attitude if none is given.
     ///
     /// # Errors
     /// Returns an error if there are too few markers or no smooth skin passes through them.
@@ -48,7 +48,7 @@ impl Scene {
         }
         let wing = fit_skin(initial_wing(setup, &points), &points);
         let pose = wing.deform(&SceneState::ground(LOAD));
-        let markers: Vec<SceneMarker> = setup
+        let mut markers: Vec<SceneMarker> = setup
             .markers
             .iter()
             .map(|surveyed| {
@@ -63,17 +63,20 @@ impl Scene {
                     height_m: 0.0,
                     fixed_m: surveyed.fixed.then_some(point),
                 };
-                match surveyed.shape {
-                    _ if surveyed.fixed => marker,
-                    // A structure is painted on the skin.
-                    Shape::Point => SceneMarker { height_m: 0.0, ..place_marker(marker, &pose, &point) },
-                    _ => place_marker(marker, &pose, &point),
-                }
+                if surveyed.fixed { marker } else { place_marker(marker, &pose, &point) }
             })
             .collect();
         let off = |marker: &&SceneMarker| marker.height_m.abs() > MAX_OFFSET_M;
         if let Some(marker) = markers.iter().find(off) {
             return Err(FitFault::OffSkin { id: marker.id.clone(), off_mm: 1e3 * marker.height_m });
+        }
+        let mut setup = setup.clone();
+        for (marker, surveyed) in markers.iter_mut().zip(&mut setup.markers) {
+            if surveyed.shape == Shape::Point && !surveyed.fixed {
+                // A structure is painted on the skin: its surveyed position moves there.
+                marker.height_m = 0.0;
+                surveyed.position_m = frame.survey_point(&marker.disc_on_wing(&pose).centre_m);
+            }
         }
         let options = SceneOptions { lens: setup.lens, tip_deflection_m, ..SceneOptions::random(seed, wing.side) };
         let attitude =
@@ -83,7 +86,7 @@ impl Scene {
         let mut structures = SeededRandom::new(seed, 13);
         points.enumerate().for_each(|(k, m)| clutter.add_structure(&mut structures, k, m.s_m, m.z_m));
         Ok(Self {
-            setup: setup.clone(),
+            setup,
             clutter,
             wing,
             markers,
