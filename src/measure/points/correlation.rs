@@ -151,7 +151,9 @@ impl<'a> Correlator<'a> {
         let [a, b] = search.map(|s| s as isize);
         let width = (2 * a + 1) as usize;
         let mut map = vec![0.0; width * (2 * b + 1) as usize];
-        (-b..).zip(map.chunks_exact_mut(width)).for_each(|(y, row)| self.correlate([centre[0] - a, centre[1] + y], row));
+        (-b..)
+            .zip(map.chunks_exact_mut(width))
+            .for_each(|(y, row)| self.correlate([centre[0] - a, centre[1] + y], row));
         let mut places: Vec<LikePlace> = Vec::new();
         for (at, &correlation) in map.iter().enumerate().filter(|(_, c)| **c > MIN_CORRELATION) {
             let (i, j) = ((at % width) as isize - a, (at / width) as isize - b);
