@@ -4,7 +4,7 @@
 //! Neither camera nor wing is known here. The result does not depend on the number of threads, and is identical
 //! bit for bit on any processor.
 //!
-//! Each stage uses only those before it (`tests/layers.rs`); `docs/detection.md` describes and justifies them:
+//! Each stage uses only those before it (`tests/layers.rs`); `docs/detection.md` describes them:
 //!
 //! - `numbers`, `simd`, `image`: definition of tuned numbers, loops in wide registers, geometry and noise of
 //!   the image;

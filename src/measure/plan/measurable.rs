@@ -8,9 +8,9 @@ use crate::observation::Observation;
 use crate::setup::{Shape, SurveyMarker};
 
 /// Smallest image of a marker along the view that a plan counts on, px: half as large again as the limit of detection
-/// (docs/validation/detection.md), because light and blur vary.
+/// (docs/detection.md), because light and blur vary.
 const MIN_MEASURED_PX: f64 = 2.5;
-/// Largest ratio of the axes of a marker's image (docs/validation/detection.md).
+/// Largest ratio of the axes of a marker's image (docs/detection.md).
 const MAX_DISC_RATIO: f64 = 40.0;
 const MAX_QUADRANT_RATIO: f64 = 26.0;
 
