@@ -53,10 +53,10 @@ pub fn is_out_of_focus(shape: Shape, semi_minor_px: f64, blur: f64) -> bool {
 }
 
 /// Returns the largest blur, px, that is consistent with the frame's other edges; `None` with fewer than
-/// `CONSISTENCY.min_blurs` detections. Edges are weighted by their length, because the image noise next to the wing yields
+/// `CONSISTENCY.min_others` detections. Edges are weighted by their length, because the image noise next to the wing yields
 /// many short ones.
 pub fn blur_limit(found: &FoundMarkers) -> Option<f64> {
-    if found.measured.len() < CONSISTENCY.min_blurs {
+    if found.measured.len() < CONSISTENCY.min_others {
         return None;
     }
     let mut blurs: Vec<[f64; 2]> = found.measured.iter().map(|m| [m.blur, m.detection.semi_major_px]).collect();
@@ -77,7 +77,7 @@ pub fn reject_orientation_outliers(found: &mut FoundMarkers) {
     let flatter = |d: &Detection, than: f64| d.semi_major_px > than * d.semi_minor_px;
     let flat: Vec<&Detection> =
         found.measured.iter().map(|m| &m.detection).filter(|d| flatter(d, CONSISTENCY.min_flatness)).collect();
-    if flat.len() < CONSISTENCY.min_directions {
+    if flat.len() < CONSISTENCY.min_others {
         return;
     }
     // Directions repeat after half a turn. Weighting by area keeps many small objects next to the wing from

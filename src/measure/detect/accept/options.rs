@@ -6,9 +6,6 @@ numbers! {
         /// Fraction of a disc's sag that is added along its axis as a standard deviation. It is unknown how a decal lies on
         /// a curved skin; stretched or not differs by the sag times the skin's slope, for which 1/14 is assumed.
         decal_stretch: f64 = 0.07,
-        /// Largest fraction of a disc's outline that glare may hide. Chosen on the rendered glare frames;
-        /// `tests/detect/glare.rs`.
-        max_glare_fraction: f64 = 0.64,
         /// Shift of an edge due to the fringe of glare, px: up to 10 % of the skin's light, before it is visible. Derived:
         /// 10 % of an edge's width.
         fringe_px: f64 = 0.1,
@@ -61,8 +58,6 @@ numbers! {
         max_sigma_whole: (f64, f64) = (0.02, 0.6),
         /// Factor on `max_sigma_whole` for a disc whose length is predicted.
         predicted_factor: f64 = 2.0,
-        /// Sum of a position's variances up to which nothing can hide a large part of a marker, px^2.
-        certain_px2: f64 = 0.1,
         /// Noise that may remain at edges if JPEG has removed it next to them, grey levels. Chosen;
         /// `tests/detect/bad_light.rs`.
         edge_noise: f64 = 1.0,
@@ -111,10 +106,9 @@ numbers! {
         /// shadow. Derived: a marker of 0.1 m at 3 m has 50 and more, a shadow's edge on a marker on the wing fewer than 8.
         /// Tested in `consistency.rs`.
         crisp_blurs: f64 = 12.0,
-        /// Smallest number of markers for the median blur. Fewer may all be something else.
-        min_blurs: usize = 5,
-        /// Smallest number of flat detections for the direction of the skin's horizon. Fewer may all be something else.
-        min_directions: usize = 5,
+        /// Smallest number of markers for a median blur, and of flat detections for the direction of the skin's horizon.
+        /// Fewer may all be something else.
+        min_others: usize = 5,
         /// Axis ratio from which on a direction is determined.
         min_flatness: f64 = 2.0,
         /// Axis ratio from which on a disc's direction is checked, and its largest deviation, rad: of 20,300 markers in 116
@@ -143,8 +137,6 @@ numbers! {
     /// Contamination along a disc. Chosen on 2244 discs of 24 rendered sets, whose normalised error across fell from 1.21
     /// to 1.06; `tests/detect/dirt.rs`.
     DIRT: DirtOptions {
-        /// Distance from the outline at which the skin is sampled, blurs: there the edge leaves 1 % of its contrast.
-        clear_blurs: f64 = 2.2,
         /// Number of pixels sampled outwards from there.
         reach_px: usize = 6,
         /// Number of these, from the outline, that are compared between the sides, px.
@@ -155,8 +147,6 @@ numbers! {
         steps: f64 = 5.0,
         /// Sampled part of the disc's length, a fraction: the tips face along it.
         length: f64 = 0.85,
-        /// Reach of another marker's blur, blurs. Derived: beyond, it leaves 0.1 % of its contrast.
-        skirt_blurs: f64 = 3.0,
         /// Smallest number of pixels that must be visible on a side.
         min_px: f64 = 20.0,
         /// Largest difference from the skin that counts, as a fraction of the contrast: a larger one is another object.
@@ -201,7 +191,8 @@ numbers! {
         /// Ratio of the sizes (products of semi-axes) from which on the smaller measurement is a part: a decal or glare
         /// that hides half of a disc.
         part_ratio: f64 = 2.0,
-        /// Standard deviations by which two measurements of one position may differ: 1 in 16,000 at random.
+        /// Standard deviations by which two measurements of one position, or a size and its prediction, may differ: 1 in
+        /// 16,000 at random.
         same_sigmas: f64 = 4.0,
     }
 }

@@ -12,7 +12,7 @@ use crate::detect::appearance::parameters::{
 use crate::detect::detection::covariance::{Covariance, CovarianceSource};
 use crate::detect::detection::{Detection, RejectReason};
 use crate::detect::estimate::{gauss_newton::MarkerFit, options::PRIOR};
-use crate::detect::hypothesis::Hypothesis;
+use crate::detect::hypothesis::{Hypothesis, options::NEIGHBOURS};
 use crate::detect::image::ellipse::{Ellipse, wrap_half_turn};
 use crate::detect::image::noise;
 use crate::raster::Raster;
@@ -63,7 +63,7 @@ pub struct MeasuredMarker {
 impl MeasuredMarker {
     /// Returns whether its position is so precise that nothing can hide a large part of it.
     pub fn is_sure(&self) -> bool {
-        self.detection.variance() < VERDICT.certain_px2
+        self.detection.variance() < NEIGHBOURS.certain_px2
     }
 
     /// Builds a whole marker for tests.
@@ -180,7 +180,7 @@ fn check_shape(
     let is_lit = |at: Vector2<f64>| hypothesis.glare().any(|b| b.contains(&at));
     // Edges that only point at their crossing determine it less precisely than their covariance states.
     let crossing = !is_disc && is_lit(ellipse.centre);
-    let hidden = || hypothesis.is_in_glare() && ellipse.outline_fraction(|at| is_lit(*at)) > VERDICT.max_glare_fraction;
+    let hidden = || hypothesis.is_in_glare() && ellipse.outline_fraction(|at| is_lit(*at)) > PRIOR.max_hidden;
     if crossing || hidden() { Err(RejectReason::GlareOccluded) } else { Ok(()) }
 }
 
@@ -197,7 +197,6 @@ fn is_other_pattern(image: &Raster, hypothesis: &Hypothesis, m: &MarkerParameter
 fn centre_covariance(hypothesis: &Hypothesis, fit: &MarkerFit, ellipse: &Ellipse) -> Covariance {
     let m = &fit.parameters;
     let mut out = Covariance::from_fit(fit.covariance.fixed_view::<2, 2>(X, X).into_owned(), fit.white);
-    out.add(CovarianceSource::Contamination, fit.foreign_covariance);
     // Glare does not cover an accepted crossing.
     if hypothesis.pattern != MarkerPattern::Disc {
         return out;

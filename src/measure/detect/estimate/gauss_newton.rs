@@ -30,8 +30,6 @@ pub struct MarkerFit {
     pub correlation: f64,
     /// Covariance of the centre for uncorrelated residuals, px^2.
     pub white: Matrix2<f64>,
-    /// Covariance of the centre due to foreign background next to the edges, px^2.
-    pub foreign_covariance: Matrix2<f64>,
     /// True if residuals are correlated along the outline or many pixels do not fit, so that noise alone does not explain
     /// them.
     pub is_systematic: bool,
@@ -55,7 +53,6 @@ impl MarkerFit {
             images: BatchImages::new(),
             correlation: 1.0,
             white,
-            foreign_covariance: Matrix2::zeros(),
             is_systematic: false,
         }
     }
@@ -136,7 +133,7 @@ pub fn fit_final(
     let covariance = factor.inverse() * variance;
     let (rms, inliers) = (step.rms(), step.weight / problem.pixels.weight());
     let images = problem.images.unwrap_or_default();
-    let (white, foreign) = (covariance.fixed_view::<2, 2>(X, X).into_owned(), Matrix2::zeros());
+    let white = covariance.fixed_view::<2, 2>(X, X).into_owned();
     Some(MarkerFit {
         parameters,
         covariance,
@@ -147,7 +144,6 @@ pub fn fit_final(
         images,
         correlation: 1.0,
         white,
-        foreign_covariance: foreign,
         is_systematic: false,
     })
 }

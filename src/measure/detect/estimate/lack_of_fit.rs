@@ -2,9 +2,8 @@
 //! than a plane, or that a foreign object lies across the marker: a light field is then estimated, the foreign pixels are
 //! excluded, and the covariance is increased for the remaining residuals.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::Vector2;
 
-use super::foreign_ground;
 use super::gauss_newton::MarkerFit;
 use super::prior::FitUnknowns;
 use super::residuals::analyse_residuals;
@@ -24,15 +23,11 @@ pub fn improve_fit(pixels: &Pixels, fit: MarkerFit, unknowns: &FitUnknowns, floo
     let is_systematic =
         seen.uneven > LACK_OF_FIT.uneven || seen.ratio > LACK_OF_FIT.correlated || foreign > LACK_OF_FIT.foreign;
     // With few foreign pixels the first step predicts the reduction reliably.
-    let least = (foreign <= LACK_OF_FIT.foreign).then_some(LACK_OF_FIT.min_first_gain);
+    // Half of the gain from which on the field is used.
+    let least = (foreign <= LACK_OF_FIT.foreign).then_some(0.5 * LACK_OF_FIT.uncertain_gain);
     let freed =
         if whole && is_systematic { fit_light_field(pixels, &fit, &seen, unknowns, floor, least) } else { None };
-    let foreign_covariance = if foreign > LACK_OF_FIT.foreign {
-        foreign_ground::foreign_edge_covariance(pixels, &fit, &seen, unknowns, scale)
-    } else {
-        Matrix2::zeros()
-    };
-    let mut out = MarkerFit { correlation: seen.mean, foreign_covariance, is_systematic, ..fit };
+    let mut out = MarkerFit { correlation: seen.mean, is_systematic, ..fit };
     let mut centre = seen.covariance;
     if let Some(freed) = freed {
         let gain = (1.0 - (freed.rms / out.rms).powi(2)) * pixels.weight();
@@ -47,8 +42,6 @@ pub fn improve_fit(pixels: &Pixels, fit: MarkerFit, unknowns: &FitUnknowns, floo
         let doubt = share * (1.0 - share) + (share * left).powi(2);
         let own = freed.covariance.fixed_view::<2, 2>(X, X).into_owned();
         centre = centre.zip_map(&own, between) + offset * offset.transpose() * doubt;
-        // The field was fitted without the foreign background.
-        out.foreign_covariance *= 1.0 - share;
         out.white = out.white.zip_map(&freed.white, between);
         for (own, other) in out.parameters.iter_mut().zip(freed.parameters) {
             *own = between(*own, other);

@@ -7,8 +7,8 @@ numbers! {
     ITERATION: IterationOptions {
         /// Maximum iterations of a coarse fit.
         max_coarse_steps: usize = 20,
-        /// Maximum iterations of the final fit: if the blur differs between the directions, pixels at an end regain weight
-        /// one by one.
+        /// Maximum iterations of the final fit and of the fit with glare: if the blur differs between the directions,
+        /// pixels at an end regain weight one by one.
         max_final_steps: usize = 30,
         /// First scale of the residuals of a coarse fit, a fraction of the contrast: most pixels are flat and contain no
         /// information on an edge that is still misplaced.
@@ -59,8 +59,6 @@ numbers! {
         scale_with_glare: f64 = 4.0,
         /// Maximum step of the centre in the fit with glare, px.
         max_glare_step_px: f64 = 1.5,
-        /// Maximum iterations of the fit with glare.
-        max_glare_steps: usize = 30,
         /// Step of the centre, in its standard deviations, below which the fit with glare has converged.
         glare_tolerance: f64 = 0.03,
     }
@@ -106,12 +104,17 @@ numbers! {
         uncertain_gain: f64 = 120.0,
         /// Reduction above which the light field is used fully: 8.5 for each unknown.
         certain_gain: f64 = 280.0,
-        /// Minimum reduction predicted by the first step for the iteration to continue: half of `uncertain_gain`.
-        min_first_gain: f64 = 60.0,
     }
 
     /// Priors of the image of a marker.
     PRIOR: PriorOptions {
+        /// Largest fraction of a disc's outline that may be hidden, if its slope is known only from a neighbour or not at all:
+        /// the position of a narrow visible part would depend on it. Chosen on the rendered glare frames;
+        /// `tests/detect/glare.rs`, `tests/detect/decals.rs`.
+        max_hidden: f64 = 0.64,
+        /// Prior standard deviation of the blur of one edge relative to another measured one, and of its darkness. Chosen:
+        /// one lens blurs all; one print, in one light.
+        edge_scatter: f64 = 0.1,
         /// Exponent of the tone curve with its standard deviation: that of images encoded for viewing (IEC 61966-2-1), and
         /// the scatter between cameras.
         gamma: PriorValue = PriorValue { value: 1.0 / 2.2, sigma: 0.15 },
@@ -176,8 +179,6 @@ numbers! {
         min_contrast: f64 = 6.0,
         /// Factor by which the region of the pixels is larger than the outline.
         larger: f64 = 1.2,
-        /// Maximum growth of the outline before the pixels are selected again: half of the margin.
-        max_growth: f64 = 1.1,
         /// Maximum number of selections of pixels: a bound on time.
         max_rounds: usize = 5,
     }
@@ -240,8 +241,6 @@ numbers! {
         /// Distance from foreign pixels within which pixels are excluded from a light field, blurs and px: as far as
         /// foreign objects darken.
         foreign: (f64, f64) = (2.5, 1.0),
-        /// Distance from an edge, in blurs, beyond which a pixel is pure black or pure skin: 0.1 % of the other.
-        clear_blurs: f64 = 3.0,
         /// Number of slants that are tried to each side.
         slants: i32 = 20,
         /// Step between the tried slants, px along for each px across.

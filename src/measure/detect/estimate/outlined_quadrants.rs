@@ -60,6 +60,8 @@ pub fn refine_quadrants(
         return None;
     }
     let unknowns = quadrant_unknowns(blur);
+    // Half of the margin of the pixels: beyond it, they are selected again.
+    let max_growth = 0.5 + 0.5 * OUTLINED.larger;
     let mut m = start;
     for _ in 0..OUTLINED.max_rounds {
         let ellipse = outline_from_parameters(&m);
@@ -67,7 +69,7 @@ pub fn refine_quadrants(
         let scale;
         (m, scale) = fit_coarse(&pixels, &m, &unknowns, OUTLINED.min_scale * grey_contrast(&m))?;
         let now = outline_from_parameters(&m);
-        if now.major < OUTLINED.max_growth * ellipse.major && now.minor < OUTLINED.max_growth * ellipse.minor {
+        if now.major < max_growth * ellipse.major && now.minor < max_growth * ellipse.minor {
             let edges = Some(EdgePair { along_rad: m[ANGLE], tangent: m[TANGENT] });
             let found = Hypothesis { ellipse: now, edges, ..hypothesis.clone() };
             return (scale < OUTLINED.max_scale * grey_contrast(&m)).then_some((found, m));

@@ -12,13 +12,13 @@ numbers! {
         min_scatter: f64 = 0.007,
         /// Fraction of the median size below which a disc is a letter or a dot.
         min_relative_size: f64 = 0.5,
-        /// Distance below which two discs are one, detected twice, px.
+        /// Distance below which two blobs or discs are one, found twice, px.
         same_px: f64 = 2.0,
         /// Largest relative scatter of sizes about their plane: with more they are not on one surface.
         max_scatter: f64 = 0.02,
         /// Fraction of the median size below which a position is too far from all discs.
         min_relative_prediction: f64 = 0.25,
-        /// Largest sum of position variances of the discs used, px^2.
+        /// Sum of a position's variances up to which nothing can hide a large part of a marker, px^2.
         certain_px2: f64 = 0.1,
         /// Largest sum of position variances if too few discs satisfy `certain_px2`, px^2.
         fallback_px2: f64 = 0.3,

@@ -31,7 +31,8 @@ numbers! {
         /// of black, which shifts an edge by 10 % of its width.
         begin_ratio: f64 = 1.10,
         /// Minimum ratio of lit skin to other skin at the brightest part of glare over a predicted marker, along which
-        /// light changes by itself. Chosen on the glare frames of 112 rendered sets; `tests/detect/second_pass.rs`.
+        /// light changes by itself; such glare leaves too little of an edge. Chosen on the glare frames of 112 rendered
+        /// sets; `tests/detect/second_pass.rs`.
         bright_ratio: f64 = 1.3,
         /// Distances from the outline of a marker at which the skin is sampled, px: beyond the largest blur. Chosen;
         /// `tests/detect/glare.rs`.
@@ -50,9 +51,6 @@ numbers! {
     /// where the largest normalised error fell from 3.5 to between 0.8 and 1.2 (`docs/decisions/0006`);
     /// `tests/detect/robustness.rs` checks them.
     SEAM: SeamOptions {
-        /// Inner limit of the searched ring around a disc, blurs from its outline. Derived: beyond it, the blur of the edge
-        /// leaves 0.1 % of the contrast.
-        clear_blurs: f64 = 3.0,
         /// Outer limit of the ring, px from the outline.
         reach_px: f64 = 14.0,
         /// Minimum darkness of a pixel relative to the skin to be a candidate for a seam, residual scales. Derived: 1 of
@@ -126,7 +124,5 @@ numbers! {
         end: f64 = 0.8,
         /// Minimum number of dark pixels.
         min_pixels: usize = 3,
-        /// Distance at which the edge of paint still darkens, blurs: by 1.4 %.
-        skirt_blurs: f64 = 2.2,
     }
 }

@@ -4,6 +4,7 @@
 use nalgebra::{Matrix2, Vector2};
 
 use crate::detect::appearance::parameters::MarkerPattern;
+use crate::detect::estimate::options::PRIOR;
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::hypothesis::prior::{PriorValue, SizePrior, SlopePrior};
 use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
@@ -60,7 +61,7 @@ pub fn disc_under_decal(
     let mut whole = Hypothesis::new(MarkerPattern::Disc, ellipse, Vec::new());
     whole.prior.size = Some(SizePrior { major, slope: Some(slope) });
     let covered = ellipse.outline_fraction(|at| decal.contains(at));
-    if covered < DECAL_CUT.covered_alone { occluded_disc(image, &whole, &[*neighbour], axis, blur) } else { None }
+    if covered < PRIOR.max_hidden { occluded_disc(image, &whole, &[*neighbour], axis, blur) } else { None }
 }
 
 /// Fits the centre of an ellipse of known shape through points of its rim, on the side of its neighbour.

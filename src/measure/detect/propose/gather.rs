@@ -5,7 +5,7 @@ use std::collections::HashMap;
 
 use nalgebra::Vector2;
 
-use crate::detect::hypothesis::Hypothesis;
+use crate::detect::hypothesis::{Hypothesis, options::NEIGHBOURS};
 use crate::detect::propose::moments;
 use crate::detect::propose::options::{GATHER, MOMENTS};
 use crate::detect::segment::background::{DarkRegion, ReducedFrame};
@@ -213,7 +213,7 @@ impl UniqueBlobs {
         let in_part = blob.area > GATHER.thick_px && blob.fill() < GATHER.max_partial_fill;
         let min_ratio = if in_part { GATHER.min_area_ratio_partial } else { GATHER.min_area_ratio };
         let same = |b: &Blob| {
-            (b.centroid - blob.centroid).norm_squared() < GATHER.near_px * GATHER.near_px
+            (b.centroid - blob.centroid).norm_squared() < NEIGHBOURS.same_px * NEIGHBOURS.same_px
                 && (min_ratio..1.0 / min_ratio).contains(&(b.area / blob.area))
         };
         let stands_for = |b: &Blob| same(b) && (is_disc(b) || !is_disc(&blob));
@@ -246,9 +246,9 @@ impl UniqueBlobs {
         std::mem::take(&mut self.blobs).into_iter().zip(std::mem::take(&mut self.kept)).collect()
     }
 
-    /// Returns the blobs of all cells with a position less than `GATHER.near_px` away.
+    /// Returns the blobs of all cells with a position less than `NEIGHBOURS.same_px` away.
     fn blobs_near(&self, at: Vector2<f64>) -> impl Iterator<Item = &Blob> {
-        let [low, high] = [-GATHER.near_px, GATHER.near_px].map(|off| Self::cell_index(at.add_scalar(off)));
+        let [low, high] = [-NEIGHBOURS.same_px, NEIGHBOURS.same_px].map(|off| Self::cell_index(at.add_scalar(off)));
         let cells = (low[1]..=high[1]).flat_map(move |y| (low[0]..=high[0]).map(move |x| [x, y]));
         let places = cells.filter_map(|cell| self.cells.get(&cell)).flatten();
         places.filter_map(|&place| self.blobs.get(place))

@@ -3,11 +3,13 @@
 use nalgebra::Vector2;
 
 use crate::detect::appearance::parameters::{BLUR, LIGHT, MarkerParameters, X, Y, grey_contrast};
-use crate::detect::estimate::{options::OUTLINED, outlined_quadrants};
+use crate::detect::estimate::options::{OUTLINED, PRIOR};
+use crate::detect::estimate::outlined_quadrants;
 use crate::detect::hypothesis::{Hypothesis, prior::PriorValue};
 use crate::detect::image::scanline::{EllipseFrame, columns_in_area, row_interval};
 use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
-use crate::detect::propose::{moments, options::OUTLINE};
+use crate::detect::propose::moments;
+use crate::detect::propose::options::{BLURRED, OUTLINE};
 use crate::detect::segment::bitmask::LevelSide;
 use crate::detect::segment::blob;
 use crate::raster::Raster;
@@ -49,7 +51,7 @@ pub fn fit_outline_and_edges(
     if hypothesis.edges.is_none() || hypothesis.is_in_glare() || ellipse.minor > OUTLINE.narrow_blurs * m[BLUR] {
         return None;
     }
-    let reach = (ellipse.half_extent() * OUTLINE.about).add_scalar(OUTLINE.beside_px);
+    let reach = (ellipse.half_extent() * OUTLINE.about).add_scalar(BLURRED.skin_px);
     let skin = skin_grey(image, ellipse.centre - reach, ellipse.centre + reach)? as f64;
     let centre = Vector2::new(m[X], m[Y]);
     let centred = Hypothesis { ellipse: Ellipse { centre, ..*ellipse }, ..hypothesis.clone() };
@@ -58,7 +60,7 @@ pub fn fit_outline_and_edges(
         image,
         &centred,
         start,
-        PriorValue::with_relative_sigma(m[BLUR], OUTLINE.same_blur),
+        PriorValue::with_relative_sigma(m[BLUR], PRIOR.edge_scatter),
     )
 }
 

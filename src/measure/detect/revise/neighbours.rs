@@ -2,11 +2,12 @@
 
 use nalgebra::Vector2;
 
+use crate::detect::accept::options::PREFERENCE;
 use crate::detect::accept::{found::FoundMarkers, preference::is_preferred, verdict::MeasuredMarker};
 use crate::detect::appearance::parameters::MarkerPattern;
 use crate::detect::attempt::{strategies::Measurer, whole::looks_cut};
 use crate::detect::detection::{RejectReason, covariance::CovarianceSource};
-use crate::detect::estimate::prior::darkness_for_grey_ratio;
+use crate::detect::estimate::{options::PRIOR, prior::darkness_for_grey_ratio};
 use crate::detect::hypothesis::prior::{EdgePrior, PriorValue, SizePrior};
 use crate::detect::hypothesis::{Hypothesis, neighbours};
 use crate::detect::occlusion::region::OcclusionBand;
@@ -37,7 +38,7 @@ pub fn revise_with_size(measurer: &Measurer, found: &mut FoundMarkers, hidden: V
             shown.into_iter().for_each(|shown| found.replace_or_add(index, shown));
             continue;
         };
-        let fits = |m: &MeasuredMarker| has_predicted_length(m, size, NEIGHBOUR.max_size_sigmas);
+        let fits = |m: &MeasuredMarker| has_predicted_length(m, size, PREFERENCE.same_sigmas);
         // Whole discs may lie next to saturated areas.
         if old.is_some_and(|old| old.is_whole && old.is_sure() && fits(old)) {
             continue;
@@ -184,8 +185,8 @@ fn edge_prior(found: &FoundMarkers, at: Vector2<f64>) -> Option<EdgePrior> {
     let darkness = median(near.iter().map(|m| m.darkness).collect())?;
     let dark = darkness_for_grey_ratio((1.0 - darkness).max(0.0));
     Some(EdgePrior {
-        blur: PriorValue::with_relative_sigma(blur, NEIGHBOUR.blur_scatter),
-        dark: PriorValue { value: dark, sigma: NEIGHBOUR.darkness_scatter },
+        blur: PriorValue::with_relative_sigma(blur, PRIOR.edge_scatter),
+        dark: PriorValue { value: dark, sigma: PRIOR.edge_scatter },
     })
 }
 

@@ -5,8 +5,6 @@ numbers! {
     NEIGHBOUR: NeighbourOptions {
         /// Smallest visible fraction of a disc's length. Chosen; `tests/detect/robustness.rs`.
         min_visible: f64 = 0.4,
-        /// Standard deviations of the predicted size from which on a disc is another object: 1 in 16,000 at random.
-        max_size_sigmas: f64 = 4.0,
         /// Limit for a disc so thin that it determines little more than that size, standard deviations.
         max_thin_size_sigmas: f64 = 2.5,
         /// Limit above which the standard deviation is increased, standard deviations: a streak that lengthened a disc by
@@ -14,10 +12,6 @@ numbers! {
         inflation_sigmas: f64 = 2.0,
         /// Smallest number of markers from which blur and darkness are predicted.
         min_markers: usize = 5,
-        /// Relative standard deviation of blur between markers. Chosen: one lens blurs all.
-        blur_scatter: f64 = 0.1,
-        /// Standard deviation of darkness between markers. Chosen: one print, in one light.
-        darkness_scatter: f64 = 0.1,
         /// Semi-minor axis below which a marker's blur and darkness are not separable, blurs. Chosen;
         /// `tests/detect/robustness.rs`.
         thin_blurs: f64 = 3.0,
@@ -72,8 +66,6 @@ numbers! {
         max_distance_px: f64 = 4.0,
         /// Factor on the median distance of the reliable discs.
         distance_factor: f64 = 3.0,
-        /// Standard deviation of these errors over their median size: 1.48 for the normal distribution, rounded.
-        sigma_over_median: f64 = 1.5,
         /// Largest ratio to the previous variances for a disc that is assumed to be hidden and can be seen whole.
         max_variance_ratio: f64 = 0.5,
         /// Standard deviations by which a size differs significantly from the prediction.
@@ -82,8 +74,6 @@ numbers! {
         inner_fraction: f64 = 0.75,
         /// Error of quadrants' outline, px: near the camera the centre of a target's outline is not its own.
         outline_error_px: f64 = 8.0,
-        /// Ratio by which glare brightens the skin if it leaves too little of an edge.
-        blinding_ratio: f64 = 1.3,
         /// Largest blur over that of the frame, a ratio.
         max_blur_ratio: f64 = 2.5,
     }

@@ -12,13 +12,14 @@ use crate::detect::appearance::parameters::MarkerPattern;
 use crate::detect::attempt::{measure::Bounds, strategies::Measurer};
 use crate::detect::detection::covariance::CovarianceSource;
 use crate::detect::detection::{Detection, Detections, MarkerPrediction, compare_positions};
+use crate::detect::estimate::options::PRIOR;
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::hypothesis::prior::{EdgePrior, MarkerPrior, PriorValue, SizePrior, SlopePrior};
 use crate::detect::image::ellipse::{Ellipse, wrap_half_turn};
 use crate::detect::occlusion::{decal::ROW_DIRECTION, glare, options::GLARE};
 use crate::detect::propose::{decal_cut, quadrant_edges};
 use crate::detect::revise::options::{NEIGHBOUR, ORIENTATION};
-use crate::estimation::robust::median;
+use crate::estimation::robust::{SIGMA_OVER_MEDIAN, median};
 use crate::ordering::sort_by_value;
 use crate::raster::Raster;
 use crate::setup::Shape;
@@ -68,7 +69,7 @@ impl ReliableDiscs {
             let all: Vec<f64> = similar[..count].iter().map(|(p, d)| value(p, d)).collect();
             let value = median(all.clone()).filter(|_| all.len() >= ORIENTATION.min_discs)?;
             let off = median(all.iter().map(|v| (v - value).abs()).collect())?;
-            Some(PriorValue { value, sigma: least.max(ORIENTATION.sigma_over_median * off) })
+            Some(PriorValue { value, sigma: least.max(SIGMA_OVER_MEDIAN * off) })
         };
         let major = typical(similar.len(), &|p, d| d.semi_major_px / p.semi_major_px, ORIENTATION.major_sigma);
         let minor = typical(few, &|p, d| d.semi_minor_px / p.semi_minor_px, ORIENTATION.minor_sigma);
@@ -96,7 +97,7 @@ impl SizeDeviations {
             Shape::Quadrant => {
                 // White must not be taken for lit skin. Without glare, something dark may touch the quadrants.
                 let wider = Ellipse { minor: ellipse.minor + ORIENTATION.outline_error_px, ..ellipse };
-                let bands = glare::find_slanting_glare(image, &wider, ORIENTATION.blinding_ratio);
+                let bands = glare::find_slanting_glare(image, &wider, GLARE.bright_ratio);
                 let inner = ellipse.enlarged(ORIENTATION.inner_fraction, 0.0);
                 let hypothesis = quadrant_edges::place_quadrants(&inner, image, &bands)?;
                 (bands, hypothesis)
@@ -251,7 +252,7 @@ impl SecondPass<'_> {
         let (SearchTarget { prediction, sizes, others }, psf) = (target, self.psf);
         if prediction.shape == Shape::Circle && hypothesis.ellipse.minor < NEIGHBOUR.thin_blurs * psf {
             hypothesis.prior.edge = Some(EdgePrior {
-                blur: PriorValue::with_relative_sigma(psf, NEIGHBOUR.blur_scatter),
+                blur: PriorValue::with_relative_sigma(psf, PRIOR.edge_scatter),
                 dark: PriorValue::UNKNOWN,
             });
         }

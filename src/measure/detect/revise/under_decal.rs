@@ -3,15 +3,15 @@
 use nalgebra::Matrix2;
 
 use super::neighbours::{has_predicted_length, predict_major_from_others};
-use crate::detect::accept::verdict::MeasuredMarker;
-use crate::detect::accept::{found::FoundMarkers, options::VERDICT, preference::fits_better};
+use crate::detect::accept::options::{PREFERENCE, VERDICT};
+use crate::detect::accept::{found::FoundMarkers, preference::fits_better, verdict::MeasuredMarker};
 use crate::detect::attempt::strategies::Measurer;
 use crate::detect::detection::{RejectReason, covariance::CovarianceSource};
 use crate::detect::hypothesis::{Hypothesis, prior::PriorValue};
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::occlusion::decal::{self, ROW_DIRECTION};
 use crate::detect::propose::decal_cut;
-use crate::detect::revise::options::{NEIGHBOUR, UNDER_DECAL};
+use crate::detect::revise::options::UNDER_DECAL;
 use crate::detect::segment::blob::Blob;
 use crate::setup::Shape;
 
@@ -42,7 +42,7 @@ impl PartialDisc<'_> {
     /// Returns whether a new measurement is one of the disc. It uses size and shape and therefore replaces a measurement of
     /// a part.
     fn matches_disc(&self, new: &MeasuredMarker) -> bool {
-        has_predicted_length(new, self.size, NEIGHBOUR.max_size_sigmas)
+        has_predicted_length(new, self.size, PREFERENCE.same_sigmas)
             && is_within_factor(
                 new.detection.contrast,
                 self.neighbour.detection.contrast,
@@ -124,7 +124,7 @@ pub fn revise_under_decals(measurer: &Measurer, found: &mut FoundMarkers, is_inc
             index,
             neighbour,
             size,
-            old: slot.filter(|m| has_predicted_length(m, size, NEIGHBOUR.max_size_sigmas)),
+            old: slot.filter(|m| has_predicted_length(m, size, PREFERENCE.same_sigmas)),
         });
         if part.as_ref().is_some_and(PartialDisc::is_seen_whole) {
             continue;

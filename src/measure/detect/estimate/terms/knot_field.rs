@@ -134,7 +134,6 @@ impl CentreEstimate {
             images: Vec::new(),
             correlation,
             white: self.white,
-            foreign_covariance: Matrix2::zeros(),
             is_systematic: false,
         })
     }

@@ -93,7 +93,7 @@ pub fn fit_with_glare(
     let mut state = GlareState { origin, ellipse, m, glare: estimate_glare(pixels, ellipse, &m) };
     let known = KnotPriors::new(&state.glare);
     let mut scale = ITERATION.scale_with_glare * floor.max(fit.rms);
-    for _ in 0..ITERATION.max_glare_steps {
+    for _ in 0..ITERATION.max_final_steps {
         let cells = group_pixels(pixels, ellipse, &state.glare);
         let over = KnotProblem { cells: &cells, term: &state, list: &list, scale };
         let mut step = knot_field::linearise_term(over);
