@@ -65,7 +65,7 @@ fn diagnose_ground(args: &DiagnoseArgs, installation: &Installation) -> Result<D
     let mut frames = orient::read_frames(&args.images, args.observations.as_deref(), args.jobs, installation)?;
     let error = orienting::orient_frames(setup, &mut frames).err();
     let outcome = match error {
-        Some(error @ (IdentifyError::Marks(_) | IdentifyError::TooFew { .. })) => {
+        Some(error @ (IdentifyError::Marks(_) | IdentifyError::TooFew { .. } | IdentifyError::Unmarked { .. })) => {
             DiagnosedImage::Sentence(error.to_string())
         }
         error => {

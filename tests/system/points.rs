@@ -47,6 +47,12 @@ fn normalised_tip(record: &Value, truth: &Value) -> f64 {
 #[test]
 fn a_wing_without_decals_is_measured_by_its_points() {
     let (_folder, set) = simulate("5", "0", "-0.4,2.4");
+    let [installation, ground] = ["installation", "frames/ground.jpg"].map(|name| set.join(name));
+    let (status, text) =
+        outcome(&["orient", "--installation", installation.to_str().unwrap(), ground.to_str().unwrap()]);
+    assert_ne!(status, Some(0));
+    assert!(text.contains("0 of its points are marked; 4 are needed"), "{text}");
+    assert!(!text.contains("aircraft"), "{text}");
     let oriented = orient(&set);
     assert_eq!(oriented["unused"].as_array().unwrap().len(), 0, "{}", oriented["unused"]);
     let frames = ["frames/flight-1.jpg", "frames/flight-2.jpg"];
@@ -68,7 +74,6 @@ fn a_wing_without_decals_is_measured_by_its_points() {
     let record = &solve(&set, &frames[..1])[0];
     assert!(record["provenance"].to_string().contains("points.png"), "{}", record["provenance"]);
     std::fs::write(set.join("installation/points.png"), b"no image").unwrap();
-    let installation = set.join("installation");
     let (status, text) = outcome(&["check", "--installation", installation.to_str().unwrap()]);
     assert_ne!(status, Some(0));
     assert!(text.contains("points.png: file: is not an image of 12 templates"), "{text}");

@@ -25,6 +25,7 @@ const REJECTED_REASON: &str =
 /// # Errors
 /// Returns an error if too few markers are found, a frame does not fit the others, or none or more than one solution fits.
 pub fn estimate_orientation(setup: &Setup, frames: &[Vec<Detection>]) -> Result<OrientationFit, IdentifyError> {
+    check_marked(setup, frames)?;
     let first = first_consensus(setup, frames)?;
     let mut orientation = Orientation::from_rotation(first.camera_from_survey);
     let mut identities: Vec<Identities> = frames.iter().map(|f| identities_on_ground(setup, &orientation, f)).collect();
@@ -73,6 +74,20 @@ pub fn estimate_orientation(setup: &Setup, frames: &[Vec<Detection>]) -> Result<
         residuals: fitted.used.iter().map(|(s, v)| (s.frame, s.seen.marker, *v)).collect(),
         identities,
     })
+}
+
+/// Returns an error if the survey has points, and too few of them are marked to determine an orientation with the decals.
+fn check_marked(setup: &Setup, frames: &[Vec<Detection>]) -> Result<(), IdentifyError> {
+    let points = (0..setup.markers.len()).filter(|&k| setup.is_point(k)).count();
+    let decals = setup.markers.len() - points;
+    let is_marked = |d: &&Detection| d.marker.is_some_and(|k| setup.is_point(k));
+    let marked = frames.iter().map(|frame| frame.iter().filter(is_marked).count()).max().unwrap_or(0);
+    let needed = MIN_IDENTIFIED;
+    if points > 0 && decals + marked < needed {
+        Err(IdentifyError::Unmarked { decals, marked, needed })
+    } else {
+        Ok(())
+    }
 }
 
 /// Estimates how much higher the wing was than surveyed. A bend makes the outer markers look wrong, so rejected images are

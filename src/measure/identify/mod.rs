@@ -102,6 +102,11 @@ pub enum IdentifyError {
     /// Too few markers were detected.
     #[error("only {found} markers found, at least {needed} are needed; check exposure and focus of the frame")]
     TooFew { found: usize, needed: usize },
+    /// A survey of points that are not marked: nothing finds them in a ground frame.
+    #[error(
+        "the survey has {decals} markers with a decal, and {marked} of its points are marked; {needed} are needed: mark points in a ground frame with `wingd mark --ground`, and name the file of the marks with --observations"
+    )]
+    Unmarked { decals: usize, marked: usize, needed: usize },
     /// Two or more solutions fit equally well.
     #[error(
         "{solutions} different identifications fit the detections equally well; survey more markers or make the layout less regular"
