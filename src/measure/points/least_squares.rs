@@ -29,7 +29,7 @@ const NOISE_VALUES: usize = 240;
 const START_STRIDE: usize = 2;
 /// Step at convergence, px: half the smallest standard deviation of a shift.
 const SETTLED_PX: f64 = 0.01;
-/// Step below which the residuals change linearly, px, and steps end that more exact ones follow, or the check backward.
+/// Step below which the residuals change linearly, px: enough before more exact passes, and for the check backward.
 const LINEAR_PX: f64 = 0.05;
 /// Multiple of the residuals' standard deviation beyond which weights decrease.
 const ROBUST_LIMIT: f64 = 2.5;
