@@ -119,7 +119,7 @@ fn advisory_findings(setup: &Setup) -> Vec<Finding> {
                    `wingd plan` shows the gain from fixed targets";
         all.push(("fixed marks", how.to_owned()));
     }
-    // The recorder's program has no plans.
+    // Plans are not part of the recorder's program.
     #[cfg(not(feature = "desk"))]
     all.push(("narrow width", "not checked by the recorder's program; run `wingd check` at the desk".to_owned()));
     #[cfg(feature = "desk")]

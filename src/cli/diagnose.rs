@@ -65,9 +65,7 @@ fn diagnose_ground(args: &DiagnoseArgs, installation: &Installation) -> Result<D
     let mut frames = orient::read_frames(&args.images, args.observations.as_deref(), args.jobs, installation)?;
     let error = orienting::orient_frames(setup, &mut frames).err();
     let outcome = match error {
-        Some(error @ (IdentifyError::Marks(_) | IdentifyError::TooFew { .. } | IdentifyError::Unmarked { .. })) => {
-            DiagnosedImage::Sentence(error.to_string())
-        }
+        Some(error) if error.names_cause() => DiagnosedImage::Sentence(error.to_string()),
         error => {
             let reason = match error {
                 Some(error @ IdentifyError::NoConsensus { .. }) => format!("{error}: {OTHER_AIRCRAFT}"),

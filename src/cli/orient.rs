@@ -122,7 +122,7 @@ fn failure_text(setup: &Setup, frames: &[GroundFrame], error: &IdentifyError) ->
     let name = |frame: usize| frames.get(frame).map_or("a frame", |f| f.processed.image.as_str());
     match error {
         IdentifyError::Misfit(misfit) => format!("{}: {misfit}", name(misfit.frame)),
-        IdentifyError::TooFew { .. } | IdentifyError::Unmarked { .. } | IdentifyError::Marks(_) => error.to_string(),
+        error if error.names_cause() => error.to_string(),
         _ => {
             let found = identify::diagnose_ground(setup, &orienting::detected_markers(frames));
             let unexplained = || match error {

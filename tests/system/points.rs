@@ -51,7 +51,7 @@ fn a_wing_without_decals_is_measured_by_its_points() {
     let (status, text) =
         outcome(&["orient", "--installation", installation.to_str().unwrap(), ground.to_str().unwrap()]);
     assert_ne!(status, Some(0));
-    assert!(text.contains("0 of its points are marked; 4 are needed"), "{text}");
+    assert!(text.contains("needs 4 decals or marked points, not 0 and 0: mark points"), "{text}");
     assert!(!text.contains("aircraft"), "{text}");
     let oriented = orient(&set);
     assert_eq!(oriented["unused"].as_array().unwrap().len(), 0, "{}", oriented["unused"]);

@@ -104,7 +104,7 @@ pub enum IdentifyError {
     TooFew { found: usize, needed: usize },
     /// A survey of points that are not marked: nothing finds them in a ground frame.
     #[error(
-        "the survey has {decals} markers with a decal, and {marked} of its points are marked; {needed} are needed: mark points in a ground frame with `wingd mark --ground`, and name the file of the marks with --observations"
+        "an orientation needs {needed} decals or marked points, not {decals} and {marked}: mark points in a ground frame with `wingd mark --ground`, and name the file of the marks with --observations"
     )]
     Unmarked { decals: usize, marked: usize, needed: usize },
     /// Two or more solutions fit equally well.
@@ -130,6 +130,13 @@ pub enum IdentifyError {
         matched: usize,
         found: usize,
     },
+}
+
+impl IdentifyError {
+    /// Returns whether the error names its cause, so that no diagnosis is needed.
+    pub fn names_cause(&self) -> bool {
+        matches!(self, Self::TooFew { .. } | Self::Unmarked { .. } | Self::Marks(_))
+    }
 }
 
 /// A ground frame that does not fit the other frames.

@@ -17,7 +17,7 @@ const COARSE_MARGIN: f64 = 0.3;
 pub(super) const MIN_CORRELATION: f64 = 0.4;
 /// Largest number of places.
 const MAX_PLACES: usize = 5;
-/// Number of sums that the processor adds at once.
+/// Number of sums that are added at once: single-precision values in the widest register, 512 bits.
 const LANES: usize = 16;
 /// Number of shifts whose sums are added together: each waits for its own last addition.
 const SHIFTS: usize = 4;

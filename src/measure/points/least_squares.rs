@@ -60,7 +60,7 @@ pub(super) const MATCH_PASSES: [AdjustmentPass; 4] = [
     AdjustmentPass { stride: START_STRIDE, steps: 1, settled_px: LINEAR_PX, robust: true },
     AdjustmentPass { stride: 1, steps: 10, settled_px: SETTLED_PX, robust: true },
 ];
-/// Pass of the check backward.
+/// Pass of the check backward, which only has to reach the same place: without robust weights, on half of the pixels.
 pub(super) const CHECK_PASSES: [AdjustmentPass; 1] =
     [AdjustmentPass { stride: START_STRIDE, steps: 8, settled_px: LINEAR_PX, robust: false }];
 
@@ -299,7 +299,7 @@ impl Matching {
 }
 
 wide! {
-    /// Subtracts the sums of derivatives and unknowns, from unknown `first` on, at every `stride`-th row.
+    /// Subtracts the products of derivatives and unknowns, from unknown `first` on, at every `stride`-th row.
     fn subtract_model(rows: &[PixelRow], stride: usize, first: usize, unknowns: &[f64; UNKNOWNS], out: &mut [f64])
         = subtract_model_inline
 }

@@ -6,7 +6,7 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 
 use super::verdict::MeasuredMarker;
 use crate::detect::accept::options::DIRT;
-use crate::detect::appearance::parameters::{CLEAR_BLURS, SKIRT_BLURS};
+use crate::detect::appearance::parameters::{EDGE_END_BLURS, EDGE_SKIRT_BLURS};
 use crate::detect::detection::{Detection, covariance::CovarianceSource};
 use crate::detect::estimate::scale::robust_sigma;
 use crate::detect::image::ellipse::Ellipse;
@@ -64,13 +64,13 @@ fn variance_across(image: &Raster, disc: &Detection, blur: f64, others: &[Ellips
 fn sample_skin(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse]) -> Vec<SkinPixel> {
     let (along, across) = (ellipse.major_direction(), ellipse.minor_direction());
     let (major, minor) = (ellipse.major, ellipse.minor);
-    let skirt = CLEAR_BLURS * blur;
+    let reach = EDGE_END_BLURS * blur;
     let near = |other: &&Ellipse| {
         let apart = (other.centre - ellipse.centre).norm();
         !ellipse.contains(other.centre)
-            && apart < other.major + major + 2.0 * skirt + SKIRT_BLURS * blur + DIRT.reach_px as f64
+            && apart < other.major + major + 2.0 * reach + EDGE_SKIRT_BLURS * blur + DIRT.reach_px as f64
     };
-    let others: Vec<Ellipse> = others.iter().filter(near).map(|other| other.enlarged(1.0, skirt)).collect();
+    let others: Vec<Ellipse> = others.iter().filter(near).map(|other| other.enlarged(1.0, reach)).collect();
     let last = (DIRT.length * major / DIRT.step_px).max(DIRT.steps) as i32;
     let mut out = Vec::with_capacity((2 * last as usize + 1) * 2 * DIRT.reach_px);
     for side in [1.0, -1.0] {
@@ -79,7 +79,7 @@ fn sample_skin(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse])
             let q = (1.0 - p * p).sqrt();
             let normal = Vector2::new(p / major, q / minor).normalize();
             for j in 0..DIRT.reach_px {
-                let off = normal * (SKIRT_BLURS * blur + 0.5 + j as f64);
+                let off = normal * (EDGE_SKIRT_BLURS * blur + 0.5 + j as f64);
                 let (s, t) = (p * major + off.x, side * (q * minor + off.y));
                 let at = ellipse.centre + along * s + across * t;
                 if others.iter().any(|other| other.contains(at)) {

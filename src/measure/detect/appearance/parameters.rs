@@ -48,10 +48,10 @@ pub const SKIN: usize = OUTLINE + 5;
 /// Parameters of a marker's image.
 pub type MarkerParameters = [f64; N];
 
-/// Distance from an edge, blurs, beyond which it leaves 0.1 % of its contrast.
-pub const CLEAR_BLURS: f64 = 3.0;
-/// Distance from an edge, blurs, beyond which it leaves 1.4 % of its contrast.
-pub const SKIRT_BLURS: f64 = 2.2;
+/// Distance from an edge, blurs, at which it leaves 0.1 % of its contrast: the tail of the normal distribution.
+pub const EDGE_END_BLURS: f64 = 3.0;
+/// Distance from an edge, blurs, at which it leaves 1.4 % of its contrast: the tail of the normal distribution.
+pub const EDGE_SKIRT_BLURS: f64 = 2.2;
 
 /// Lightest grey value.
 pub const WHITEST: f32 = u8::MAX as f32;

@@ -2,7 +2,6 @@
 
 pub mod bounds;
 pub mod cholesky;
-pub mod foreign_ground;
 pub mod gauss_newton;
 pub mod lack_of_fit;
 pub mod normal_equations;

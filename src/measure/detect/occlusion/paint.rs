@@ -4,7 +4,7 @@
 use nalgebra::Vector2;
 
 use super::region::OcclusionBand;
-use crate::detect::appearance::parameters::{BLUR, MarkerParameters, SKIRT_BLURS, grey_contrast, light_at};
+use crate::detect::appearance::parameters::{BLUR, EDGE_SKIRT_BLURS, MarkerParameters, grey_contrast, light_at};
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::occlusion::options::PAINT;
 use crate::raster::Raster;
@@ -35,7 +35,7 @@ pub fn find_painted_end(image: &Raster, ellipse: &Ellipse, m: &MarkerParameters,
         (along.len() >= PAINT.min_pixels).then(|| along.iter().fold(f64::MAX, |least, &s| s.min(least)))
     };
     let middle = ellipse.centre.dot(&axis);
-    let skirt = SKIRT_BLURS * m[BLUR] + 1.0;
+    let skirt = EDGE_SKIRT_BLURS * m[BLUR] + 1.0;
     match (inwards(1.0), inwards(-1.0)) {
         (Some(from), None) => Some(OcclusionBand { axis, from: middle + from - skirt, to: f64::INFINITY }),
         (None, Some(from)) => Some(OcclusionBand { axis, from: f64::NEG_INFINITY, to: middle - from + skirt }),

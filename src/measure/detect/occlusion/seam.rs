@@ -6,7 +6,7 @@ use std::ops::Range;
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
 use super::region::OcclusionBand;
-use crate::detect::appearance::parameters::{BLUR, CLEAR_BLURS, LIGHT, MarkerParameters, WHITEST, light_at};
+use crate::detect::appearance::parameters::{BLUR, EDGE_END_BLURS, LIGHT, MarkerParameters, WHITEST, light_at};
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::image::scanline::{self, EllipseFrame};
 use crate::detect::occlusion::options::SEAM;
@@ -61,7 +61,7 @@ impl<'a> SeamRing<'a> {
         let row = |v: f64| (v.max(0.0) as usize).min(image.height() - 1);
         let all = [0, 0, image.width() - 1, image.height() - 1];
         let frame = EllipseFrame::new(ellipse);
-        let ring = scanline::Ring::new(&frame, CLEAR_BLURS * m[BLUR], SEAM.reach_px);
+        let ring = scanline::Ring::new(&frame, EDGE_END_BLURS * m[BLUR], SEAM.reach_px);
         let rows = (row(low.y)..=row(high.y)).filter_map(|y| Some((y, ring.columns(y as f64, all)?)));
         let rows = rows.collect();
         Self { image, ellipse, frame, m, scale: scale.max(SEAM.min_scale), rows }

@@ -1,6 +1,6 @@
 //! Light that the skin reflects over a disc, as a spline along it, and its first estimate from skin and black alone.
 
-use crate::detect::appearance::parameters::{BLUR, CLEAR_BLURS, DARK, GAMMA, MarkerParameters, light_at};
+use crate::detect::appearance::parameters::{BLUR, DARK, EDGE_END_BLURS, GAMMA, MarkerParameters, light_at};
 use crate::detect::estimate::options::TERM;
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::numbers::TINY;
@@ -55,7 +55,7 @@ pub fn estimate_glare(pixels: &Pixels, ellipse: &Ellipse, m: &MarkerParameters) 
             let r = p.hypot(q).max(TINY);
             let slope = (p / ellipse.major).hypot(q / ellipse.minor).max(TINY);
             let distance = (r - 1.0) * r / slope;
-            if distance.abs() > CLEAR_BLURS * m[BLUR] {
+            if distance.abs() > EDGE_END_BLURS * m[BLUR] {
                 let own = if distance > 0.0 { 1.0 } else { 1.0 - m[DARK] };
                 // A saturated pixel is lighter than its value, by an unknown amount.
                 let value = f64::from(batch.value[i])

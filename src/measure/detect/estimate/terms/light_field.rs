@@ -15,7 +15,7 @@ use crate::detect::estimate::options::{ITERATION, TERM};
 use crate::detect::estimate::prior::FitUnknowns;
 use crate::detect::estimate::sandwich::{REACH, ResidualBlocks};
 use crate::detect::estimate::{bounds::is_sharp, gauss_newton::MarkerFit, residuals::ResidualAnalysis};
-use crate::detect::estimate::{foreign_ground::clean_pixels, normal_equations::biweight_roots, scale::robust_sigma};
+use crate::detect::estimate::{normal_equations::biweight_roots, scale::robust_sigma};
 use crate::detect::hypothesis::prior::PriorValue;
 use crate::detect::numbers::TINY;
 use crate::detect::sample::pixels::Pixels;
@@ -33,6 +33,8 @@ const DARK_KNOTS: usize = 6;
 const FIELD_UNKNOWNS: usize = LIGHT_ALONG * LIGHT_ACROSS + DARK_KNOTS;
 /// Knots around a pixel: four of light, two of darkness.
 const PIXEL_KNOTS: usize = 6;
+/// Minimum number of foreign pixels around a position for the foreign object to reach it; one or two are noise.
+const MIN_FOREIGN_PIXELS: usize = 3;
 
 /// State of a fit with a light field: the parameters of the model, then those of the field. Pixels count from `origin`.
 struct LightField {
@@ -40,6 +42,25 @@ struct LightField {
     origin: [f64; 2],
     m: MarkerParameters,
     extra: [f64; FIELD_UNKNOWNS],
+}
+
+/// Returns batch and lane of the pixels that are farther than the blur from foreign pixels, to which the fit gave no
+/// weight. A line that touches the marker also darkens the pixels next to it, by too little to be noticed in each.
+fn clean_pixels(pixels: &Pixels, seen: &ResidualAnalysis, blur: f64) -> Vec<[usize; 2]> {
+    let mut foreign = Vec::new();
+    for (batch, tukey) in pixels.batches.iter().zip(&seen.biweights) {
+        foreign.extend((0..batch.len).filter(|&i| tukey[i] <= 0.0).map(|i| [batch.x[i], batch.y[i]]));
+    }
+    let reach2 = (TERM.foreign.0 * blur + TERM.foreign.1).powi(2) as f32;
+    let near = |x: f32, y: f32| {
+        let near = foreign.iter().filter(|f| (f[0] - x).powi(2) + (f[1] - y).powi(2) < reach2);
+        near.take(MIN_FOREIGN_PIXELS).count() >= MIN_FOREIGN_PIXELS
+    };
+    let mut out = Vec::with_capacity(pixels.count());
+    for (k, batch) in pixels.batches.iter().enumerate() {
+        out.extend((0..batch.len).filter(|&i| !near(batch.x[i], batch.y[i])).map(|i| [k, i]));
+    }
+    out
 }
 
 /// Fits the marker with a light field, without the pixels of foreign objects. Returns `None` if the first step is predicted
