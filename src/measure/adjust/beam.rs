@@ -9,7 +9,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::ground::{BendingAxis, GroundShape, Station, wing_from_section};
+use super::ground::{AxisBreak, BendingAxis, GroundShape, Station, wing_from_section};
 use super::shapes::{curvature_integrals, legendre_polynomials};
 use crate::ordering::sort_by_value;
 
@@ -41,6 +41,7 @@ pub const BENDING_FUNCTIONS: usize = MAX_CURVATURE_TERMS + COMPLIANCES;
 
 type RaiseCoefficients = [f64; RAISE_TERMS];
 type BendingValues = [f64; BENDING_FUNCTIONS];
+type TwistValues = [f64; TWIST_FUNCTIONS];
 
 /// Slopes at a fraction of the length per unit of each function of bending, times the length for the curvature terms.
 fn bending_slopes(eta: f64, length_m: f64) -> BendingValues {
@@ -55,7 +56,7 @@ fn bending_slopes(eta: f64, length_m: f64) -> BendingValues {
 
 /// Basis of the twist at an arc length: s/L P_j(2 s/L - 1), then one function per torque: the twist it causes there over
 /// the twist at its own position (constant outboard of it).
-pub fn twist_basis(axis: &BendingAxis, arc_m: f64) -> [f64; TWIST_FUNCTIONS] {
+pub fn twist_basis(axis: &BendingAxis, arc_m: f64) -> TwistValues {
     let eta = arc_m / axis.length_m;
     let mut basis = [0.0; TWIST_FUNCTIONS];
     let (terms, torques) = basis.split_at_mut(MAX_TWIST_TERMS);
@@ -64,6 +65,20 @@ pub fn twist_basis(axis: &BendingAxis, arc_m: f64) -> [f64; TWIST_FUNCTIONS] {
         *value = torsional_compliance(eta.min(position)) / torsional_compliance(position);
     }
     basis
+}
+
+/// Rotation about the chord's normal at an arc length, from the span towards the chord, and displacement along the chord, m,
+/// per unit of each function of the twist: twist inboard of a break of the dihedral carries what lies outboard of it along,
+/// about the inboard axis.
+fn turns_by_twist(axis: &BendingAxis, nose: f64, arc_m: f64) -> [TwistValues; 2] {
+    let mut turns = [[0.0; TWIST_FUNCTIONS]; 2];
+    for AxisBreak { arc_m: at_m, turn_rad } in axis.breaks.iter().filter(|one| one.arc_m < arc_m) {
+        for (k, twist) in twist_basis(axis, *at_m).into_iter().enumerate() {
+            turns[0][k] += nose * turn_rad * twist;
+            turns[1][k] += nose * turn_rad * twist * (arc_m - at_m);
+        }
+    }
+    turns
 }
 
 /// Computes the twist that a torque causes from the root to a fraction of the length, in arbitrary units.
@@ -88,7 +103,9 @@ struct GridPoint {
     nodes: usize,
     slope_rad: f64,
     bending_slopes: BendingValues,
-    twist: [f64; TWIST_FUNCTIONS],
+    twist: TwistValues,
+    turn: TwistValues,
+    aft_m: TwistValues,
     raises: RaiseCoefficients,
 }
 
@@ -116,7 +133,13 @@ pub struct BeamSection {
     /// Twist, nose up positive, rad.
     pub twist_rad: f64,
     /// d twist / d twist coefficients.
-    pub twist_by_terms: [f64; TWIST_FUNCTIONS],
+    pub twist_by_terms: TwistValues,
+    /// Rotation from the span towards the chord, rad.
+    pub turn_rad: f64,
+    /// d turn / d twist coefficients.
+    pub turn_by_terms: TwistValues,
+    /// d axis along the chord / d twist coefficients, m.
+    pub aft_by_terms: TwistValues,
     /// Height of the axis on the ground above the surveyed axis, m.
     pub raise_m: f64,
     /// d raise / d height coefficients.
@@ -140,11 +163,6 @@ impl SectionMotion {
     /// Displacement without rotation.
     pub fn displacement(displacement_m: Vector3<f64>) -> Self {
         Self { displacement_m, ..Self::default() }
-    }
-
-    /// Twist alone.
-    pub fn twist(twist_rad: f64) -> Self {
-        Self { twist_rad, ..Self::default() }
     }
 }
 
@@ -204,7 +222,7 @@ impl BeamGrid {
         for &index in &order {
             let to = arcs_m[index];
             // No panel contains a break or a joint.
-            let breaks = axis.breaks_m.iter().copied().chain(joints);
+            let breaks = axis.breaks.iter().map(|one| one.arc_m).chain(joints);
             let mut ends: Vec<f64> = breaks.filter(|at| (from..to).contains(at)).collect();
             ends.sort_by(f64::total_cmp);
             for end in ends.into_iter().chain([to]) {
@@ -222,11 +240,14 @@ impl BeamGrid {
                 }
                 from = end;
             }
+            let [turn, aft_m] = turns_by_twist(axis, ground.nose, to);
             grid.points.push(GridPoint {
                 nodes: grid.nodes.len(),
                 slope_rad: axis.slope_rad(to),
                 bending_slopes: slopes(to),
                 twist: twist_basis(axis, to),
+                turn,
+                aft_m,
                 raises: raises(to),
             });
         }
@@ -332,12 +353,15 @@ impl<'a> AxisIntegrator<'a> {
         fold_compliances(&mut axis_by_bending, bending);
         fold_compliances(&mut slope_by_bending, bending);
         BeamSection {
-            axis_m: self.axis_m,
+            axis_m: self.axis_m + Vector3::z() * dot_product(bending.twist_rad, &stop.aft_m),
             axis_by_bending,
             slope_rad: stop.slope_rad + dot_product(&self.values, &stop.bending_slopes),
             slope_by_bending,
             twist_rad: dot_product(bending.twist_rad, &stop.twist),
             twist_by_terms: stop.twist,
+            turn_rad: dot_product(bending.twist_rad, &stop.turn),
+            turn_by_terms: stop.turn,
+            aft_by_terms: stop.aft_m,
             raise_m: dot_product(&bending.raise_m, &stop.raises),
             raise_by_terms: stop.raises,
             axis_by_raise: self.by_raise,
@@ -353,33 +377,44 @@ pub struct MarkerArm {
     nose: f64,
 }
 
-/// Position of a marker in flight, with derivatives.
+/// Position of a marker in flight, with its derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CarriedMarker {
     /// Wing frame, m.
     pub position_m: Vector3<f64>,
-    /// d position / d slope, m.
-    pub by_slope: Vector3<f64>,
-    /// d position / d twist, m.
-    pub by_twist: Vector3<f64>,
     /// d position / d position on the ground.
     pub by_ground: Matrix3<f64>,
 }
 
+/// Derivatives of a marker's position with respect to the angles of its section, m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AngleDerivatives {
+    pub by_slope: Vector3<f64>,
+    pub by_twist: Vector3<f64>,
+    /// By the turn from the span towards the chord.
+    pub by_turn: Vector3<f64>,
+}
+
 impl MarkerArm {
     /// Carries a marker, which is at `ground_m` (wing frame) on the ground, into flight with its section.
-    pub fn carry(&self, section: &BeamSection, ground_m: &Vector3<f64>, scale: f64) -> CarriedMarker {
+    pub fn carry(
+        &self,
+        section: &BeamSection,
+        ground_m: &Vector3<f64>,
+        scale: f64,
+    ) -> (CarriedMarker, AngleDerivatives) {
         let axis_m = self.axis_m + Vector3::y() * section.raise_m;
         let arm = self.section_from_wing * (ground_m - axis_m);
         let (sin, cos) = (self.nose * section.twist_rad).sin_cos();
         let twist = Matrix3::new(1.0, 0.0, 0.0, 0.0, cos, -sin, 0.0, sin, cos);
         let wing = wing_from_section(section.slope_rad) * scale;
         let a = twist * arm;
-        CarriedMarker {
-            position_m: section.axis_m + wing * a,
+        let angles = AngleDerivatives {
             by_slope: wing * Vector3::new(-a.y, a.x, 0.0),
             by_twist: wing * Vector3::new(0.0, -a.z, a.y) * self.nose,
-            by_ground: wing * twist * self.section_from_wing,
-        }
+            by_turn: Vector3::x() * -a.z,
+        };
+        let position_m = section.axis_m + wing * a + angles.by_turn * section.turn_rad;
+        (CarriedMarker { position_m, by_ground: wing * twist * self.section_from_wing }, angles)
     }
 }

@@ -24,12 +24,21 @@ pub struct BendingAxis {
     pub root_m: Vector3<f64>,
     /// Arc length from the root to the tip, at which bending moment and curvature end, m.
     pub length_m: f64,
-    /// Arc lengths at which the slope breaks, m.
-    pub breaks_m: Vec<f64>,
+    /// Breaks of the dihedral.
+    pub breaks: Vec<AxisBreak>,
     arc_m: Vec<f64>,
     x_m: Vec<f64>,
     y_m: Vec<f64>,
     slope_rad: Vec<f64>,
+}
+
+/// Break of the dihedral.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisBreak {
+    /// Arc length from the root, m.
+    pub arc_m: f64,
+    /// Change of the slope outboard of it, rad.
+    pub turn_rad: f64,
 }
 
 /// Section of one marker.
@@ -172,9 +181,12 @@ impl BendingAxis {
         let arc_at = |x_m: f64| interpolate_table(&axis.x_m, &axis.arc_m, x_m);
         let (last_arc, tip_span_m) = (arc_at(last_x), skin.tip_span_m);
         let is_plausible = (1.0..1.25).contains(&(tip_span_m / last_arc));
-        let breaks_m = surface.wing_breaks(0.0).map(|(beyond, _)| arc_at(root_x - beyond)).collect();
+        // To the second order of the slope.
+        let at_break =
+            |(beyond, slope): (f64, f64)| AxisBreak { arc_m: arc_at(root_x - beyond), turn_rad: slope.atan() };
+        let breaks = surface.wing_breaks(0.0).map(at_break).collect();
         let length_m = if is_plausible { tip_span_m } else { TIP_OVER_LAST_MARKER * last_arc };
-        Self { length_m, breaks_m, ..axis }
+        Self { length_m, breaks, ..axis }
     }
 
     /// Slope of the axis at an arc length, rad.

@@ -21,7 +21,7 @@ pub struct MarkerState {
     pub marker: usize,
     /// Vector from the root, wing frame, m; `None` for a target fixed to the cabin.
     pub from_root_m: Option<Vector3<f64>>,
-    /// Position and its derivatives with respect to slope, twist and ground position.
+    /// Position and its derivative with respect to the position on the ground.
     pub carried: CarriedMarker,
     /// d position / d functions of bending: curvature coefficients, m^2, then compliances.
     pub by_bending: [Vector3<f64>; BENDING_FUNCTIONS],
@@ -44,12 +44,7 @@ impl MarkerState {
         Self {
             marker: 0,
             from_root_m: None,
-            carried: CarriedMarker {
-                position_m: *ground_m,
-                by_slope: none,
-                by_twist: none,
-                by_ground: Matrix3::identity(),
-            },
+            carried: CarriedMarker { position_m: *ground_m, by_ground: Matrix3::identity() },
             by_bending: [none; BENDING_FUNCTIONS],
             by_twist: [none; TWIST_FUNCTIONS],
             by_scale: none,
@@ -67,10 +62,13 @@ impl MarkerState {
         ground_m: &Vector3<f64>,
         bending: &Bending,
     ) -> Self {
-        let carried = mount.carry(section, ground_m, bending.scale);
+        let (carried, angles) = mount.carry(section, ground_m, bending.scale);
         let by_bending =
-            std::array::from_fn(|k| section.axis_by_bending[k] + carried.by_slope * section.slope_by_bending[k]);
-        let by_twist = section.twist_by_terms.map(|t| carried.by_twist * t);
+            std::array::from_fn(|k| section.axis_by_bending[k] + angles.by_slope * section.slope_by_bending[k]);
+        let by_twist = std::array::from_fn(|k| {
+            let turned = angles.by_turn * section.turn_by_terms[k] + Vector3::z() * section.aft_by_terms[k];
+            angles.by_twist * section.twist_by_terms[k] + turned
+        });
         let root_m = grid.root_m() + Vector3::y() * bending.raise_m[0];
         let by_scale = (carried.position_m - root_m - Vector3::y() * bending.root_rise_m()) / bending.scale;
         let up = carried.by_ground * Vector3::y();
@@ -122,8 +120,6 @@ impl MarkerState {
         *from_root_m += self.by_plane * turn_rad;
         self.carried.position_m += self.by_plane * turn_rad;
         let tilt = |v: &mut Vector3<f64>, n: &Vector3<f64>, t: &Vector3<f64>| *v += by(v, n, t) * turn_rad;
-        tilt(&mut self.carried.by_slope, &nominal.carried.by_slope, &turned.carried.by_slope);
-        tilt(&mut self.carried.by_twist, &nominal.carried.by_twist, &turned.carried.by_twist);
         let wings = nominal.derivatives().zip(turned.derivatives());
         self.derivatives_mut().zip(wings).for_each(|(v, (n, t))| tilt(v, n, t));
         self.by_estimated.iter_mut().for_each(|v| *v += about_span * *v * turn_rad);
@@ -139,8 +135,6 @@ impl MarkerState {
         let small = cross_matrix(turn_rad);
         let turn = Matrix3::identity() + small;
         self.carried.position_m += small * from_root_m + shift_m;
-        self.carried.by_slope = turn * self.carried.by_slope;
-        self.carried.by_twist = turn * self.carried.by_twist;
         self.carried.by_ground = turn * self.carried.by_ground;
         self.derivatives_mut().for_each(|v| *v = turn * *v);
         self.by_estimated.iter_mut().chain([&mut self.by_plane]).for_each(|v| *v = turn * *v);
@@ -150,12 +144,8 @@ impl MarkerState {
 
     /// Rotates the state into another frame.
     pub fn rotated(&self, turn: &Matrix3<f64>) -> Self {
-        let carried = CarriedMarker {
-            position_m: turn * self.carried.position_m,
-            by_slope: turn * self.carried.by_slope,
-            by_twist: turn * self.carried.by_twist,
-            by_ground: turn * self.carried.by_ground * turn.transpose(),
-        };
+        let CarriedMarker { position_m, by_ground } = self.carried;
+        let carried = CarriedMarker { position_m: turn * position_m, by_ground: turn * by_ground * turn.transpose() };
         let from_root_m = self.from_root_m.map(|from| turn * from);
         let mut state = Self { from_root_m, carried, by_plane: turn * self.by_plane, ..*self };
         state.derivatives_mut().for_each(|v| *v = turn * *v);

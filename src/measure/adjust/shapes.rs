@@ -36,6 +36,8 @@ const STRIDE: usize = 8;
 #[derive(Clone, Copy, Debug)]
 struct TaperedBeam {
     taper: f64,
+    /// Chord at the root over that of the straight taper from [`CHORD_BREAK`] on, minus 1.
+    root_extension: f64,
     /// Exponent of the chord in the bending stiffness; 3: skins of constant thickness.
     power: f64,
     /// Fraction of triangular load in an otherwise elliptic lift distribution.
@@ -46,12 +48,16 @@ struct TaperedBeam {
     reach: f64,
 }
 
-const REFERENCE: TaperedBeam = TaperedBeam { taper: 0.3, power: 3.0, triangular: 0.0, relief: 0.0, reach: 0.0 };
+/// Place of the break of the trailing edge, as a fraction of the length: an airliner's.
+const CHORD_BREAK: f64 = 0.35;
+
+const REFERENCE: TaperedBeam =
+    TaperedBeam { taper: 0.3, root_extension: 0.0, power: 3.0, triangular: 0.0, relief: 0.0, reach: 0.0 };
 
 /// Range of the parameters of the beams in the fleet, low and high.
 const FLEET_RANGE: [TaperedBeam; 2] = [
-    TaperedBeam { taper: 0.2, power: 2.5, triangular: 0.0, relief: 0.0, reach: 0.55 },
-    TaperedBeam { taper: 0.45, power: 4.0, triangular: 1.0, relief: 0.35, reach: 0.85 },
+    TaperedBeam { taper: 0.2, root_extension: 0.0, power: 2.5, triangular: 0.0, relief: 0.0, reach: 0.55 },
+    TaperedBeam { taper: 0.45, root_extension: 0.5, power: 4.0, triangular: 1.0, relief: 0.35, reach: 0.85 },
 ];
 
 /// Effects that the beams of the fleet do not include (steps in stiffness, engines, stores): standard deviations of the
@@ -83,7 +89,7 @@ impl TaperedBeam {
     }
 
     fn chord_at(&self, eta: f64) -> f64 {
-        1.0 - (1.0 - self.taper) * eta
+        (1.0 - (1.0 - self.taper) * eta) * (1.0 + self.root_extension * (1.0 - eta / CHORD_BREAK).max(0.0))
     }
 
     /// Bending moment over stiffness at `count` points from root to tip, in arbitrary units, for the mean load on each interval,
@@ -325,8 +331,9 @@ fn sample_fleet_beams() -> Vec<TaperedBeam> {
         triangular: between(low.triangular, high.triangular, k / 9),
         relief: between(low.relief, high.relief, k / 27),
         reach: between(low.reach, high.reach, k / 81),
+        root_extension: between(low.root_extension, high.root_extension, k / 243),
     };
-    (0..243).map(beam).collect()
+    (0..729).map(beam).collect()
 }
 
 /// Values of m P_k from 0 to 1.

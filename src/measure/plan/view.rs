@@ -19,7 +19,7 @@ pub(super) fn bend_markers(setup: &Setup, shape: &GroundShape, tip_deflection_m:
         let sections = grid.bend(&Bending { curvature_per_m: &[curvature], scale, ..Bending::UNBENT });
         let carried = sections.iter().zip(&mounts).zip(&shape.stations);
         let position = |((section, mount), s): ((&BeamSection, &MarkerArm), &Station)| {
-            mount.carry(section, &s.surveyed_m, scale).position_m
+            mount.carry(section, &s.surveyed_m, scale).0.position_m
         };
         carried.zip(&setup.markers).map(|(at, m)| if m.fixed { at.1.surveyed_m } else { position(at) }).collect()
     };

@@ -5,7 +5,8 @@ use crate::builds::BUILDS;
 use crate::common::beam_truth::{median, rms};
 use crate::effect_kinds::{CLAIMS, KINDS, Kind, figures};
 
-/// Table options from the environment: `WINGS=100 FRAMES=1,5,20 SET_UP=Stayed KIND=torque SEED=7000 TIMES=1`.
+/// Table options from the environment: `WINGS=100 FRAMES=1,5,20 SET_UP=Stayed KIND=torque|gull SEED=7000
+/// TIMES=1`.
 struct TableOptions {
     wings: usize,
     frames: Vec<usize>,
@@ -47,10 +48,9 @@ impl TableOptions {
             name if name.starts_with("1 px stated") || name.starts_with("remounted") => set_up != SetUp::Stayed,
             _ => true,
         };
-        self.frames
-            .iter()
-            .flat_map(move |frames| of(*frames))
-            .filter(move |(_, set_up, kind, _)| kind.name.contains(&kinds) && applies(*set_up, kind))
+        self.frames.iter().flat_map(move |frames| of(*frames)).filter(move |(_, set_up, kind, _)| {
+            kinds.split('|').any(|k| kind.name.contains(k)) && applies(*set_up, kind)
+        })
     }
 }
 

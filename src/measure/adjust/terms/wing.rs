@@ -78,7 +78,12 @@ const TWIST_DETAIL_SIGMA_RAD: f64 = 0.02;
 
 /// Motions of the sections by one function of the twist.
 fn twist_motions(curve: &AxisCurve, function: usize) -> Vec<SectionMotion> {
-    curve.bent.iter().map(|section| SectionMotion::twist(section.twist_by_terms[function])).collect()
+    let motion = |section: &BeamSection| SectionMotion {
+        displacement_m: Vector3::z() * section.aft_by_terms[function],
+        rotation_rad: Vector3::y() * -section.turn_by_terms[function],
+        twist_rad: section.twist_by_terms[function],
+    };
+    curve.bent.iter().map(motion).collect()
 }
 
 /// Coefficients of the twist, rad; they precede the torques.
