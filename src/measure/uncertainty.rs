@@ -80,6 +80,11 @@ impl SetupUncertainty {
         Self { widths: self.widths, lens: self.lens, ..*other }
     }
 
+    /// Returns whether any effect of flight is possible, unlike in a laboratory.
+    pub fn has_flight_effects(&self) -> bool {
+        Width::ROWS.iter().any(|row| row.of_flight && self[row.width] > 0.0)
+    }
+
     /// Returns the priors without effects of flight on wing, cabin and camera, which a laboratory does not have.
     pub fn without_flight_effects(self) -> Self {
         self.with_flight_effects(&Self::from_drawings())

@@ -229,8 +229,16 @@ pub struct SampledErrors {
 
 /// Whether the program reports an error: a rejecting test, or a remark on a displacement, on fixed targets or on motion.
 fn is_reported(solution: &Solution) -> bool {
-    const WORDS: [&str; 7] =
-        ["are jointly", "contradict", "inconsistent", "(default", "the larger drift", "one common cause", "stabilis"];
+    const WORDS: [&str; 8] = [
+        "are jointly",
+        "contradict",
+        "inconsistent",
+        "(default",
+        "the larger drift",
+        "one common cause",
+        "stabilis",
+        "decides this",
+    ];
     let remarked = solution.remarks.iter().any(|remark| WORDS.iter().any(|words| remark.contains(words)));
     remarked || solution.global_test == Some(GlobalTest::Rejected)
 }

@@ -25,7 +25,7 @@ mod shape_solving;
 mod shapes;
 mod snooping;
 mod spatial;
-mod stated_widths;
+pub(crate) mod stated_widths;
 mod term;
 mod terms;
 mod values;

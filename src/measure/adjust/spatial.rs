@@ -15,7 +15,9 @@ use super::prior_scales::PriorScales;
 use super::scene::WingScene;
 use super::shapes::{TYPICAL_CURVATURE_PER_M, bounded_amplitude, shape_covariance};
 use super::snooping::{self, ResidualSum, SnoopingModel, SnoopingResult, SolvedGroup, Suspect, SuspectTarget};
-use super::stated_widths::{WIDENING_PASSES, WidenedPriors, contradiction_remark, widen_refuted_priors};
+use super::stated_widths::{
+    WIDENING_PASSES, WidenedPriors, contradiction_remark, decisive_width_remarks, widen_refuted_priors,
+};
 use super::{AdjustError, AdjustResult, GlobalTest, Observation, Options, Solution, VarianceComponent};
 use crate::estimation::{EstimationError, Fit, SolveOptions, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};
@@ -258,12 +260,9 @@ pub fn solve_spatial_with<T>(
         with_variance_sources(blocks, &frame.problem, fit, None, |sources| outcome.solution(removed.iter(), sources));
     let derived = derive(&outcome);
     remarks.extend(solution.remarks);
-    remarks.extend(contradiction_remark(
-        setup,
-        options.keeps_ground_mounting(),
-        (&frame.problem, fit),
-        &single.widened,
-    ));
+    let stayed = options.keeps_ground_mounting();
+    remarks.extend(decisive_width_remarks(&outcome, solution.budget.as_ref(), stayed, &single.widened));
+    remarks.extend(contradiction_remark(setup, stayed, (&frame.problem, fit), &single.widened));
     remarks.extend(snooping::fixed_target_remark(single.prior_scales.fixed_targets));
     remarks.extend(
         single

@@ -6,11 +6,13 @@
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-use super::Solution;
 use super::beam::RAISE_TERMS;
+use super::outcome::FrameOutcome;
+use super::snooping::SolvedGroup;
+use super::{Solution, VarianceBudget};
 use crate::estimation::quality::chi_square_tail;
 use crate::estimation::{Fit, Prior, Problem};
-use crate::setup::Setup;
+use crate::setup::{DEFAULT_REPEATABILITY_PX, Setup};
 use crate::widths::{Unknown, Width};
 
 /// Unknowns whose stated widths are tested. The widths of skin and vibrations are estimated from the frames instead; a wrong
@@ -36,6 +38,10 @@ const MIN_DETERMINED: f64 = 2e-3;
 /// Significance level from which a stated width is contradicted: named, and wider in the result. With all widths of an
 /// installation, less than 2 % of correct installations have a remark.
 const CONTRADICTION_ALPHA: f64 = 1e-3;
+/// Fraction of the default below which a stated width is narrow: five times as precise as usual.
+pub const NARROW_FRACTION: f64 = 0.2;
+/// Ratio of the tip's standard deviation with the default to that with the stated width from which on a narrow width is decisive.
+pub const SENSITIVE_RATIO: f64 = 1.3;
 /// Candidate increases of a stated variance, as powers of two.
 const INCREASES: std::ops::Range<i32> = -2..14;
 
@@ -227,6 +233,104 @@ fn two_digits(value: f64) -> String {
     format!("{value:.0$}", decimals as usize)
 }
 
+/// A width that `installation.toml` states, or its default.
+struct StatedWidth {
+    /// Section and key.
+    key: String,
+    /// Unit of the key.
+    unit: &'static str,
+    /// Stated and default value, in the unit of the key.
+    value: f64,
+    default: f64,
+}
+
+impl StatedWidth {
+    /// Finds the width of an unknown. `stayed`: the camera is stated to have stayed since the ground frames.
+    fn of_unknown(setup: &Setup, unknown: Unknown, stayed: bool) -> Self {
+        let row = Width::ROWS.iter().find(|row| row.unknowns.contains(&unknown));
+        match (unknown, row) {
+            (Unknown::MountingRotation, _) if !stayed => Self {
+                key: "camera.mount_repeatability_px".into(),
+                unit: "px",
+                value: setup.mount_repeatability_px,
+                default: DEFAULT_REPEATABILITY_PX,
+            },
+            (_, Some(row)) => Self {
+                key: format!("{}.{}", row.section, row.key),
+                unit: row.unit.name,
+                value: setup.uncertainty[row.width] / row.unit.factor,
+                default: row.default_for(setup.reach_m()) / row.unit.factor,
+            },
+            (_, None) => {
+                Self { key: "thermal.sigma_k".into(), unit: "times the stated value", value: 1.0, default: 1.0 }
+            }
+        }
+    }
+
+    /// Increase of the prior's covariance from the stated width to the default; `None` if the stated one is not much narrower.
+    fn increase_to_default(&self, unknown: Unknown, stated: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+        (self.value < NARROW_FRACTION * self.default).then(|| match unknown {
+            Unknown::AxisHeight => axis_height_covariance(self.default) - axis_height_covariance(self.value),
+            _ => stated * ((self.default / self.value).powi(2) - 1.0),
+        })
+    }
+}
+
+/// Remarks on stated widths that are much narrower than the default and on which the tip deflection depends: the images
+/// do not replace them.
+pub fn decisive_width_remarks(
+    outcome: &FrameOutcome,
+    budget: Option<&VarianceBudget>,
+    stayed: bool,
+    widened: &WidenedPriors,
+) -> Vec<String> {
+    let setup = outcome.solved.input.setup;
+    let Some(budget) = budget.filter(|_| setup.uncertainty.has_flight_effects()) else { return vec![] };
+    let remark = |unknown: Unknown| {
+        let width = StatedWidth::of_unknown(setup, unknown, stayed);
+        let (tip, more) = tip_variance(outcome, budget, unknown, &width)?;
+        let [stated, usual] = [tip, tip + more].map(|variance| 1e3 * outcome.scale() * variance.sqrt());
+        (widened.increase(unknown) == 0.0 && usual > SENSITIVE_RATIO * stated).then(|| {
+            let StatedWidth { key, unit, value, default } = width;
+            format!(
+                "{key} = {value} {DECISIVE}: with the default of {default} {unit} the tip deflection has a standard \
+                 deviation of {} mm, not {} mm. Make sure of it, or leave the key out",
+                two_digits(usual),
+                two_digits(stated),
+            )
+        })
+    };
+    TESTED.into_iter().filter_map(remark).collect()
+}
+
+/// Words of the remark on a width that decides a result.
+const DECISIVE: &str = "decides this result and the images do not test it";
+
+/// Variance of the tip deflection of a budget, a priori, and what the default of an unknown's width would add to it, m^2, to
+/// first order; `None` if the stated width is not narrow.
+fn tip_variance(
+    outcome: &FrameOutcome,
+    budget: &VarianceBudget,
+    unknown: Unknown,
+    width: &StatedWidth,
+) -> Option<(f64, f64)> {
+    let SolvedGroup { problem, fit, group, .. } = outcome.solved;
+    let gradient = outcome.deflection_gradient(budget.marker, budget.reference);
+    let (mut tip, mut more) = (0.0, None);
+    for prior in problem.priors.iter().filter(|prior| prior.name.unknown == unknown.name()) {
+        let increase = width.increase_to_default(unknown, &prior.covariance)?;
+        let covariance = fit.function_covariance(group, &gradient.with_parameters(&prior.columns));
+        let n = prior.columns.len();
+        // The weight that the default takes from the prior, inverted.
+        let taken = &prior.covariance + &prior.covariance * increase.cholesky()?.solve(&prior.covariance);
+        let with_tip = covariance.view((1, 0), (n, 1)).column(0).into_owned();
+        let left = (taken - covariance.view((1, 1), (n, n))).cholesky()?;
+        tip = covariance[(0, 0)];
+        *more.get_or_insert(0.0) += with_tip.dot(&left.solve(&with_tip));
+    }
+    Some((tip, more?))
+}
+
 /// Remark that names the stated width that the data contradict most, if one is widened. `stayed`: the camera is stated
 /// to have stayed since the ground frames.
 pub fn contradiction_remark(
@@ -237,16 +341,7 @@ pub fn contradiction_remark(
 ) -> Option<String> {
     let contradicted = all_evidence(problem, fit, widened).filter(|(_, evidence)| evidence.current > 0.0);
     let (unknown, evidence) = contradicted.min_by(|a, b| a.1.probability().total_cmp(&b.1.probability()))?;
-    let row = Width::ROWS.iter().find(|row| row.unknowns.contains(&unknown));
-    let (key, unit, stated) = match (unknown, row) {
-        (Unknown::MountingRotation, _) if !stayed => {
-            ("camera.mount_repeatability_px".into(), "px", setup.mount_repeatability_px)
-        }
-        (_, Some(row)) => {
-            (format!("{}.{}", row.section, row.key), row.unit.name, setup.uncertainty[row.width] / row.unit.factor)
-        }
-        (_, None) => ("thermal.sigma_k".into(), "times the stated value", 1.0),
-    };
+    let StatedWidth { key, unit, value: stated, .. } = StatedWidth::of_unknown(setup, unknown, stayed);
     // The rotation is named by its size, other unknowns by the root mean square of their values.
     let values = if unknown == Unknown::MountingRotation { 3.0 } else { 1.0 };
     let (step, counted) = match unknown {

@@ -84,6 +84,21 @@ impl Gradient {
         self.global.ncols()
     }
 
+    /// Returns these functions, followed by some global parameters as functions of their own.
+    pub fn with_parameters(&self, parameters: &[usize]) -> Self {
+        let mut columns = self.columns.clone();
+        columns.extend(parameters.iter().filter(|column| !self.columns.contains(column)));
+        let count = self.function_count() + parameters.len();
+        let mut global = self.global.clone().resize(columns.len(), count, 0.0);
+        for (row, column) in columns.iter().enumerate() {
+            let function = parameters.iter().position(|parameter| parameter == column);
+            function.into_iter().for_each(|k| global[(row, self.function_count() + k)] = 1.0);
+        }
+        let widen = |m: &DMatrix<f64>| m.clone().resize_horizontally(count, 0.0);
+        let observed = self.observed.iter().map(|(block, by)| (*block, widen(by))).collect();
+        Self { columns, global, local: widen(&self.local), observed }
+    }
+
     /// Returns a single function.
     pub fn single_function(&self, index: usize) -> Self {
         let column = |m: &DMatrix<f64>| m.columns(index, 1).into_owned();

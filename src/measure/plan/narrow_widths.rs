@@ -2,13 +2,9 @@
 
 use super::PlanOptions;
 use super::prediction::SimulatedFlight;
+use crate::adjust::stated_widths::{NARROW_FRACTION, SENSITIVE_RATIO};
 use crate::setup::{DEFAULT_REPEATABILITY_PX, Setup};
 use crate::widths::Width;
-
-/// Fraction of the default from which on a width is tested: five times as precise as usual.
-const NARROW_FRACTION: f64 = 0.2;
-/// Ratio of the tip's standard deviation with the default to that with the stated width from which on the width matters.
-const SENSITIVE_RATIO: f64 = 1.3;
 
 /// A width that is much smaller than usual and on which the predicted precision depends.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,7 +32,7 @@ pub fn find_narrow_widths(setup: &Setup) -> Vec<NarrowWidth> {
         let usual_m = tip_sigma_m(&usual).ok().filter(|usual_m| *usual_m > SENSITIVE_RATIO * stated_m)?;
         Some(NarrowWidth { key, unit, values, tip_sigmas_m: [stated_m, usual_m] })
     };
-    let flies = Width::ROWS.iter().any(|row| row.of_flight && setup.uncertainty[row.width] > 0.0);
+    let flies = setup.uncertainty.has_flight_effects();
     let widths = Width::ROWS.iter().filter(|row| flies || !row.of_flight).filter_map(|row| {
         let values = [setup.uncertainty[row.width] / row.unit.factor, row.default];
         let uncertainty = setup.uncertainty.with_width(row.width, row.unit.factor * row.default);

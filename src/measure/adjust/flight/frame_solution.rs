@@ -6,7 +6,7 @@ use super::tuning::STEADY_ROTATION_RAD;
 use super::usage::RemovedObservation;
 use crate::adjust::budget;
 use crate::adjust::snooping::{SuspectTarget, fixed_target_remark};
-use crate::adjust::stated_widths::contradiction_remark;
+use crate::adjust::stated_widths::{contradiction_remark, decisive_width_remarks};
 use crate::adjust::terms::mount_drift_rad;
 use crate::adjust::{Estimate, Parameter, Solution};
 use crate::estimation::{AttributedInformation, VarianceSources};
@@ -38,12 +38,9 @@ pub fn frame_solution(
         solution.parameters.push(unmeasured("mount_drift_rad", flight.hyperparameters.drift_rad));
     }
     remarks.extend(solution.remarks);
-    remarks.extend(contradiction_remark(
-        flight.input.setup,
-        flight.hyperparameters.mountings.is_ground_mounting(0),
-        (&flight_problem.problem, fit),
-        &flight.widened,
-    ));
+    let stayed = flight.hyperparameters.mountings.is_ground_mounting(0);
+    remarks.extend(decisive_width_remarks(&outcome, solution.budget.as_ref(), stayed, &flight.widened));
+    remarks.extend(contradiction_remark(flight.input.setup, stayed, (&flight_problem.problem, fit), &flight.widened));
     remarks.extend(fixed_target_remark(flight.prior_scales.fixed_targets));
     let displacement = flight.common_displacement.as_ref().zip(flight_problem.displacement_column);
     remarks.extend(displacement.map(|(displacement, column)| displacement.remark(fit.global[column])));
