@@ -63,7 +63,7 @@ test: dependencies
 test-mutations: dependencies
 	WINGD_MUTATIONS=$${WINGD_MUTATIONS:-10000} $(CARGO) test --release --locked --test system -- --ignored --nocapture mutations
 
-# effects, kinds, flight-priors, layout or modes; options are environment variables.
+# effects, kinds, live, flight-priors, layout or modes; options are environment variables.
 table: dependencies
 	$(CARGO) run --release --locked --example tables -- $(TABLE)
 

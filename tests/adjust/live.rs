@@ -337,42 +337,49 @@ fn minutes_of_frames_do_not_make_sigma_too_small() {
     assert!(median(&sigmas[1]) > 0.9 * median(&sigmas[0]), "it remembers too much");
 }
 
-/// Wings with all in-flight effects, 300 frames in gusts. Deflections, twist and moment against the truth from the first
-/// frame to the last: the noise of each frame's twist must not pass for knowledge of axis and root.
-#[test]
-fn twist_and_moment_are_in_sigma_from_the_first_frame_to_the_last() {
-    const CHECKED: [usize; 4] = [0, 9, 99, 299];
-    for set_up in [SetUp::Stayed, SetUp::Fixed] {
-        let mut rng = rng(308);
-        let mut shown = CHECKED.map(|_| EffectErrors::default());
-        for _ in 0..10 {
-            let truth = set_up.truth(&mut rng, Structure::default());
-            let effects = combined_effects(&mut rng);
-            let aircraft = Aircraft::new(&mut rng, truth, effects);
-            let mut setup = aircraft.surveyed(&mut rng, SURVEY_M);
-            setup.uncertainty = set_up.priors(setup.reach_m());
-            let orientation = aircraft.orientation(&mut rng, NOISE_PX);
-            let (mut turn, shift) = set_up.mounting(&mut rng, &setup);
-            let mounting = if set_up == SetUp::Stayed { Mounting::Ground } else { Mounting::Numbered(0) };
-            let options = Options { mountings: Some(vec![mounting]), ..Options::default() };
-            let mut live = LiveAdjustment::new(setup.clone(), orientation, options).unwrap();
-            let walk = setup.uncertainty[Width::MountDrift] * (STEP_S / 60.0).sqrt();
-            let gusts = [0.17, 0.6, 1.9].map(|hz| (0.15 * normal(&mut rng), hz, rng.random_range(0.0..6.0)));
-            let level_m = rng.random_range(1.0..3.2);
-            for k in 0..=CHECKED[3] {
-                let t = k as f64 * STEP_S;
-                turn += normal3(&mut rng) * walk;
-                let gust: f64 = gusts.iter().map(|(a, hz, phase)| a * (TAU * hz * t + phase).sin()).sum();
-                let fuel = aircraft.truth.fuel() * (1.0 + 0.1 * (TAU * 1.9 * t).sin());
-                let when = WingState::Flight { deflection_m: level_m + gust, fuel };
-                let seen = aircraft.frame(&mut rng, when, (turn, shift), NOISE_PX);
-                let solution = live.adjust_frame(&seen, STEP_S).unwrap();
-                if let Some(at) = CHECKED.iter().position(|checked| *checked == k) {
-                    shown[at].add(&aircraft, when, &solution, &setup);
-                }
+/// Frames of a live flight whose results are compared with the truth.
+pub const CHECKED: [usize; 4] = [0, 9, 99, 299];
+
+/// Live flights of wings with all in-flight effects, 300 frames in gusts: errors of the [`CHECKED`] frames.
+pub fn sample_live_errors(seed: u64, set_up: SetUp, flights: usize) -> [EffectErrors; CHECKED.len()] {
+    let mut rng = rng(seed);
+    let mut shown = CHECKED.map(|_| EffectErrors::default());
+    for _ in 0..flights {
+        let truth = set_up.truth(&mut rng, Structure::default());
+        let effects = combined_effects(&mut rng);
+        let aircraft = Aircraft::new(&mut rng, truth, effects);
+        let mut setup = aircraft.surveyed(&mut rng, SURVEY_M);
+        setup.uncertainty = set_up.priors(setup.reach_m());
+        let orientation = aircraft.orientation(&mut rng, NOISE_PX);
+        let (mut turn, shift) = set_up.mounting(&mut rng, &setup);
+        let mounting = if set_up == SetUp::Stayed { Mounting::Ground } else { Mounting::Numbered(0) };
+        let options = Options { mountings: Some(vec![mounting]), ..Options::default() };
+        let mut live = LiveAdjustment::new(setup.clone(), orientation, options).unwrap();
+        let walk = setup.uncertainty[Width::MountDrift] * (STEP_S / 60.0).sqrt();
+        let gusts = [0.17, 0.6, 1.9].map(|hz| (0.15 * normal(&mut rng), hz, rng.random_range(0.0..6.0)));
+        let level_m = rng.random_range(1.0..3.2);
+        for k in 0..=CHECKED[3] {
+            let t = k as f64 * STEP_S;
+            turn += normal3(&mut rng) * walk;
+            let gust: f64 = gusts.iter().map(|(a, hz, phase)| a * (TAU * hz * t + phase).sin()).sum();
+            let fuel = aircraft.truth.fuel() * (1.0 + 0.1 * (TAU * 1.9 * t).sin());
+            let when = WingState::Flight { deflection_m: level_m + gust, fuel };
+            let seen = aircraft.frame(&mut rng, when, (turn, shift), NOISE_PX);
+            let solution = live.adjust_frame(&seen, STEP_S).unwrap();
+            if let Some(at) = CHECKED.iter().position(|checked| *checked == k) {
+                shown[at].add(&aircraft, when, &solution, &setup);
             }
         }
-        for (frame, errors) in CHECKED.iter().zip(&shown) {
+    }
+    shown
+}
+
+/// Deflections, twist and moment against the truth from the first frame to the last: the noise of each frame's twist must
+/// not pass for knowledge of axis and root.
+#[test]
+fn twist_and_moment_are_in_sigma_from_the_first_frame_to_the_last() {
+    for set_up in [SetUp::Stayed, SetUp::Fixed] {
+        for (frame, errors) in CHECKED.iter().zip(&sample_live_errors(308, set_up, 10)) {
             let [deflection, twist, moment] = figures(errors);
             println!(
                 "{set_up:?}, frame {}: deflection {deflection:.2}, twist {twist:.2}, moment {moment:.2}",

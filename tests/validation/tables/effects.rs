@@ -4,6 +4,7 @@ use crate::aircraft::{SET_UPS, SampledErrors, SetUp, sample_errors};
 use crate::builds::BUILDS;
 use crate::common::beam_truth::{median, rms};
 use crate::effect_kinds::{CLAIMS, KINDS, Kind, figures};
+use crate::live::{CHECKED, sample_live_errors};
 
 /// Table options from the environment: `WINGS=100 FRAMES=1,5,20 SET_UP=Stayed KIND=torque|gull SEED=7000
 /// TIMES=1`.
@@ -30,11 +31,15 @@ impl TableOptions {
         }
     }
 
+    fn set_ups(&self) -> Vec<SetUp> {
+        let names = word("SET_UP");
+        let is_selected = |s: &SetUp| names.is_empty() || names.split(',').any(|w| w == format!("{s:?}"));
+        SET_UPS.into_iter().filter(is_selected).collect()
+    }
+
     /// Frames, set-up and kind of each row, with its seed.
     fn rows(&self) -> impl Iterator<Item = (usize, SetUp, &'static Kind, u64)> + '_ {
-        let (set_ups, kinds) = (word("SET_UP"), word("KIND"));
-        let is_selected = move |s: &SetUp| set_ups.is_empty() || set_ups.split(',').any(|w| w == format!("{s:?}"));
-        let set_ups: Vec<_> = SET_UPS.into_iter().filter(is_selected).collect();
+        let (set_ups, kinds) = (self.set_ups(), word("KIND"));
         let all = move |set_up| {
             KINDS.iter().chain(&BUILDS).chain(&CLAIMS).enumerate().map(move |(k, kind)| (set_up, k, kind))
         };
@@ -101,5 +106,17 @@ pub fn print_kinds() {
             holds.unwrap_or_else(none),
             named.unwrap_or_else(none)
         );
+    }
+}
+
+/// Prints deflection, twist and moment of live frames over their standard deviations, for example with `WINGS=100
+/// SET_UP=Stayed SEED=308`.
+pub fn print_live() {
+    let asked = TableOptions::new();
+    for set_up in asked.set_ups() {
+        for (frame, errors) in CHECKED.iter().zip(&sample_live_errors(asked.seed, set_up, asked.wings)) {
+            let [deflection, twist, moment] = figures(errors);
+            println!("| {} | {set_up:?} | {deflection:.2} | {twist:.2} | {moment:.2} |", frame + 1);
+        }
     }
 }

@@ -17,15 +17,18 @@ mod flight_priors;
 mod layout;
 #[path = "../../adjust/learning.rs"]
 mod learning;
+#[path = "../../adjust/live.rs"]
+mod live;
 mod modes;
 #[path = "../../adjust/modes.rs"]
 mod vibration;
 
 /// Name, program.
-const TABLES: [(&str, fn()); 5] = [
+const TABLES: [(&str, fn()); 6] = [
     ("effects", effects::print_effects),
     ("kinds", effects::print_kinds),
     ("flight-priors", flight_priors::print_flight_priors),
+    ("live", effects::print_live),
     ("layout", layout::print_layout),
     ("modes", modes::write_modes),
 ];
