@@ -71,7 +71,7 @@ const MASS_POWER: i32 = 2;
 const BEYOND_BURNING: f64 = 0.05;
 
 /// Mean square of the fraction of fuel that a flight burns, for a uniform distribution.
-const MEAN_SQUARE_BURNT: f64 = 1.0 / 3.0;
+pub const MEAN_SQUARE_BURNT: f64 = 1.0 / 3.0;
 
 /// Range of possible kinks, as fractions of the length: joints at the fuselage and at the trailing-edge break, engines.
 const KINKS: std::ops::RangeInclusive<f64> = 0.1..=0.6;

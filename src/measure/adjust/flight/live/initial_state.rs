@@ -12,10 +12,13 @@ use crate::adjust::flight::joint::JointSolution;
 use crate::adjust::flight::solving::SolvedFlight;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::outcome::with_prior_if_consistent;
-use crate::adjust::shapes::TYPICAL_CURVATURE_PER_M;
+use crate::adjust::shapes::MEAN_SQUARE_BURNT;
 use crate::adjust::snooping::SuspectTarget;
 use crate::adjust::{AdjustResult, GlobalTest, Options, Solution};
 use crate::estimation::AttributedInformation;
+
+/// Curvature of a wing that stands on the ground with full tanks, 1/m: 0.5 m at the tip of a 32 m wing.
+const STANDING_CURVATURE_PER_M: f64 = 1e-3;
 
 /// State after one frame, with the frame's result.
 pub struct InitialState {
@@ -45,6 +48,7 @@ fn initial_state_from_flight(flight: Flight) -> AdjustResult<InitialState> {
     let is_sound = removed.is_empty() && solution.global_test != Some(GlobalTest::Rejected);
     let attributed = retained_information(&solved);
     let SolvedFlight { flight_problem, fit, .. } = solved;
+    let amplitude_per_m = fit.groups[0].local[0].max(STANDING_CURVATURE_PER_M);
     let wrong = removed.iter().map(|r| r.suspect).filter(|s| s.target == SuspectTarget::Survey).collect();
     let state = LiveState {
         known: fit.information_prior(),
@@ -52,9 +56,9 @@ fn initial_state_from_flight(flight: Flight) -> AdjustResult<InitialState> {
         model: LiveModel {
             layout: flight_problem.layouts[0].clone(),
             missing: flight_problem.problem.missing,
-            // A gust changes the bending by as much as is typical in flight. It may change the shape as much as burning fuel
-            // does, because lift and inertia respond at different times and positions.
-            shape: flight_problem.shape.with_amplitude_range(TYPICAL_CURVATURE_PER_M),
+            // A gust adds lift to a weight that stays. Twice the load halves the part of all fuel in it, of which the prior
+            // of burning has a random part.
+            shape: flight_problem.shape.with_amplitude_range(MEAN_SQUARE_BURNT.sqrt() * amplitude_per_m),
             wrong,
         },
         attributed: Arc::new(attributed),
