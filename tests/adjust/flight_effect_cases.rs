@@ -28,7 +28,9 @@ fn a_stated_width_that_the_data_refute_is_widened_or_named() {
     let cases = [
         ("axis stated as exact", 2.0, SetUp::Default, 5, 0.9),
         ("axis stated as exact", 2.0, SetUp::Careful, 1, 0.0),
-        ("1 px stated, 10 px", 2.0, SetUp::Fixed, 1, 0.5),
+        ("1 px stated, 10 px", 1.0, SetUp::Default, 1, 1.0),
+        ("1 px stated, 10 px", 1.0, SetUp::Careful, 5, 1.0),
+        ("1 px stated, 10 px", 2.0, SetUp::Fixed, 1, 1.0),
         ("stabilised", 2.5, SetUp::Careful, 5, 1.0),
         ("stabilised", 2.5, SetUp::Fixed, 5, 1.0),
     ];

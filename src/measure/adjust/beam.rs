@@ -353,7 +353,7 @@ impl<'a> AxisIntegrator<'a> {
         fold_compliances(&mut axis_by_bending, bending);
         fold_compliances(&mut slope_by_bending, bending);
         BeamSection {
-            axis_m: self.axis_m + Vector3::z() * dot_product(bending.twist_rad, &stop.aft_m),
+            axis_m: self.axis_m + Vector3::z() * (bending.scale * dot_product(bending.twist_rad, &stop.aft_m)),
             axis_by_bending,
             slope_rad: stop.slope_rad + dot_product(&self.values, &stop.bending_slopes),
             slope_by_bending,
@@ -361,7 +361,7 @@ impl<'a> AxisIntegrator<'a> {
             twist_by_terms: stop.twist,
             turn_rad: dot_product(bending.twist_rad, &stop.turn),
             turn_by_terms: stop.turn,
-            aft_by_terms: stop.aft_m,
+            aft_by_terms: stop.aft_m.map(|aft_m| bending.scale * aft_m),
             raise_m: dot_product(&bending.raise_m, &stop.raises),
             raise_by_terms: stop.raises,
             axis_by_raise: self.by_raise,
@@ -408,13 +408,14 @@ impl MarkerArm {
         let (sin, cos) = (self.nose * section.twist_rad).sin_cos();
         let twist = Matrix3::new(1.0, 0.0, 0.0, 0.0, cos, -sin, 0.0, sin, cos);
         let wing = wing_from_section(section.slope_rad) * scale;
+        let turned = wing * twist - Matrix3::new(0.0, 0.0, scale * section.turn_rad, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         let a = twist * arm;
         let angles = AngleDerivatives {
             by_slope: wing * Vector3::new(-a.y, a.x, 0.0),
             by_twist: wing * Vector3::new(0.0, -a.z, a.y) * self.nose,
-            by_turn: Vector3::x() * -a.z,
+            by_turn: Vector3::x() * (-scale * arm.z),
         };
-        let position_m = section.axis_m + wing * a + angles.by_turn * section.turn_rad;
-        (CarriedMarker { position_m, by_ground: wing * twist * self.section_from_wing }, angles)
+        let position_m = section.axis_m + turned * arm;
+        (CarriedMarker { position_m, by_ground: turned * self.section_from_wing }, angles)
     }
 }

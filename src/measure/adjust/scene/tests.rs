@@ -267,10 +267,40 @@ fn tilted_values() -> UnknownValues {
     }
 }
 
+/// The example's wing whose dihedral breaks by 0.1 at 16.5 m.
+fn gull_wing() -> Setup {
+    let mut gull = Setup { breaks_m: vec![16.5], ..setup() };
+    gull.markers.iter_mut().for_each(|m| m.position_m.z += 0.1 * (m.position_m.x - 16.5).max(0.0));
+    gull
+}
+
+#[test]
+fn twist_inboard_of_a_break_carries_the_outboard_part_along() {
+    let scene = WingScene::new(&gull_wing(), &orientation()).unwrap();
+    let flat = scene.grid.bend(&Bending::UNBENT);
+    let twisted = scene.grid.bend(&Bending { twist_rad: &[0.02], ..Bending::UNBENT });
+    let at = |k: usize| flat[k].axis_m;
+    let arc_m = scene.ground.axis.breaks[0].arc_m;
+    let inboard_rad = 0.02 * twist_basis(&scene.ground.axis, arc_m)[0] * scene.ground.nose;
+    for (k, section) in twisted.iter().enumerate().skip(5) {
+        // The axis inboard of the break is straight; what lies outboard rotates about its extension.
+        let slope = (at(3) - at(1)).y / (at(3) - at(1)).x;
+        let above_m = at(k).y - at(3).y - slope * (at(k).x - at(3).x);
+        let (aft_m, expected_m) = (section.axis_m.z - at(k).z, inboard_rad.sin() * above_m);
+        assert!((aft_m - expected_m).abs() < 0.02 * expected_m, "{k}: {aft_m} {expected_m}");
+    }
+    assert_eq!(twisted[2].axis_m.z, at(2).z);
+}
+
 #[test]
 fn derivatives_of_a_tilted_wing_match_differences() {
-    let free = Setup { uncertainty: SetupUncertainty::DEFAULT, ..setup() };
-    let scene = WingScene::new(&free, &orientation()).unwrap();
+    for wing in [setup(), gull_wing()] {
+        check_derivatives(&Setup { uncertainty: SetupUncertainty::DEFAULT, ..wing });
+    }
+}
+
+fn check_derivatives(setup: &Setup) {
+    let scene = WingScene::new(setup, &orientation()).unwrap();
     let typical = tilted_values();
     let answers = Some(Arc::new(scene.dimension_derivatives(&typical.bending())));
     for values in [typical.clone(), UnknownValues { dimension_derivatives: answers, ..typical }] {
