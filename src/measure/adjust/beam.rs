@@ -7,9 +7,9 @@
 //!
 //! `P_k`: Legendre's polynomials; `m`: the reference curvature ([`super::shapes`]), mean 1.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
-use super::ground::{AxisBreak, BendingAxis, GroundShape, Station, wing_from_section};
+use super::ground::{AxisBreak, BendingAxis, GroundShape};
 use super::shapes::{curvature_integrals, legendre_polynomials};
 use crate::ordering::sort_by_value;
 
@@ -268,18 +268,6 @@ impl BeamGrid {
         sections.into_iter().flatten().collect()
     }
 
-    /// Computes the markers' arms on the ground in section axes (tangent, normal, chord), m, in the order of the grid's arc
-    /// lengths.
-    pub fn marker_arms(&self, stations: &[Station]) -> Vec<MarkerArm> {
-        let ground = self.bend(&Bending::UNBENT);
-        let mount = |(section, _): (&BeamSection, &Station)| MarkerArm {
-            section_from_wing: wing_from_section(section.slope_rad).transpose(),
-            axis_m: section.axis_m,
-            nose: self.nose,
-        };
-        ground.iter().zip(stations).map(mount).collect()
-    }
-
     /// Bending root: the point at which bending starts, wing frame, m.
     pub fn root_m(&self) -> Vector3<f64> {
         self.root_m
@@ -366,56 +354,5 @@ impl<'a> AxisIntegrator<'a> {
             raise_by_terms: stop.raises,
             axis_by_raise: self.by_raise,
         }
-    }
-}
-
-/// Position of a marker relative to its section, measured on the ground and rigid in flight.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MarkerArm {
-    section_from_wing: Matrix3<f64>,
-    axis_m: Vector3<f64>,
-    nose: f64,
-}
-
-/// Position of a marker in flight, with its derivatives.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CarriedMarker {
-    /// Wing frame, m.
-    pub position_m: Vector3<f64>,
-    /// d position / d position on the ground.
-    pub by_ground: Matrix3<f64>,
-}
-
-/// Derivatives of a marker's position with respect to the angles of its section, m.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AngleDerivatives {
-    pub by_slope: Vector3<f64>,
-    pub by_twist: Vector3<f64>,
-    /// By the turn from the span towards the chord.
-    pub by_turn: Vector3<f64>,
-}
-
-impl MarkerArm {
-    /// Carries a marker, which is at `ground_m` (wing frame) on the ground, into flight with its section.
-    pub fn carry(
-        &self,
-        section: &BeamSection,
-        ground_m: &Vector3<f64>,
-        scale: f64,
-    ) -> (CarriedMarker, AngleDerivatives) {
-        let axis_m = self.axis_m + Vector3::y() * section.raise_m;
-        let arm = self.section_from_wing * (ground_m - axis_m);
-        let (sin, cos) = (self.nose * section.twist_rad).sin_cos();
-        let twist = Matrix3::new(1.0, 0.0, 0.0, 0.0, cos, -sin, 0.0, sin, cos);
-        let wing = wing_from_section(section.slope_rad) * scale;
-        let turned = wing * twist - Matrix3::new(0.0, 0.0, scale * section.turn_rad, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-        let a = twist * arm;
-        let angles = AngleDerivatives {
-            by_slope: wing * Vector3::new(-a.y, a.x, 0.0),
-            by_twist: wing * Vector3::new(0.0, -a.z, a.y) * self.nose,
-            by_turn: Vector3::x() * (-scale * arm.z),
-        };
-        let position_m = section.axis_m + turned * arm;
-        (CarriedMarker { position_m, by_ground: turned * self.section_from_wing }, angles)
     }
 }

@@ -8,8 +8,9 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::AdjustResult;
-use super::beam::{BeamGrid, BeamSection, Bending, MarkerArm, SectionMotion};
+use super::beam::{BeamGrid, BeamSection, Bending, SectionMotion};
 use super::ground::{GroundShape, wing_from_section};
+use super::marker_arm::MarkerArm;
 use super::marker_state::{ESTIMATED_DIMENSIONS, MarkerState};
 use crate::setup::{Setup, SetupUncertainty, Width};
 
@@ -67,7 +68,7 @@ impl NeighbourWing {
         let ground = GroundShape::with_breaks(&setup, trusted, Some(&nominal.breaks_x_m))?;
         let arcs: Vec<f64> = ground.stations.iter().map(|s| s.arc_m).collect();
         let grid = BeamGrid::new(&ground, &arcs);
-        let mounts = grid.marker_arms(&ground.stations);
+        let mounts = MarkerArm::all_on_ground(&grid, &ground);
         let wing_from_own =
             nominal.frame.wing_from_survey.matrix() * ground.frame.wing_from_survey.matrix().transpose();
         let root_m = if which == 0 { step } else { 0.0 };

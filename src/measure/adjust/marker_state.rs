@@ -2,9 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::beam::{
-    BENDING_FUNCTIONS, BeamGrid, BeamSection, Bending, CarriedMarker, MarkerArm, RAISE_TERMS, TWIST_FUNCTIONS,
-};
+use super::beam::{BENDING_FUNCTIONS, BeamGrid, BeamSection, Bending, RAISE_TERMS, TWIST_FUNCTIONS};
+use super::marker_arm::{CarriedMarker, MarkerArm};
 use crate::geometry::cross_matrix;
 
 /// Number of dimensions that the user can only estimate: root offset (m), chord offset of the axis (m), direction of the

@@ -6,6 +6,7 @@ mod blocks;
 mod budget;
 mod common_displacement;
 mod curve;
+mod decisive_widths;
 mod estimated_dimensions;
 #[cfg(test)]
 mod example;
@@ -15,6 +16,7 @@ pub mod ground;
 mod input;
 mod joint_shape;
 mod layout;
+pub(crate) mod marker_arm;
 mod marker_state;
 mod outcome;
 mod prior_scales;

@@ -2,9 +2,10 @@
 
 use nalgebra::{Matrix2x3, Matrix3, Rotation3, SMatrix, Vector2, Vector3};
 
-use super::beam::{BeamGrid, BeamSection, Bending, MarkerArm};
+use super::beam::{BeamGrid, BeamSection, Bending};
 use super::estimated_dimensions::NeighbourWing;
 use super::ground::GroundShape;
+use super::marker_arm::MarkerArm;
 use super::marker_state::{DimensionDerivatives, ESTIMATED_DIMENSIONS, MarkerState};
 use super::values::{CameraPose, UnknownValues};
 use super::{AdjustResult, Observation};
@@ -105,7 +106,7 @@ impl WingScene {
         let neighbours = NeighbourWing::all_from_setup(setup, &trusted, &ground)?;
         let arcs: Vec<f64> = ground.stations.iter().map(|s| s.arc_m).collect();
         let grid = BeamGrid::new(&ground, &arcs);
-        let mounts = grid.marker_arms(&ground.stations);
+        let mounts = MarkerArm::all_on_ground(&grid, &ground);
         let mut ground_sights = vec![None; setup.markers.len()];
         for s in &orientation.ground {
             if let Some(slot) = ground_sights.get_mut(s.marker) {

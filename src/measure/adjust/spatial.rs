@@ -8,6 +8,7 @@ use self::frame::{FrameProblem, FrameStart, SingleFrame};
 use super::beam::MAX_CURVATURE_TERMS;
 use super::budget::{BlockMembers, with_variance_sources};
 use super::common_displacement::candidate_displacements;
+use super::decisive_widths::decisive_width_remarks;
 use super::flight;
 use super::input::{AdjustmentInput, count_wing_markers, order_by_marker};
 use super::outcome::FrameOutcome;
@@ -15,9 +16,7 @@ use super::prior_scales::PriorScales;
 use super::scene::WingScene;
 use super::shapes::{TYPICAL_CURVATURE_PER_M, bounded_amplitude, shape_covariance};
 use super::snooping::{self, ResidualSum, SnoopingModel, SnoopingResult, SolvedGroup, Suspect, SuspectTarget};
-use super::stated_widths::{
-    WIDENING_PASSES, WidenedPriors, contradiction_remark, decisive_width_remarks, widen_refuted_priors,
-};
+use super::stated_widths::{WIDENING_PASSES, WidenedPriors, contradiction_remark, widen_refuted_priors};
 use super::{AdjustError, AdjustResult, GlobalTest, Observation, Options, Solution, VarianceComponent};
 use crate::estimation::{EstimationError, Fit, SolveOptions, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};

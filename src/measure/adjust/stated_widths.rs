@@ -6,10 +6,8 @@
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
+use super::Solution;
 use super::beam::RAISE_TERMS;
-use super::outcome::FrameOutcome;
-use super::snooping::SolvedGroup;
-use super::{Solution, VarianceBudget};
 use crate::estimation::quality::chi_square_tail;
 use crate::estimation::{Fit, Prior, Problem};
 use crate::setup::{DEFAULT_REPEATABILITY_PX, Setup};
@@ -17,7 +15,7 @@ use crate::widths::{Unknown, Width};
 
 /// Unknowns whose stated widths are tested. The widths of skin and vibrations are estimated from the frames instead; a wrong
 /// scale of the images is a wrong image, and diagnosed as such.
-const TESTED: [Unknown; 12] = [
+pub const TESTED: [Unknown; 12] = [
     Unknown::MountingRotation,
     Unknown::MountingShift,
     Unknown::AxisHeight,
@@ -79,7 +77,7 @@ impl WidenedPriors {
         self.0.is_empty()
     }
 
-    fn increase(&self, unknown: Unknown) -> f64 {
+    pub fn increase(&self, unknown: Unknown) -> f64 {
         self.0.iter().find(|(widened, _)| *widened == unknown).map_or(0.0, |(_, increase)| *increase)
     }
 
@@ -228,25 +226,26 @@ pub fn is_width_contradicted(solution: &Solution) -> bool {
 }
 
 /// Formats a positive number with two significant digits.
-fn two_digits(value: f64) -> String {
+pub fn two_digits(value: f64) -> String {
     let decimals = (1.0 - value.log10().floor()).clamp(0.0, 6.0);
     format!("{value:.0$}", decimals as usize)
 }
 
 /// A width that `installation.toml` states, or its default.
-struct StatedWidth {
+pub struct StatedWidth {
     /// Section and key.
-    key: String,
+    pub key: String,
     /// Unit of the key.
-    unit: &'static str,
-    /// Stated and default value, in the unit of the key.
-    value: f64,
-    default: f64,
+    pub unit: &'static str,
+    /// Stated value, in the unit of the key.
+    pub value: f64,
+    /// Its default.
+    pub default: f64,
 }
 
 impl StatedWidth {
     /// Finds the width of an unknown. `stayed`: the camera is stated to have stayed since the ground frames.
-    fn of_unknown(setup: &Setup, unknown: Unknown, stayed: bool) -> Self {
+    pub fn of_unknown(setup: &Setup, unknown: Unknown, stayed: bool) -> Self {
         let row = Width::ROWS.iter().find(|row| row.unknowns.contains(&unknown));
         match (unknown, row) {
             (Unknown::MountingRotation, _) if !stayed => Self {
@@ -268,67 +267,12 @@ impl StatedWidth {
     }
 
     /// Increase of the prior's covariance from the stated width to the default; `None` if the stated one is not much narrower.
-    fn increase_to_default(&self, unknown: Unknown, stated: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    pub fn increase_to_default(&self, unknown: Unknown, stated: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         (self.value < NARROW_FRACTION * self.default).then(|| match unknown {
             Unknown::AxisHeight => axis_height_covariance(self.default) - axis_height_covariance(self.value),
             _ => stated * ((self.default / self.value).powi(2) - 1.0),
         })
     }
-}
-
-/// Remarks on stated widths that are much narrower than the default and on which the tip deflection depends: the images
-/// do not replace them.
-pub fn decisive_width_remarks(
-    outcome: &FrameOutcome,
-    budget: Option<&VarianceBudget>,
-    stayed: bool,
-    widened: &WidenedPriors,
-) -> Vec<String> {
-    let setup = outcome.solved.input.setup;
-    let Some(budget) = budget.filter(|_| setup.uncertainty.has_flight_effects()) else { return vec![] };
-    let remark = |unknown: Unknown| {
-        let width = StatedWidth::of_unknown(setup, unknown, stayed);
-        let (tip, more) = tip_variance(outcome, budget, unknown, &width)?;
-        let [stated, usual] = [tip, tip + more].map(|variance| 1e3 * outcome.scale() * variance.sqrt());
-        (widened.increase(unknown) == 0.0 && usual > SENSITIVE_RATIO * stated).then(|| {
-            let StatedWidth { key, unit, value, default } = width;
-            format!(
-                "{key} = {value} {DECISIVE}: with the default of {default} {unit} the tip deflection has a standard \
-                 deviation of {} mm, not {} mm. Make sure of it, or leave the key out",
-                two_digits(usual),
-                two_digits(stated),
-            )
-        })
-    };
-    TESTED.into_iter().filter_map(remark).collect()
-}
-
-/// Words of the remark on a width that decides a result.
-const DECISIVE: &str = "decides this result and the images do not test it";
-
-/// Variance of the tip deflection of a budget, a priori, and what the default of an unknown's width would add to it, m^2, to
-/// first order; `None` if the stated width is not narrow.
-fn tip_variance(
-    outcome: &FrameOutcome,
-    budget: &VarianceBudget,
-    unknown: Unknown,
-    width: &StatedWidth,
-) -> Option<(f64, f64)> {
-    let SolvedGroup { problem, fit, group, .. } = outcome.solved;
-    let gradient = outcome.deflection_gradient(budget.marker, budget.reference);
-    let (mut tip, mut more) = (0.0, None);
-    for prior in problem.priors.iter().filter(|prior| prior.name.unknown == unknown.name()) {
-        let increase = width.increase_to_default(unknown, &prior.covariance)?;
-        let covariance = fit.function_covariance(group, &gradient.with_parameters(&prior.columns));
-        let n = prior.columns.len();
-        // The weight that the default takes from the prior, inverted.
-        let taken = &prior.covariance + &prior.covariance * increase.cholesky()?.solve(&prior.covariance);
-        let with_tip = covariance.view((1, 0), (n, 1)).column(0).into_owned();
-        let left = (taken - covariance.view((1, 1), (n, n))).cholesky()?;
-        tip = covariance[(0, 0)];
-        *more.get_or_insert(0.0) += with_tip.dot(&left.solve(&with_tip));
-    }
-    Some((tip, more?))
 }
 
 /// Remark that names the stated width that the data contradict most, if one is widened. `stayed`: the camera is stated

@@ -2,8 +2,9 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use crate::adjust::beam::{BeamGrid, BeamSection, Bending, MarkerArm};
+use crate::adjust::beam::{BeamGrid, BeamSection, Bending};
 use crate::adjust::ground::{GroundShape, Station};
+use crate::adjust::marker_arm::MarkerArm;
 use crate::setup::Setup;
 
 /// Number of steps to the curvature of a tip deflection; each reduces the error to 1 %.
@@ -13,7 +14,7 @@ const MAX_PROPORTION_STEPS: usize = 4;
 pub(super) fn bend_markers(setup: &Setup, shape: &GroundShape, tip_deflection_m: f64) -> Vec<Vector3<f64>> {
     let arcs: Vec<f64> = shape.stations.iter().map(|s| s.arc_m).collect();
     let grid = BeamGrid::new(shape, &arcs);
-    let mounts = grid.marker_arms(&shape.stations);
+    let mounts = MarkerArm::all_on_ground(&grid, shape);
     let scale = setup.thermal.map_or(1.0, |t| t.scale());
     let place = |curvature: f64| -> Vec<Vector3<f64>> {
         let sections = grid.bend(&Bending { curvature_per_m: &[curvature], scale, ..Bending::UNBENT });

@@ -123,13 +123,20 @@ fn skin_bulges(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     ))
 }
 
-/// Prior standard deviations of the shapes of in-plane bending at the tip, relative to the first: the first mode, and a part
-/// that is larger outboard.
-const IN_PLANE_RATIOS: [f64; 2] = [1.0, 0.4];
+/// Prior standard deviations of the shapes of in-plane bending at the tip, relative to the first: the first mode, a part that is
+/// larger outboard, and turns at [`IN_PLANE_TURNS`]. Twist inboard of a break that the survey does not show turns what lies
+/// outboard of it: 1 degree of twist and 4 degrees of break 25 mm at a tip 20 m away.
+const IN_PLANE_RATIOS: [f64; 2 + IN_PLANE_TURNS.len()] = [1.0, 0.4, 0.3, 0.3, 0.3, 0.3];
+/// Places at which the axis may turn in the wing's plane, as fractions of the length: joints, engines, breaks of the planform.
+const IN_PLANE_TURNS: [f64; 4] = [0.25, 0.35, 0.5, 0.7];
 
 /// Motion of the section at a fraction of the length by in-plane bending with a displacement of 1 m at the tip.
 fn in_plane_motion(k: usize, eta: f64, length_m: f64) -> SectionMotion {
-    let (deflection, slope) = if k == 0 { first_mode(eta) } else { (eta.powi(4), 4.0 * eta.powi(3)) };
+    let (deflection, slope) = match k.checked_sub(2).and_then(|turn| IN_PLANE_TURNS.get(turn)) {
+        Some(at) => ((eta - at).max(0.0) / (1.0 - at), if eta > *at { 1.0 / (1.0 - at) } else { 0.0 }),
+        None if k == 0 => first_mode(eta),
+        None => (eta.powi(4), 4.0 * eta.powi(3)),
+    };
     let rotation_rad = Vector3::y() * (-slope / length_m);
     SectionMotion { displacement_m: Vector3::z() * deflection, rotation_rad, twist_rad: 0.0 }
 }
