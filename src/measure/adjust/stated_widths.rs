@@ -77,6 +77,7 @@ impl WidenedPriors {
         self.0.is_empty()
     }
 
+    /// Returns the increase of an unknown's variance; 0: it has its stated width.
     pub fn increase(&self, unknown: Unknown) -> f64 {
         self.0.iter().find(|(widened, _)| *widened == unknown).map_or(0.0, |(_, increase)| *increase)
     }
