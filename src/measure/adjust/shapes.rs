@@ -57,7 +57,7 @@ const REFERENCE: TaperedBeam =
 /// Range of the parameters of the beams in the fleet, low and high.
 const FLEET_RANGE: [TaperedBeam; 2] = [
     TaperedBeam { taper: 0.2, root_extension: 0.0, power: 2.5, triangular: 0.0, relief: 0.0, reach: 0.55 },
-    TaperedBeam { taper: 0.45, root_extension: 0.4, power: 4.0, triangular: 1.0, relief: 0.35, reach: 0.85 },
+    TaperedBeam { taper: 0.45, root_extension: 0.35, power: 4.0, triangular: 1.0, relief: 0.35, reach: 0.85 },
 ];
 
 /// Effects that the beams of the fleet do not include (steps in stiffness, engines, stores): standard deviations of the
