@@ -88,7 +88,7 @@ fn setup_without_markers(draft: &LayoutDraft) -> Setup {
         configured_side: Some(draft.side),
         root_offset_m: DEFAULT_ROOT_OFFSET_M.min(0.1 * draft.span_m),
         axis_chord_offset_m: None,
-        breaks_m: vec![],
+        breaks: vec![],
         skin_height: None,
         uncertainty: SetupUncertainty::default_for(draft.span_m),
         thermal: None,

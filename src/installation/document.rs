@@ -6,12 +6,12 @@ use nalgebra::{Vector2, Vector3};
 
 use super::plausible::SpanSkew;
 use super::structure::{self, Structure};
-use super::tables::{self, InstallationDocument, OpticsTable, VibrationTable};
+use super::tables::{self, BreakTable, InstallationDocument, OpticsTable, VibrationTable};
 use super::ties::CadModel;
 use super::{INSTALLATION_FILE, Reader, camera, plausible, survey, ties, window};
 use crate::measure::setup::{
     DEFAULT_REPEATABILITY_PX, Setup, SetupUncertainty, SkinHeight, SurveyMarker, Thermal, TorsionPair, Vibration,
-    Width, WingSide,
+    Width, WingBreak, WingSide,
 };
 
 /// Default standard deviation of the projection centre, each axis, m: a tape measure held at the lens.
@@ -59,7 +59,7 @@ pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
             tables::Side::Blank => None,
         }),
         root_offset_m: document.wing.root_offset_m,
-        breaks_m: document.wing.breaks.iter().flatten().map(|one| one.span_m).collect(),
+        breaks: document.wing.breaks.iter().flatten().map(wing_break).collect(),
         axis_chord_offset_m: document.wing.axis_chord_offset_m,
         skin_height: skin.map(|s| SkinHeight { root_m: s.root, tip_m: s.tip, tip_span_m: s.tip_span_m }),
         uncertainty: SetupUncertainty::DEFAULT,
@@ -115,6 +115,10 @@ fn combine_modes(modes: &[VibrationTable]) -> Vibration {
     let velocity = modes.iter().map(|m| (m.amplitude_m * m.frequency_hz).powi(2)).sum::<f64>().sqrt();
     let frequency_hz = if amplitude > 0.0 { velocity / amplitude } else { 0.0 };
     Vibration { amplitude, frequency_hz, scaled_by_frames: false }
+}
+
+fn wing_break(table: &BreakTable) -> WingBreak {
+    WingBreak { span_m: table.span_m, sweep_rad: table.sweep_deg.map(f64::to_radians) }
 }
 
 fn thermal_from_table(t: &tables::ThermalTable) -> Thermal {
@@ -174,7 +178,9 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &InstallationDocume
         check("wing.vibration.frequency_hz", mode.frequency_hz, 0.0..=1000.0, "Hz");
         check("wing.vibration.amplitude_m", mode.amplitude_m, 0.0..=5.0, "m");
     }
-    wing.breaks.iter().flatten().for_each(|one| check("wing.breaks.span_m", one.span_m, -50.0..=200.0, "m"));
+    let breaks = || wing.breaks.iter().flatten();
+    breaks().for_each(|one| check("wing.breaks.span_m", one.span_m, -50.0..=200.0, "m"));
+    breaks().filter_map(|one| one.sweep_deg).for_each(|v| check("wing.breaks.sweep_deg", v, -30.0..=30.0, "degrees"));
     if let Some(skin) = &wing.skin_height_m {
         check("wing.skin_height_m.root", skin.root, -5.0..=5.0, "m");
         check("wing.skin_height_m.tip", skin.tip, -5.0..=5.0, "m");

@@ -142,8 +142,9 @@ const SKEW_SIGMAS: f64 = 3.0;
 impl SpanSkew {
     /// Returns the angle between line and span; `None` if the markers form no line.
     pub(super) fn of_setup(setup: &Setup) -> Option<Self> {
-        let wing = setup.markers.iter().filter(|m| !m.fixed);
-        let points: Vec<Vector2<f64>> = wing.map(|m| m.position_m.xy()).collect();
+        let along_z = setup.wing_frame().wing_from_survey.inverse() * Vector3::z();
+        let straight = |(k, p): (usize, Vector3<f64>)| setup.markers[k].position_m - along_z * setup.swept_m(p.x);
+        let points: Vec<Vector2<f64>> = setup.wing_markers().into_iter().map(|one| straight(one).xy()).collect();
         let mean = points.iter().sum::<Vector2<f64>>() / points.len().max(1) as f64;
         let moments: Matrix2<f64> = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum();
         let axes = moments.symmetric_eigen();
@@ -195,12 +196,21 @@ const MARKERS_BESIDE_BREAK: usize = 2;
 /// Checks that markers determine the slope on both sides of each stated break of the dihedral.
 fn check_breaks(reader: &mut Reader, file: &Path, setup: &Setup) {
     let (wing, most) = (setup.wing_markers(), MAX_BREAKS);
-    if setup.breaks_m.len() > most {
-        let problem = format!("has {} breaks, at most {most} can be determined", setup.breaks_m.len());
+    if setup.breaks.len() > most {
+        let problem = format!("has {} breaks, at most {most} can be determined", setup.breaks.len());
         reader.fault(file, "wing.breaks", problem, "give the largest ones");
     }
+    if setup.side().is_none() && setup.sweeps().next().is_some() {
+        let problem = "is given, but not on which side the wing is";
+        reader.fault(file, "wing.breaks.sweep_deg", problem, "give wing.side");
+    }
+    if let Some((span_m, _)) = setup.sweeps().find(|(span_m, _)| *span_m <= setup.root_offset_m) {
+        let problem = format!("is {span_m} m, inboard of the bending root at {} m", setup.root_offset_m);
+        let remedy = "leave its sweep_deg out, and give span_direction outboard of it";
+        reader.fault(file, "wing.breaks.span_m", problem, remedy);
+    }
     let mut ends: Vec<f64> =
-        [f64::NEG_INFINITY, f64::INFINITY].into_iter().chain(setup.breaks_m.iter().copied()).collect();
+        [f64::NEG_INFINITY, f64::INFINITY].into_iter().chain(setup.breaks.iter().map(|one| one.span_m)).collect();
     ends.sort_by(f64::total_cmp);
     for (from, to) in ends.iter().zip(ends.iter().skip(1)) {
         let between = wing.iter().filter(|(_, point)| (*from..*to).contains(&point.x)).count();

@@ -81,6 +81,8 @@ impl SectionTable for SurveyTable {
 #[serde(deny_unknown_fields)]
 pub(super) struct BreakTable {
     pub span_m: f64,
+    /// Change of the sweep outboard of it, aft positive.
+    pub sweep_deg: Option<f64>,
 }
 
 /// Entry of `[wing] vibration`.

@@ -11,7 +11,7 @@ use super::tables::{
 };
 use super::{INSTALLATION_FILE, write_camera};
 use crate::measure::setup::{
-    Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Vibration, Width, WingSide, fixed_target,
+    Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Vibration, Width, WingBreak, WingSide, fixed_target,
 };
 use crate::measure::widths::WidthRow;
 
@@ -135,14 +135,15 @@ fn wing_table(setup: &Setup) -> WingTable {
     let skin = |skin: SkinHeight| SkinTable { root: skin.root_m, tip: skin.tip_m, tip_span_m: skin.tip_span_m };
     let Vibration { amplitude, frequency_hz, scaled_by_frames } = setup.uncertainty.vibration;
     let vibrates = !scaled_by_frames && setup.uncertainty[Width::Readout] > 0.0;
+    let break_table =
+        |one: &WingBreak| BreakTable { span_m: one.span_m, sweep_deg: one.sweep_rad.map(f64::to_degrees) };
     WingTable {
         survey: SURVEY_FILE.into(),
         span_direction: setup.span_direction.into(),
         flow_direction: setup.flow_direction.map(Into::into),
         side: setup.configured_side.map(|side| if side == WingSide::Left { Side::Left } else { Side::Right }),
         root_offset_m: setup.root_offset_m,
-        breaks: Some(setup.breaks_m.iter().map(|at| BreakTable { span_m: *at }).collect())
-            .filter(|all: &Vec<_>| !all.is_empty()),
+        breaks: Some(setup.breaks.iter().map(break_table).collect()).filter(|all: &Vec<_>| !all.is_empty()),
         axis_chord_offset_m: setup.axis_chord_offset_m,
         skin_height_m: setup.skin_height.map(skin),
         vibration: vibrates.then(|| vec![VibrationTable { frequency_hz, amplitude_m: amplitude }]),
@@ -206,7 +207,7 @@ mod tests {
 
     #[test]
     fn an_installation_reads_back_as_written() {
-        let setup = Setup { breaks_m: vec![12.5], ..fixture() };
+        let setup = Setup { breaks: vec![WingBreak { span_m: 12.5, sweep_rad: Some(0.015625) }], ..fixture() };
         assert_eq!(read_back(&setup), setup);
     }
 

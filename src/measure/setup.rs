@@ -136,6 +136,15 @@ impl Thermal {
 /// Largest number of breaks of the dihedral: a gull wing with a winglet has two, one more remains.
 pub const MAX_BREAKS: usize = 3;
 
+/// Place at which the bending axis breaks: the survey decides by how much in elevation, the user in plan.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WingBreak {
+    /// Span from the projection centre, m.
+    pub span_m: f64,
+    /// Change of the sweep outboard of it, positive aft, rad; `None`: not stated.
+    pub sweep_rad: Option<f64>,
+}
+
 /// Default standard deviation of the image shift between two mountings, px (paper, section 3.1.3).
 pub const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
 
@@ -242,8 +251,8 @@ pub struct Setup {
     pub configured_side: Option<WingSide>,
     /// Span from the projection centre to the start of the bending, m.
     pub root_offset_m: f64,
-    /// Spans from the projection centre at which the dihedral breaks, m; the survey finds further ones.
-    pub breaks_m: Vec<f64>,
+    /// Stated breaks of the bending axis; the survey finds further ones of the dihedral.
+    pub breaks: Vec<WingBreak>,
     /// Z of the bending axis in the wing frame, m; the markers' mean if not given.
     pub axis_chord_offset_m: Option<f64>,
     /// Height of the skin above the bending axis; 0 if not given.
@@ -285,6 +294,22 @@ impl Setup {
         let z = |k: usize| Some(self.wing_frame().wing_point(&self.markers.get(k)?.position_m).z);
         let aft = z(pair.trailing)? - z(pair.leading)?;
         (aft != 0.0).then_some(if aft > 0.0 { WingSide::Right } else { WingSide::Left })
+    }
+
+    /// Returns the sign of Z of the wing frame towards the tail: 1 on a right wing, and if the side is unknown.
+    pub fn aft_sign(&self) -> f64 {
+        if self.side() == Some(WingSide::Left) { -1.0 } else { 1.0 }
+    }
+
+    /// Returns the stated changes of the sweep: span from the projection centre, m, and angle towards Z of the wing frame, rad.
+    pub fn sweeps(&self) -> impl Iterator<Item = (f64, f64)> {
+        let aft = self.aft_sign();
+        self.breaks.iter().filter_map(move |one| Some((one.span_m, aft * one.sweep_rad?)))
+    }
+
+    /// Returns the distance of the swept axis at a span from that inboard of all stated breaks, along Z of the wing frame, m.
+    pub fn swept_m(&self, span_m: f64) -> f64 {
+        self.sweeps().map(|(from_m, sweep_rad)| sweep_rad.tan() * (span_m - from_m).max(0.0)).sum()
     }
 
     fn side_from_sweep(&self) -> Option<WingSide> {

@@ -52,6 +52,7 @@ unknowns! {
     RootOffset = "root offset", "root" lasting;
     ChordOffset = "chord offset of the bending axis", "chord offset" lasting;
     SpanDirection = "direction of the span", "span direction" lasting;
+    Sweep = "sweep outboard of breaks", "sweep" lasting;
     ThermalScale = "thermal scale", "temperature";
     Survey = "survey", "survey" lasting;
     Vertical = "vertical of the survey", "vertical" lasting;
@@ -161,6 +162,8 @@ widths! {
     /// its standard deviation
     SpanDirection = "wing" "span_direction_sigma_deg", DEGREE, 1.0, max 20.0, laboratory,
         Some("span direction"), [SpanDirection];
+    /// standard deviation of the sweep outboard of the breaks that state `sweep_deg`
+    Sweep = "wing" "sweep_sigma_deg", DEGREE, 1.0, max 20.0, laboratory, None, [Sweep];
     /// standard deviation of the projection centre's shift between two mountings. The largest contribution to a single
     /// frame's deflection; 0 if the camera was not removed since the ground frame
     MountShift = "camera" "mount_shift_m", METRE, 0.002, max 0.5, laboratory,

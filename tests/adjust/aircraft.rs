@@ -264,7 +264,7 @@ pub fn sample_errors(
         set_widths(&mut setup);
         let orientation = aircraft.orientation(&mut rng, NOISE_PX);
         let (mount, shift) = moved_camera(&mut rng, &effects.camera, &setup, set_up);
-        effects.claims.state_in(&mut setup);
+        effects.claims.state_in(&mut setup, &effects.structure, aircraft.truth.length_m());
         let fuel = aircraft.truth.fuel();
         let whens: Vec<WingState> = (0..frames)
             .map(|k| {

@@ -1,7 +1,7 @@
 //! Wings and roots that are built otherwise than a straight, tapered wing clamped at its root, and at which sizes they must be covered
 //! or detected.
 
-use crate::common::beam_truth::{Effects, Structure};
+use crate::common::beam_truth::{Claims, Effects, Structure, normal};
 use crate::effect_kinds::{Kind, kind, sign};
 
 fn built(structure: Structure) -> Effects {
@@ -9,13 +9,17 @@ fn built(structure: Structure) -> Effects {
 }
 
 /// Wings and roots that are built otherwise than a straight, tapered wing clamped at its root.
-pub const BUILDS: [Kind; 13] = [
+pub const BUILDS: [Kind; 14] = [
     kind("plain", 0.0, |_, _| Effects::default()),
     kind("gull, 4 degrees at the engine", 2.0, |r, by| {
         built(Structure { dihedral_break: (0.33, 0.07 * by * sign(r)), ..Structure::default() })
     }),
     kind("sweep breaks by 4 degrees", 2.0, |r, by| {
         built(Structure { plan_break: (0.35, 0.07 * by * sign(r)), ..Structure::default() })
+    }),
+    kind("stated sweep, breaks by 4 degrees", 2.0, |r, by| Effects {
+        claims: Claims { sweep_off_rad: Some(0.0175 * normal(r)), ..Claims::default() },
+        ..built(Structure { plan_break: (0.35, 0.07 * by * sign(r)), ..Structure::default() })
     }),
     kind("chord and stiffness break by 30 %", 2.0, |_, by| {
         built(Structure { chord_break: (0.35, 0.3 * by), ..Structure::default() })

@@ -56,7 +56,7 @@ impl Case {
             configured_side: None,
             root_offset_m: 0.0,
             axis_chord_offset_m: None,
-            breaks_m: vec![],
+            breaks: vec![],
             skin_height: None,
             uncertainty: SetupUncertainty::from_drawings(),
             thermal: None,

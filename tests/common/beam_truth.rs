@@ -183,7 +183,7 @@ impl Truth {
             configured_side: None,
             root_offset_m: 0.55 * wing.structure.size,
             axis_chord_offset_m: Some(0.1),
-            breaks_m: vec![],
+            breaks: vec![],
             skin_height: Some(SkinHeight {
                 root_m: wing.skin_root_m,
                 tip_m: wing.skin_tip_m,

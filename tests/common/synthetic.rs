@@ -373,7 +373,7 @@ fn setup(wing: &Wing, lens: Lens, centre: Vector3<f64>, span: Vector2<f64>, mark
         configured_side: None,
         root_offset_m: wing.root_x,
         axis_chord_offset_m: Some(wing.z_axis),
-        breaks_m: vec![],
+        breaks: vec![],
         skin_height: Some(SkinHeight { root_m: wing.skin_root, tip_m: wing.skin_tip, tip_span_m: wing.length_m }),
         uncertainty: SetupUncertainty::from_drawings(),
         thermal: Some(Thermal {

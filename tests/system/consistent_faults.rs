@@ -25,7 +25,7 @@ const SPAN: &str = "[0.39073113, 0.92050485]";
 /// A file, its change, and the expected message.
 type Fault = (&'static str, fn(&str) -> String, &'static [&'static str]);
 
-const FAULTS: [Fault; 25] = [
+const FAULTS: [Fault; 28] = [
     (
         INSTALLATION,
         |t| t.replace(SPAN, "[-0.39073113, -0.92050485]"),
@@ -43,6 +43,25 @@ const FAULTS: [Fault; 25] = [
         INSTALLATION,
         |t| t.replace("root_offset_m = 0.55", "root_offset_m = 0.55\nbreaks = [{ span_m = 99.0 }]"),
         &["wing.breaks.span_m", "99", "markers"],
+    ),
+    (
+        INSTALLATION,
+        |t| t.replace("root_offset_m = 0.55", "root_offset_m = 0.55\nbreaks = [{ span_m = 12.0, sweep_deg = 45.0 }]"),
+        &["wing.breaks.sweep_deg", "45", "30"],
+    ),
+    (
+        INSTALLATION,
+        |t| t.replace("root_offset_m = 0.55", "root_offset_m = 9.0\nbreaks = [{ span_m = 8.5, sweep_deg = 4.0 }]"),
+        &["wing.breaks.span_m", "8.5", "root"],
+    ),
+    (
+        INSTALLATION,
+        |t| {
+            let sideless = t.split("[[torsion]]").next().unwrap_or_default();
+            sideless
+                .replace("root_offset_m = 0.55", "root_offset_m = 0.55\nbreaks = [{ span_m = 12.0, sweep_deg = 4.0 }]")
+        },
+        &["wing.breaks.sweep_deg", "side", "wing.side"],
     ),
     (INSTALLATION, |t| t.replace("root_offset_m = 0.55", "root_offset_m = 550"), &["wing.root_offset_m", "550"]),
     (

@@ -9,7 +9,7 @@
 
 use nalgebra::Vector3;
 
-use super::ground::{AxisBreak, BendingAxis, GroundShape};
+use super::ground::{BendingAxis, GroundShape};
 use super::shapes::{curvature_integrals, legendre_polynomials};
 use crate::ordering::sort_by_value;
 
@@ -42,6 +42,7 @@ pub const BENDING_FUNCTIONS: usize = MAX_CURVATURE_TERMS + COMPLIANCES;
 type RaiseCoefficients = [f64; RAISE_TERMS];
 type BendingValues = [f64; BENDING_FUNCTIONS];
 type TwistValues = [f64; TWIST_FUNCTIONS];
+type TwistMotions = [SectionMotion; TWIST_FUNCTIONS];
 
 /// Slopes at a fraction of the length per unit of each function of bending, times the length for the curvature terms.
 fn bending_slopes(eta: f64, length_m: f64) -> BendingValues {
@@ -67,18 +68,32 @@ pub fn twist_basis(axis: &BendingAxis, arc_m: f64) -> TwistValues {
     basis
 }
 
-/// Rotation about the chord's normal at an arc length, from the span towards the chord, and displacement along the chord, m,
-/// per unit of each function of the twist: twist inboard of a break of the dihedral carries what lies outboard of it along,
-/// about the inboard axis.
-fn turns_by_twist(axis: &BendingAxis, nose: f64, arc_m: f64) -> [TwistValues; 2] {
-    let mut turns = [[0.0; TWIST_FUNCTIONS]; 2];
-    for AxisBreak { arc_m: at_m, turn_rad } in axis.breaks.iter().filter(|one| one.arc_m < arc_m) {
-        for (k, twist) in twist_basis(axis, *at_m).into_iter().enumerate() {
-            turns[0][k] += nose * turn_rad * twist;
-            turns[1][k] += nose * turn_rad * twist * (arc_m - at_m);
+/// Motion of the section at an arc length per unit of each function of the twist: twist inboard of a break carries what lies
+/// outboard of it along about the inboard axis, to first order in the break.
+fn twist_motions(axis: &BendingAxis, nose: f64, arc_m: f64) -> TwistMotions {
+    let own = twist_basis(axis, arc_m);
+    let mut motions = own.map(|twist_rad| SectionMotion { twist_rad, ..SectionMotion::default() });
+    for (beyond_m, one) in axis.breaks_inboard_of(arc_m) {
+        for ((motion, own), inboard) in motions.iter_mut().zip(own).zip(twist_basis(axis, one.arc_m)) {
+            let (carried, further) = (nose * inboard, nose * (own - inboard));
+            motion.rotation_rad += Vector3::new(0.0, -carried * one.turn_rad, further * one.sweep_rad);
+            motion.displacement_m += Vector3::new(0.0, -one.sweep_rad, one.turn_rad) * (carried * beyond_m);
         }
     }
-    turns
+    motions
+}
+
+/// Twist about the span at an arc length per unit of each function of bending: outboard of a break of the sweep the wing bends
+/// about another chord.
+fn twist_by_bending(axis: &BendingAxis, nose: f64, arc_m: f64) -> BendingValues {
+    let slopes = |arc_m: f64| bending_slopes(arc_m / axis.length_m, axis.length_m);
+    let mut twist = [0.0; BENDING_FUNCTIONS];
+    for (_, one) in axis.breaks_inboard_of(arc_m) {
+        for ((twist, own), inboard) in twist.iter_mut().zip(slopes(arc_m)).zip(slopes(one.arc_m)) {
+            *twist -= nose * one.sweep_rad * (own - inboard);
+        }
+    }
+    twist
 }
 
 /// Computes the twist that a torque causes from the root to a fraction of the length, in arbitrary units.
@@ -103,9 +118,10 @@ struct GridPoint {
     nodes: usize,
     slope_rad: f64,
     bending_slopes: BendingValues,
-    twist: TwistValues,
-    turn: TwistValues,
-    aft_m: TwistValues,
+    twist_by_bending: BendingValues,
+    by_twist: TwistMotions,
+    /// Distance from the straight axis along Z, m.
+    swept_m: f64,
     raises: RaiseCoefficients,
 }
 
@@ -130,16 +146,14 @@ pub struct BeamSection {
     pub slope_rad: f64,
     /// d slope / d functions of bending.
     pub slope_by_bending: BendingValues,
-    /// Twist, nose up positive, rad.
+    /// Twist about the span, nose up positive, rad.
     pub twist_rad: f64,
-    /// d twist / d twist coefficients.
-    pub twist_by_terms: TwistValues,
-    /// Rotation from the span towards the chord, rad.
-    pub turn_rad: f64,
-    /// d turn / d twist coefficients.
-    pub turn_by_terms: TwistValues,
-    /// d axis along the chord / d twist coefficients, m.
-    pub aft_by_terms: TwistValues,
+    /// d twist / d functions of bending.
+    pub twist_by_bending: BendingValues,
+    /// Rotation vector by twist inboard of breaks, wing frame, rad.
+    pub turned_rad: Vector3<f64>,
+    /// d motion / d twist coefficients.
+    pub by_twist: TwistMotions,
     /// Height of the axis on the ground above the surveyed axis, m.
     pub raise_m: f64,
     /// d raise / d height coefficients.
@@ -240,14 +254,13 @@ impl BeamGrid {
                 }
                 from = end;
             }
-            let [turn, aft_m] = turns_by_twist(axis, ground.nose, to);
             grid.points.push(GridPoint {
                 nodes: grid.nodes.len(),
                 slope_rad: axis.slope_rad(to),
                 bending_slopes: slopes(to),
-                twist: twist_basis(axis, to),
-                turn,
-                aft_m,
+                twist_by_bending: twist_by_bending(axis, ground.nose, to),
+                by_twist: twist_motions(axis, ground.nose, to),
+                swept_m: axis.swept_m(to),
                 raises: raises(to),
             });
         }
@@ -338,21 +351,29 @@ impl<'a> AxisIntegrator<'a> {
     fn section_at(&self, stop: &GridPoint) -> BeamSection {
         let bending = self.bending;
         let (mut axis_by_bending, mut slope_by_bending) = (self.by_bending, stop.bending_slopes);
+        let (mut twist_by_bending, mut by_twist) = (stop.twist_by_bending, stop.by_twist);
         fold_compliances(&mut axis_by_bending, bending);
         fold_compliances(&mut slope_by_bending, bending);
-        BeamSection {
-            axis_m: self.axis_m + Vector3::z() * (bending.scale * dot_product(bending.twist_rad, &stop.aft_m)),
+        fold_compliances(&mut twist_by_bending, bending);
+        by_twist.iter_mut().for_each(|by| by.displacement_m *= bending.scale);
+        let mut section = BeamSection {
+            axis_m: self.axis_m + Vector3::z() * (bending.scale * stop.swept_m),
             axis_by_bending,
             slope_rad: stop.slope_rad + dot_product(&self.values, &stop.bending_slopes),
             slope_by_bending,
-            twist_rad: dot_product(bending.twist_rad, &stop.twist),
-            twist_by_terms: stop.twist,
-            turn_rad: dot_product(bending.twist_rad, &stop.turn),
-            turn_by_terms: stop.turn,
-            aft_by_terms: stop.aft_m.map(|aft_m| bending.scale * aft_m),
+            twist_rad: dot_product(&self.values, &stop.twist_by_bending),
+            twist_by_bending,
+            turned_rad: Vector3::zeros(),
+            by_twist,
             raise_m: dot_product(&bending.raise_m, &stop.raises),
             raise_by_terms: stop.raises,
             axis_by_raise: self.by_raise,
+        };
+        for (by, twist) in by_twist.iter().zip(bending.twist_rad) {
+            section.axis_m += by.displacement_m * *twist;
+            section.turned_rad += by.rotation_rad * *twist;
+            section.twist_rad += by.twist_rad * twist;
         }
+        section
     }
 }

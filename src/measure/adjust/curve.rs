@@ -52,7 +52,8 @@ impl<'a> AxisCurve<'a> {
     fn motions_between(&self, bent: &[BeamSection], flat: &[BeamSection]) -> Vec<SectionMotion> {
         let motion = |(bent, flat): (&BeamSection, &BeamSection)| SectionMotion {
             displacement_m: bent.axis_m + self.values.root_displacement_m(&(bent.axis_m - self.root_m)) - flat.axis_m,
-            rotation_rad: Vector3::new(0.0, -bent.turn_rad, bent.slope_rad - flat.slope_rad)
+            rotation_rad: bent.turned_rad
+                + Vector3::z() * (bent.slope_rad - flat.slope_rad)
                 + self.values.root_rotation_rad,
             twist_rad: bent.twist_rad,
         };

@@ -12,15 +12,18 @@ use super::beam::{BeamGrid, BeamSection, Bending, SectionMotion};
 use super::ground::{GroundShape, wing_from_section};
 use super::marker_arm::MarkerArm;
 use super::marker_state::{ESTIMATED_DIMENSIONS, MarkerState};
-use crate::setup::{Setup, SetupUncertainty, Width};
+use crate::setup::{Setup, Width};
 
-/// Steps to the neighbouring wings, in the order root offset (m), chord offset (m), span direction (rad); within typical
-/// uncertainties.
-const DIMENSION_STEPS: [f64; ESTIMATED_DIMENSIONS] = [0.05, 0.05, 2e-3];
+/// Steps to the neighbouring wings, in the order root offset (m), chord offset (m), span direction (rad), sweep (rad); within
+/// typical uncertainties.
+const DIMENSION_STEPS: [f64; ESTIMATED_DIMENSIONS] = [0.05, 0.05, 2e-3, 2e-3];
 
-/// Prior standard deviations of the estimated dimensions, in the same order and units as [`DIMENSION_STEPS`].
-pub fn dimension_sigmas(uncertainty: &SetupUncertainty) -> [f64; ESTIMATED_DIMENSIONS] {
-    [Width::RootOffset, Width::ChordOffset, Width::SpanDirection].map(|width| uncertainty[width])
+/// Prior standard deviations of the estimated dimensions, in the same order and units as [`DIMENSION_STEPS`]; 0 for those that
+/// the wing does not have.
+pub fn dimension_sigmas(setup: &Setup) -> [f64; ESTIMATED_DIMENSIONS] {
+    let is_swept = setup.sweeps().next().is_some();
+    let widths = [Width::RootOffset, Width::ChordOffset, Width::SpanDirection, Width::Sweep];
+    widths.map(|width| if width == Width::Sweep && !is_swept { 0.0 } else { setup.uncertainty[width] })
 }
 
 /// A wing that differs from the nominal wing in one estimated dimension.
@@ -46,8 +49,8 @@ impl NeighbourWing {
         trusted: &[bool],
         nominal: &GroundShape,
     ) -> AdjustResult<[Option<Self>; ESTIMATED_DIMENSIONS]> {
-        let sigmas = dimension_sigmas(&setup.uncertainty);
-        let mut all = [None, None, None];
+        let sigmas = dimension_sigmas(setup);
+        let mut all = [const { None }; ESTIMATED_DIMENSIONS];
         for (k, slot) in all.iter_mut().enumerate().filter(|(k, _)| sigmas[*k] > 0.0) {
             *slot = Some(Self::new(setup, trusted, nominal, k)?);
         }
@@ -60,9 +63,17 @@ impl NeighbourWing {
         match which {
             0 => setup.root_offset_m += step,
             1 => setup.axis_chord_offset_m = Some(nominal.axis.root_m.z + step),
-            _ => {
+            2 => {
                 let (sin, cos) = step.sin_cos();
                 setup.span_direction = nalgebra::Matrix2::new(cos, -sin, sin, cos) * setup.span_direction;
+            }
+            // One unknown for the whole wing outboard of the first break.
+            _ => {
+                let aft = setup.aft_sign();
+                let stated = setup.breaks.iter_mut().filter_map(|one| Some((one.span_m, one.sweep_rad.as_mut()?)));
+                if let Some((_, sweep_rad)) = stated.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                    *sweep_rad += aft * step;
+                }
             }
         }
         let ground = GroundShape::with_breaks(&setup, trusted, Some(&nominal.breaks_x_m))?;

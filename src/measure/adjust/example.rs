@@ -34,7 +34,7 @@ pub fn setup() -> Setup {
         configured_side: Some(WingSide::Right),
         root_offset_m: 0.5,
         axis_chord_offset_m: Some(0.1),
-        breaks_m: vec![],
+        breaks: vec![],
         skin_height: Some(SkinHeight { root_m: 0.5, tip_m: 0.1, tip_span_m: 33.0 }),
         uncertainty: SetupUncertainty::from_drawings(),
         thermal: Some(Thermal {

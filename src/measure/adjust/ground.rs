@@ -8,7 +8,7 @@ use self::surface::{SurfaceFrame, SurveySurface, TYPICAL_SURFACE};
 use super::{AdjustError, AdjustResult};
 use crate::estimation::robust;
 use crate::geometry::WingFrame;
-use crate::setup::{Setup, SkinHeight, SurveyMarker, Width, WingSide};
+use crate::setup::{Setup, SkinHeight, SurveyMarker, Width};
 
 /// Number of points in the axis table.
 const AXIS_POINTS: usize = 257;
@@ -24,7 +24,7 @@ pub struct BendingAxis {
     pub root_m: Vector3<f64>,
     /// Arc length from the root to the tip, at which bending moment and curvature end, m.
     pub length_m: f64,
-    /// Breaks of the dihedral.
+    /// Breaks of the dihedral and of the sweep.
     pub breaks: Vec<AxisBreak>,
     arc_m: Vec<f64>,
     x_m: Vec<f64>,
@@ -32,13 +32,15 @@ pub struct BendingAxis {
     slope_rad: Vec<f64>,
 }
 
-/// Break of the dihedral.
+/// Break of the bending axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisBreak {
     /// Arc length from the root, m.
     pub arc_m: f64,
     /// Change of the slope outboard of it, rad.
     pub turn_rad: f64,
+    /// Change of the direction in plan outboard of it, towards Z of the wing frame, rad.
+    pub sweep_rad: f64,
 }
 
 /// Section of one marker.
@@ -88,7 +90,7 @@ impl GroundShape {
     pub fn with_breaks(setup: &Setup, trusted: &[bool], breaks_x_m: Option<&[f64]>) -> AdjustResult<Self> {
         let frame = setup.wing_frame();
         let surveyed: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
-        let (wing, points): (Vec<usize>, Vec<_>) = setup.wing_markers().into_iter().unzip();
+        let (wing, points) = straightened_markers(setup);
         if points.len() < 2 || surveyed.iter().any(|p| !p.iter().all(|v| v.is_finite())) {
             return Err(AdjustError::TooFewMarkers { found: points.len(), needed: 6 });
         }
@@ -104,7 +106,8 @@ impl GroundShape {
             }
             None => SurveySurface::fit_broken(&points, &weights, smooth),
         };
-        let axis = BendingAxis::below_surface(&surface, &points, skin);
+        let mut axis = BendingAxis::below_surface(&surface, &points, skin);
+        axis.add_sweeps(setup);
         let tip_m =
             surface.tip_device_m().map(|(x_m, cant)| (interpolate_table(&axis.x_m, &axis.arc_m, x_m), x_m, cant));
         let station = |(m, p): (&SurveyMarker, &Vector3<f64>)| {
@@ -119,8 +122,15 @@ impl GroundShape {
         let stations = setup.markers.iter().zip(&surveyed).map(station).collect();
         let axis_covariance = surface.height_covariance(axis.length_m);
         let breaks_x_m = surface.frame.breaks_x_m;
-        Ok(Self { frame, axis, stations, axis_covariance, skin_height_sigma_m, nose: nose_sign(setup), breaks_x_m })
+        Ok(Self { frame, axis, stations, axis_covariance, skin_height_sigma_m, nose: setup.aft_sign(), breaks_x_m })
     }
+}
+
+/// Markers on the wing: index in [`Setup::markers`] and position, wing frame, m, with Z from the swept axis instead of a straight
+/// one.
+fn straightened_markers(setup: &Setup) -> (Vec<usize>, Vec<Vector3<f64>>) {
+    let straight = |(k, p): (usize, Vector3<f64>)| (k, p - Vector3::z() * setup.swept_m(p.x));
+    setup.wing_markers().into_iter().map(straight).unzip()
 }
 
 /// Waviness of the skin on top of the survey's noise, m.
@@ -151,11 +161,6 @@ fn skin_height(setup: &Setup, points: &[Vector3<f64>]) -> (SkinHeight, f64) {
     (SkinHeight { root_m: root * reach, tip_m: tip * reach, tip_span_m: reach }, configured.max(sigma * reach))
 }
 
-/// Sign of a nose-up twist. If the side is unknown no twist is reported, and either sign is correct.
-fn nose_sign(setup: &Setup) -> f64 {
-    if setup.side() == Some(WingSide::Left) { -1.0 } else { 1.0 }
-}
-
 impl BendingAxis {
     /// Tabulates the axis below the skin's surface through these points.
     fn below_surface(surface: &SurveySurface, points: &[Vector3<f64>], skin: SkinHeight) -> Self {
@@ -182,11 +187,32 @@ impl BendingAxis {
         let (last_arc, tip_span_m) = (arc_at(last_x), skin.tip_span_m);
         let is_plausible = (1.0..1.25).contains(&(tip_span_m / last_arc));
         // To the second order of the slope.
-        let at_break =
-            |(beyond, slope): (f64, f64)| AxisBreak { arc_m: arc_at(root_x - beyond), turn_rad: slope.atan() };
+        let at_break = |(beyond, slope): (f64, f64)| AxisBreak {
+            arc_m: arc_at(root_x - beyond),
+            turn_rad: slope.atan(),
+            sweep_rad: 0.0,
+        };
         let breaks = surface.wing_breaks(0.0).map(at_break).collect();
         let length_m = if is_plausible { tip_span_m } else { TIP_OVER_LAST_MARKER * last_arc };
         Self { length_m, breaks, ..axis }
+    }
+
+    /// Adds the stated breaks of the sweep. One inboard of the root turns nothing that bends.
+    fn add_sweeps(&mut self, setup: &Setup) {
+        for (span_m, sweep_rad) in setup.sweeps().filter(|(span_m, _)| *span_m > self.root_m.x) {
+            let arc_m = interpolate_table(&self.x_m, &self.arc_m, span_m);
+            self.breaks.push(AxisBreak { arc_m, turn_rad: 0.0, sweep_rad });
+        }
+    }
+
+    /// Breaks inboard of an arc length: each with its distance from it, m.
+    pub fn breaks_inboard_of(&self, arc_m: f64) -> impl Iterator<Item = (f64, &AxisBreak)> {
+        self.breaks.iter().filter(move |one| one.arc_m < arc_m).map(move |one| (arc_m - one.arc_m, one))
+    }
+
+    /// Distance of the swept axis at an arc length from that inboard of all breaks, along Z of the wing frame, m.
+    pub fn swept_m(&self, arc_m: f64) -> f64 {
+        self.breaks_inboard_of(arc_m).map(|(beyond_m, one)| one.sweep_rad * beyond_m).sum()
     }
 
     /// Slope of the axis at an arc length, rad.
@@ -230,7 +256,7 @@ const OUTLIER_SIGMAS: f64 = 6.0;
 /// Finds surveyed points off a smooth skin through the others, the worst first. At most 1/3 of the survey is returned;
 /// beyond that the correct points cannot be identified.
 pub fn find_skin_outliers(setup: &Setup) -> Vec<SkinOutlier> {
-    let (wing, points): (Vec<usize>, Vec<_>) = setup.wing_markers().into_iter().unzip();
+    let (wing, points) = straightened_markers(setup);
     let all = height_weights(setup, &[]);
     let weights: Vec<f64> = wing.iter().map(|k| all[*k]).collect();
     let axis_z = points.iter().map(|p| p.z).sum::<f64>() / points.len().max(1) as f64;

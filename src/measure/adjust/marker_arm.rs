@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::beam::{BeamGrid, BeamSection, Bending};
 use super::ground::{GroundShape, wing_from_section};
+use crate::geometry::cross_matrix;
 
 /// Position of a marker relative to its section, measured on the ground and rigid in flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,8 +28,8 @@ pub struct CarriedMarker {
 pub struct AngleDerivatives {
     pub by_slope: Vector3<f64>,
     pub by_twist: Vector3<f64>,
-    /// By the turn from the span towards the chord.
-    pub by_turn: Vector3<f64>,
+    /// Arm in flight, section axes: a small rotation moves the marker by the cross product with it.
+    pub arm_m: Vector3<f64>,
 }
 
 impl MarkerArm {
@@ -54,12 +55,12 @@ impl MarkerArm {
         let (sin, cos) = (self.nose * section.twist_rad).sin_cos();
         let twist = Matrix3::new(1.0, 0.0, 0.0, 0.0, cos, -sin, 0.0, sin, cos);
         let wing = wing_from_section(section.slope_rad) * scale;
-        let turned = wing * twist - Matrix3::new(0.0, 0.0, scale * section.turn_rad, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let turned = wing * twist + cross_matrix(&section.turned_rad) * scale;
         let a = twist * arm;
         let angles = AngleDerivatives {
             by_slope: wing * Vector3::new(-a.y, a.x, 0.0),
             by_twist: wing * Vector3::new(0.0, -a.z, a.y) * self.nose,
-            by_turn: Vector3::x() * (-scale * arm.z),
+            arm_m: arm * scale,
         };
         let position_m = section.axis_m + turned * arm;
         (CarriedMarker { position_m, by_ground: turned * self.section_from_wing }, angles)

@@ -7,8 +7,8 @@ use super::marker_arm::{CarriedMarker, MarkerArm};
 use crate::geometry::cross_matrix;
 
 /// Number of dimensions that the user can only estimate: root offset (m), chord offset of the axis (m), direction of the
-/// span (rad).
-pub const ESTIMATED_DIMENSIONS: usize = 3;
+/// span (rad), sweep outboard of stated breaks (rad).
+pub const ESTIMATED_DIMENSIONS: usize = 4;
 
 /// d position / d estimated dimensions, per marker.
 pub type DimensionDerivatives = Vec<[Vector3<f64>; ESTIMATED_DIMENSIONS]>;
@@ -62,12 +62,13 @@ impl MarkerState {
         bending: &Bending,
     ) -> Self {
         let (carried, angles) = mount.carry(section, ground_m, bending.scale);
-        let by_bending =
-            std::array::from_fn(|k| section.axis_by_bending[k] + angles.by_slope * section.slope_by_bending[k]);
-        let by_twist = std::array::from_fn(|k| {
-            let turned = angles.by_turn * section.turn_by_terms[k] + Vector3::z() * section.aft_by_terms[k];
-            angles.by_twist * section.twist_by_terms[k] + turned
+        let by_bending = std::array::from_fn(|k| {
+            let twisted = angles.by_twist * section.twist_by_bending[k];
+            section.axis_by_bending[k] + angles.by_slope * section.slope_by_bending[k] + twisted
         });
+        let by_twist = section
+            .by_twist
+            .map(|by| angles.by_twist * by.twist_rad + by.rotation_rad.cross(&angles.arm_m) + by.displacement_m);
         let root_m = grid.root_m() + Vector3::y() * bending.raise_m[0];
         let by_scale = (carried.position_m - root_m - Vector3::y() * bending.root_rise_m()) / bending.scale;
         let up = carried.by_ground * Vector3::y();

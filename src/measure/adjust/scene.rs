@@ -231,7 +231,7 @@ impl WingScene {
 
     /// Bends the wing and its neighbours.
     pub fn bend(&self, bending: &Bending) -> BentWing {
-        let neighbours = [0, 1, 2].map(|k| self.neighbours[k].as_ref().map_or(vec![], |n| n.grid.bend(bending)));
+        let neighbours = self.neighbours.each_ref().map(|n| n.as_ref().map_or(vec![], |n| n.grid.bend(bending)));
         BentWing { sections: self.grid.bend(bending), neighbours }
     }
 

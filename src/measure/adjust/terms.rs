@@ -47,7 +47,7 @@ pub fn allocate_shared_terms(input: &AdjustmentInput, columns: &mut ColumnAlloca
     let axis_height = height.scope;
     placed.push(height);
     let lens = setup.uncertainty.lens.iter().map(camera::interior_orientation);
-    placed.extend(lens.chain(wing::dimension_terms(&setup.uncertainty)).map(|term| columns.allocate_term(term)));
+    placed.extend(lens.chain(wing::dimension_terms(setup)).map(|term| columns.allocate_term(term)));
     let root: Vec<_> = motion::root_motion(&setup.uncertainty).map(|term| columns.allocate_term(term)).collect();
     placed.extend(root.iter().cloned());
     let others = motion::ground_state(input)

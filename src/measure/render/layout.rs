@@ -322,7 +322,7 @@ fn setup_without_markers(
         }),
         root_offset_m: round_to(wing.root_x_m, 4),
         axis_chord_offset_m: Some(round_to(wing.axis_z_m, 4)),
-        breaks_m: vec![],
+        breaks: vec![],
         skin_height: Some(SkinHeight {
             root_m: round_to(wing.skin_m.root, 4),
             tip_m: round_to(wing.skin_m.tip, 4),

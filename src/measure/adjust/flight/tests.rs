@@ -3,12 +3,13 @@ use nalgebra::{Matrix2, Vector2};
 use super::*;
 use crate::adjust::example::{orientation, setup};
 use crate::adjust::flight::flight_problem::FlightProblem;
-use crate::setup::{SetupUncertainty, Width};
+use crate::setup::{SetupUncertainty, Width, WingBreak};
 use crate::widths::Unknown;
 
 /// Names of the unknowns that have a prior in a flight of one frame.
 fn unknowns_with_prior(uncertainty: SetupUncertainty) -> Vec<&'static str> {
-    let (setup, orientation) = (Setup { uncertainty, ..setup() }, orientation());
+    let breaks = vec![WingBreak { span_m: 9.5, sweep_rad: Some(0.05) }];
+    let (setup, orientation) = (Setup { breaks, uncertainty, ..setup() }, orientation());
     let scene = WingScene::new(&setup, &orientation).unwrap();
     let options = Options::default();
     let input = AdjustmentInput { setup: &setup, orientation: &orientation, scene: &scene, options: &options };

@@ -35,7 +35,7 @@ impl SurfaceFrame {
                 "the outermost marker is {reach:.2} m outboard of the bending root, more than {MIN_REACH_M} m are needed; check span_direction and root_offset_m"
             )));
         }
-        Ok(Self { axis_z, root_x, reach, breaks_x_m: setup.breaks_m.clone() })
+        Ok(Self { axis_z, root_x, reach, breaks_x_m: setup.breaks.iter().map(|one| one.span_m).collect() })
     }
 
     /// Row of the surface's design matrix for one point.

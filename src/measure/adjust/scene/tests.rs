@@ -8,7 +8,7 @@ use super::*;
 use crate::adjust::beam::{Bending, COMPLIANCES, MAX_CURVATURE_TERMS, RAISE_TERMS, twist_basis};
 use crate::adjust::example::{orientation, setup, window};
 use crate::adjust::shapes::curvature_integrals;
-use crate::setup::{Setup, SetupUncertainty};
+use crate::setup::{Setup, SetupUncertainty, WingBreak};
 
 /// Steps of the reference's quadrature: finer than the difference that the tests resolve.
 const STEPS: usize = 16000;
@@ -198,14 +198,18 @@ fn derivatives_through_a_bowed_pane_match_differences() {
 /// Compares a root, an axis and a span that are moved by corrections with a scene built there.
 #[test]
 fn corrected_dimensions_match_a_scene_built_with_them() {
+    let swept =
+        |sweep_rad: f64| Setup { breaks: vec![WingBreak { span_m: 9.5, sweep_rad: Some(sweep_rad) }], ..setup() };
+    let setup = || swept(0.05);
     let free = Setup { uncertainty: SetupUncertainty::DEFAULT, ..setup() };
     let scene = WingScene::new(&free, &orientation()).unwrap();
     let bending = Bending { curvature_per_m: &[4e-3, 1e-3], twist_rad: &[0.03], ..Bending::UNBENT };
     let (sin, cos) = 0.01f64.sin_cos();
     let moved = [
-        ([0.3, 0.0, 0.0], Setup { root_offset_m: 0.8, ..setup() }),
-        ([0.0, 0.3, 0.0], Setup { axis_chord_offset_m: Some(0.4), ..setup() }),
-        ([0.0, 0.0, 0.01], Setup { span_direction: Vector2::new(cos, sin), ..setup() }),
+        ([0.3, 0.0, 0.0, 0.0], Setup { root_offset_m: 0.8, ..setup() }),
+        ([0.0, 0.3, 0.0, 0.0], Setup { axis_chord_offset_m: Some(0.4), ..setup() }),
+        ([0.0, 0.0, 0.01, 0.0], Setup { span_direction: Vector2::new(cos, sin), ..setup() }),
+        ([0.0, 0.0, 0.0, 0.01], swept(0.06)),
     ];
     for (estimated, there) in moved {
         let other = WingScene::new(&there, &orientation()).unwrap();
@@ -260,7 +264,7 @@ fn tilted_values() -> UnknownValues {
         twist_rad: vec![0.03, -0.02],
         raise_m: [0.02, -0.01, 0.0, 0.0],
         compliances: [0.3, -0.4, 0.5, 0.2, -0.6],
-        estimated: [0.1, 0.05, 0.005],
+        estimated: [0.1, 0.05, 0.005, 0.01],
         root_rotation_rad: Vector3::new(1e-2, -2e-2, 1e-2),
         plane_rad: Some(0.03),
         ..UnknownValues::nominal(0.999)
@@ -268,15 +272,15 @@ fn tilted_values() -> UnknownValues {
 }
 
 /// The example's wing whose dihedral breaks by 0.1 at 16.5 m.
-fn gull_wing() -> Setup {
-    let mut gull = Setup { breaks_m: vec![16.5], ..setup() };
+fn gull_wing(sweep_rad: Option<f64>) -> Setup {
+    let mut gull = Setup { breaks: vec![WingBreak { span_m: 16.5, sweep_rad }], ..setup() };
     gull.markers.iter_mut().for_each(|m| m.position_m.z += 0.1 * (m.position_m.x - 16.5).max(0.0));
     gull
 }
 
 #[test]
 fn twist_inboard_of_a_break_carries_the_outboard_part_along() {
-    let scene = WingScene::new(&gull_wing(), &orientation()).unwrap();
+    let scene = WingScene::new(&gull_wing(None), &orientation()).unwrap();
     let flat = scene.grid.bend(&Bending::UNBENT);
     let twisted = scene.grid.bend(&Bending { twist_rad: &[0.02], ..Bending::UNBENT });
     let at = |k: usize| flat[k].axis_m;
@@ -294,7 +298,7 @@ fn twist_inboard_of_a_break_carries_the_outboard_part_along() {
 
 #[test]
 fn derivatives_of_a_tilted_wing_match_differences() {
-    for wing in [setup(), gull_wing()] {
+    for wing in [setup(), gull_wing(None), gull_wing(Some(0.07))] {
         check_derivatives(&Setup { uncertainty: SetupUncertainty::DEFAULT, ..wing });
     }
 }
@@ -332,6 +336,8 @@ fn check_derivatives(setup: &Setup) {
         }
         for k in 0..ESTIMATED_DIMENSIONS {
             close("estimated", state.by_estimated[k], 1e-4, &|v, h| v.estimated[k] += h);
+        }
+        for k in 0..3 {
             let there = |h: f64| at(&values, &(ground + Vector3::ith(k, h))).carried.position_m;
             let by_ground = (there(1e-4) - there(-1e-4)) / 2e-4;
             assert!((by_ground - state.carried.by_ground.column(k)).norm() < 1e-5, "ground {k}: {by_ground}");

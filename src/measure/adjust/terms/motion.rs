@@ -56,7 +56,7 @@ fn markers_on_wing(scene: &WingScene) -> impl Iterator<Item = WingPoint> {
     stations.map(|(marker, s)| WingPoint {
         marker,
         eta: s.arc_m / axis.length_m,
-        arm_m: s.surveyed_m.z - axis.root_m.z,
+        arm_m: s.surveyed_m.z - axis.root_m.z - axis.swept_m(s.arc_m),
     })
 }
 

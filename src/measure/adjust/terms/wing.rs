@@ -12,7 +12,7 @@ use crate::adjust::shapes::shape_covariance;
 use crate::adjust::stated_widths::axis_height_covariance;
 use crate::adjust::term::{ParameterTerm, TermEffect};
 use crate::estimation::Prior;
-use crate::setup::{DEFAULT_SCALE_SIGMA, SetupUncertainty, Thermal};
+use crate::setup::{DEFAULT_SCALE_SIGMA, Setup, SetupUncertainty, Thermal};
 use crate::widths::{Unknown, Width};
 
 /// Coefficients of the curvature, 1/m. If an amplitude is given, their ratios to the first have the prior of beam shapes.
@@ -33,7 +33,7 @@ fn bending_motions(curve: &AxisCurve, function: usize) -> Vec<SectionMotion> {
     let motion = |section: &BeamSection| SectionMotion {
         displacement_m: section.axis_by_bending[function],
         rotation_rad: Vector3::z() * section.slope_by_bending[function],
-        twist_rad: 0.0,
+        twist_rad: section.twist_by_bending[function],
     };
     curve.bent.iter().map(motion).collect()
 }
@@ -78,12 +78,7 @@ const TWIST_DETAIL_SIGMA_RAD: f64 = 0.02;
 
 /// Motions of the sections by one function of the twist.
 fn twist_motions(curve: &AxisCurve, function: usize) -> Vec<SectionMotion> {
-    let motion = |section: &BeamSection| SectionMotion {
-        displacement_m: Vector3::z() * section.aft_by_terms[function],
-        rotation_rad: Vector3::y() * -section.turn_by_terms[function],
-        twist_rad: section.twist_by_terms[function],
-    };
-    curve.bent.iter().map(motion).collect()
+    curve.bent.iter().map(|section| section.by_twist[function]).collect()
 }
 
 /// Coefficients of the twist, rad; they precede the torques.
@@ -161,17 +156,18 @@ pub fn thermal_scale(thermal: Option<&Thermal>) -> Option<ParameterTerm> {
 }
 
 /// Dimensions that the user takes from drawings, without those that are fixed: bending root, chordwise position of the
-/// axis, direction of the span.
-pub fn dimension_terms(uncertainty: &SetupUncertainty) -> impl Iterator<Item = ParameterTerm> {
+/// axis, direction of the span, sweep.
+pub fn dimension_terms(setup: &Setup) -> impl Iterator<Item = ParameterTerm> {
     let all = [
         dimension_term::<0>(Unknown::RootOffset),
         dimension_term::<1>(Unknown::ChordOffset),
         dimension_term::<2>(Unknown::SpanDirection),
+        dimension_term::<3>(Unknown::Sweep),
     ];
     let known = |(term, sigma): (ParameterTerm, f64)| {
         (sigma > 0.0).then(|| ParameterTerm { priors: vec![Prior::scalar(term.unknown, 0, 0.0, sigma)], ..term })
     };
-    all.into_iter().zip(dimension_sigmas(uncertainty)).filter_map(known)
+    all.into_iter().zip(dimension_sigmas(setup)).filter_map(known)
 }
 
 /// Estimated dimension with the index `WHICH` in [`dimension_sigmas`]. Motions are compared with those of a wing with another
@@ -179,7 +175,7 @@ pub fn dimension_terms(uncertainty: &SetupUncertainty) -> impl Iterator<Item = P
 fn dimension_term<const WHICH: usize>(unknown: Unknown) -> ParameterTerm {
     ParameterTerm {
         unknown,
-        missing: "root offset, chord offset or span direction cannot be determined; give their standard deviations in [wing]",
+        missing: "root offset, chord offset, span direction or sweep cannot be determined; give their standard deviations in [wing]",
         size: 1,
         priors: vec![],
         add_values: |x, values| values.estimated[WHICH] += x[0],
