@@ -11,13 +11,16 @@ fn unobservable_effects_are_covered_by_their_priors() {
         ("kink", SetUp::Default, 1.0, 1.3),
         ("root turns", SetUp::Stayed, 5.0, 2.0),
         ("skin bulges", SetUp::Stayed, 6.0, 2.0),
+        ("mount sags", SetUp::Default, 1.0, 1.4),
+        ("mount sags", SetUp::Careful, 2.0, 1.6),
+        ("mount sags", SetUp::Stayed, 1.0, 1.4),
     ];
     for (name, set_up, times, most) in kinds {
-        let kind = KINDS.iter().find(|kind| kind.name.starts_with(name)).unwrap();
+        let kind = KINDS.iter().chain(&CLAIMS).find(|kind| kind.name.starts_with(name)).unwrap();
         let shown = sample_errors(9700, set_up, 5, 24, |rng| (kind.draw)(rng, times)).all;
         let [deflection, ..] = figures(&shown);
         println!("{} times {times}, {set_up:?}: {deflection:.2}", kind.name);
-        assert!(deflection < most, "{} times {times}, {set_up:?}: {deflection:.2}", kind.name);
+        assert!((0.3..most).contains(&deflection), "{} times {times}, {set_up:?}: {deflection:.2}", kind.name);
     }
 }
 

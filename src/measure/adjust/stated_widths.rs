@@ -15,13 +15,14 @@ use crate::widths::{Unknown, Width};
 
 /// Unknowns whose stated widths are tested. The widths of skin and vibrations are estimated from the frames instead; a wrong
 /// scale of the images is a wrong image, and diagnosed as such.
-pub const TESTED: [Unknown; 12] = [
+pub const TESTED: [Unknown; 13] = [
     Unknown::MountingRotation,
     Unknown::MountingShift,
     Unknown::AxisHeight,
     Unknown::RootOffset,
     Unknown::ChordOffset,
     Unknown::SpanDirection,
+    Unknown::Sweep,
     Unknown::GroundBend,
     Unknown::ConstantBend,
     Unknown::RootRotation,
@@ -173,11 +174,21 @@ impl WidthEvidence {
         0.5 * self.directions.iter().map(one).sum::<f64>()
     }
 
+    /// Increase with which the data are most probable, and the logarithm of how much more probable they are.
+    fn best_increase(&self) -> Option<(f64, f64)> {
+        let found = INCREASES.map(|power| 2f64.powi(power)).map(|increase| (increase, self.gain(increase)));
+        found.max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    /// Increase that makes the data more probable than none; 0 without one.
+    pub fn likely_increase(&self) -> f64 {
+        self.best_increase().filter(|(_, gain)| *gain > 0.0).map_or(0.0, |(increase, _)| increase)
+    }
+
     /// Increase that the data ask for, and how much more probable it makes them, as a logarithm; wide increases are less
     /// probable than small ones (a density of 1 over the increase). `None` if the data do not contradict the stated width.
-    pub fn increase(&self) -> Option<(f64, f64)> {
-        let found = INCREASES.map(|power| 2f64.powi(power)).map(|increase| (increase, self.gain(increase)));
-        let best = found.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|_| self.is_contradicted());
+    fn increase(&self) -> Option<(f64, f64)> {
+        let best = self.best_increase().filter(|_| self.is_contradicted());
         best.map(|(increase, gain)| (increase, gain - increase.ln_1p()))
     }
 
@@ -187,7 +198,7 @@ impl WidthEvidence {
     }
 
     /// Probability of so large a residual if the stated width is true.
-    fn probability(&self) -> f64 {
+    pub fn probability(&self) -> f64 {
         let one = |(score, information): &(f64, f64)| {
             score / (information * (1.0 - self.current * information).max(MIN_DETERMINED))
         };

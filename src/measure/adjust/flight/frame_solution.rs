@@ -15,9 +15,6 @@ use crate::estimation::{AttributedInformation, VarianceSources};
 /// Ratio of the estimated to the configured drift from which a remark is added.
 const REMARKED_DRIFT_RATIO: f64 = 3.0;
 
-/// Increase of the pitch's drift variance from which a remark is added: three times the drift of the other axes.
-const REMARKED_PITCH_INCREASE: f64 = 8.0;
-
 /// Builds the result of one frame of a flight: its part of the solution and the observations removed from it or from all
 /// frames. `remarks` come first. A result of the flight method has the parameters that only several frames determine.
 pub fn frame_solution(
@@ -83,11 +80,11 @@ pub fn flight_remarks(flight: &Flight, frame: usize) -> Vec<String> {
                 .into(),
         );
     }
-    if hyperparameters.pitch_drift_increase > REMARKED_PITCH_INCREASE {
+    if hyperparameters.sags {
         remarks.push(format!(
             "the camera's pitch drifted by about {:.2} mrad through the flight, more than camera.mount_drift_mrad allows; the \
              larger drift was used. Check whether the camera mount sags",
-            1e3 * hyperparameters.drift_rad * (12.0 * (1.0 + hyperparameters.pitch_drift_increase)).sqrt()
+            1e3 * hyperparameters.pitch_trend_rad()
         ));
     }
     let configured = mount_drift_rad(flight.input.setup);

@@ -34,6 +34,8 @@ pub struct FlightHyperparameters<'a> {
     pub drift_rad: f64,
     /// Increase of the variance of the pitch's drift that the frames show, in units of `drift_rad` squared: a mount sags.
     pub pitch_drift_increase: f64,
+    /// Whether its trend through the flight is significant.
+    pub sags: bool,
     /// Unknowns of the mounting for each frame; the first three are the rotation including the frame's own part.
     mounting_values: Vec<DVector<f64>>,
     /// Bending and twist of each frame.
@@ -58,6 +60,7 @@ impl<'a> FlightHyperparameters<'a> {
             mountings,
             drift_rad: mount_drift_rad(input.setup),
             pitch_drift_increase: 0.0,
+            sags: false,
             mounting_values: vec![DVector::zeros(3); frames],
             bendings: vec![FrameBending::default(); frames],
         }
@@ -112,6 +115,11 @@ impl<'a> FlightHyperparameters<'a> {
         let frames = self.mounting_values.len();
         let sum: f64 = (0..frames).map(|f| self.frame_rotation_rad(f).norm_squared()).sum();
         (sum / (3 * frames.max(1)) as f64).sqrt()
+    }
+
+    /// Size of the pitch's trend from the first frame to the last, rad.
+    pub fn pitch_trend_rad(&self) -> f64 {
+        self.drift_rad * self.pitch_drift_increase.sqrt()
     }
 
     /// Covariance of a frame's rotation about its mounting's, camera frame, rad^2.

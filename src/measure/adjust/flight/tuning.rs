@@ -25,6 +25,9 @@ const REMOUNT_ALPHA: f64 = 1e-4;
 /// Rotation of a mounting between two frames that is negligible, rad (0.1 px at 8000 px).
 pub const STEADY_ROTATION_RAD: f64 = 1.2e-5;
 
+/// Significance level of the remark on a mount that sags.
+const SAG_ALPHA: f64 = 5e-3;
+
 /// Ratio of the drift to the configured one from which shifts of the image are tried as its cause.
 const SUSPECT_DRIFT_RATIO: f64 = 3.0;
 /// Standard deviation of the image's shift by stabilisation, px: lenses and sensors are moved by 0.1 mm and more.
@@ -154,22 +157,25 @@ impl Flight<'_> {
         let next = before * (omega / redundancy.max(MIN_REDUNDANCY)).sqrt();
         let loosest = mount_repeatability_rad(self.input.setup).max(configured);
         let pitch_before = 1.0 + self.hyperparameters.pitch_drift_increase;
-        self.hyperparameters.pitch_drift_increase = pitch_before * (1.0 + self.pitch_trend_increase(solved)) - 1.0;
+        if let Some((increase, probability)) = self.pitch_trend(solved) {
+            self.hyperparameters.pitch_drift_increase = pitch_before * (1.0 + increase) - 1.0;
+            self.hyperparameters.sags |= probability < SAG_ALPHA;
+        }
         self.hyperparameters.drift_rad = next.clamp(configured, loosest);
         is_settled(before, self.hyperparameters.drift_rad)
             && is_settled(pitch_before, 1.0 + self.hyperparameters.pitch_drift_increase)
     }
 
-    /// Relative increase of the pitch's drift variance that a trend through the flight asks for: a mount sags. Single frames
-    /// hardly separate pitch from bending, their trend does.
-    fn pitch_trend_increase(&self, solved: &SolvedFlight) -> f64 {
+    /// Relative increase of the pitch's drift variance that a trend through the flight makes likely, and the probability of so
+    /// large a trend with the stated drift: a mount sags. Single frames hardly separate pitch from bending, their trend does.
+    fn pitch_trend(&self, solved: &SolvedFlight) -> Option<(f64, f64)> {
         let frames = self.frames.len();
         let pitch = self.input.scene.camera_from_wing * Vector3::z();
         let drift = self.hyperparameters.drift_covariance(&self.input.scene.camera_from_wing);
         let variance = pitch.dot(&(drift * pitch));
         let (mut total, mut own, mut value, mut square) = (DMatrix::zeros(1, solved.fit.global.len()), 0.0, 0.0, 0.0);
         for frame in 0..frames {
-            let Some((gradient, rotation)) = solved.frame_rotation(frame) else { return 0.0 };
+            let (gradient, rotation) = solved.frame_rotation(frame)?;
             let part = solved.fit.propagate(frame, &gradient);
             let weight = frame as f64 / (frames.max(2) - 1) as f64 - 0.5;
             let along = DMatrix::from_row_slice(1, 3, (pitch * weight).as_slice());
@@ -180,7 +186,12 @@ impl Flight<'_> {
         }
         let posterior = own + (&total * &solved.fit.covariance * total.transpose())[0];
         let evidence = WidthEvidence::new(vec![(value * value / variance, square - posterior / variance)], 0.0);
-        evidence.increase().map_or(0.0, |(increase, _)| increase * square / frames as f64)
+        let stated = mount_drift_rad(self.input.setup).powi(2);
+        let share = stated / variance;
+        let of_stated = (value * value * share / variance, share * (square - posterior / variance));
+        let claim = WidthEvidence::new(vec![of_stated], (variance / stated - 1.0) / square);
+        // The square of the whole trend: then the frames at both ends are off by half a standard deviation at most.
+        Some((evidence.likely_increase(), claim.probability()))
     }
 
     /// Takes shifts of the image from frame to frame for the cause of a large drift if no rotation explains the frames as
@@ -202,6 +213,7 @@ impl Flight<'_> {
         let mut shifted = self.clone();
         shifted.prior_scales.stabilised_px = STABILISED_PX;
         (shifted.hyperparameters.drift_rad, shifted.hyperparameters.pitch_drift_increase) = (configured, 0.0);
+        shifted.hyperparameters.sags = false;
         (shifted.usage, shifted.tested_sum) =
             (FlightUsage::all_used(self.frames.len(), self.input.setup.markers.len()), None);
         let Ok(again) = shifted.solve_rough(None) else { return Ok(solved) };
