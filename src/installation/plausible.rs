@@ -171,8 +171,9 @@ impl SpanSkew {
         let Self { outboard, angle_deg, sigma_deg } = self;
         let [dx, dy] = [setup.span_direction.x, setup.span_direction.y];
         let problem = format!("is [{dx}, {dy}], {angle_deg:.0} degrees off the line of the markers (± {sigma_deg:.1})");
+        let swept = if setup.sweeps().next().is_some() { " and wing.breaks.sweep_deg" } else { "" };
         let remedy = format!(
-            "give the direction along the wing from the root to the tip, about [{:.3}, {:.3}], or check the survey's x and y",
+            "give the direction along the wing from the root to the tip, about [{:.3}, {:.3}], or check the survey's x and y{swept}",
             outboard.x, outboard.y
         );
         Fault::new(file, "wing.span_direction", problem, remedy)
