@@ -194,7 +194,8 @@ fn check_root(reader: &mut Reader, file: &Path, setup: &Setup) {
 /// Least number of markers on each side of a stated break, which determine the slope there.
 const MARKERS_BESIDE_BREAK: usize = 2;
 
-/// Checks that markers determine the slope on both sides of each stated break of the dihedral.
+/// Checks that markers determine the slope on both sides of each stated break, and that a stated sweep has a side and lies
+/// outboard of the root.
 fn check_breaks(reader: &mut Reader, file: &Path, setup: &Setup) {
     let (wing, most) = (setup.wing_markers(), MAX_BREAKS);
     if setup.breaks.len() > most {

@@ -212,7 +212,7 @@ impl BendingAxis {
 
     /// Distance of the swept axis at an arc length from that inboard of all breaks, along Z of the wing frame, m.
     pub fn swept_m(&self, arc_m: f64) -> f64 {
-        self.breaks_inboard_of(arc_m).map(|(beyond_m, one)| one.sweep_rad * beyond_m).sum()
+        self.breaks_inboard_of(arc_m).map(|(beyond_m, one)| one.sweep_rad.tan() * beyond_m).sum()
     }
 
     /// Slope of the axis at an arc length, rad.

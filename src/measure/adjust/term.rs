@@ -152,9 +152,10 @@ impl ParameterTerm {
 
     /// Returns whether the values of the model omit the term's effect on the sections, which is linear.
     pub fn is_added_to_sections(&self) -> bool {
-        const DIMENSIONS: [Unknown; 4] =
-            [Unknown::RootOffset, Unknown::ChordOffset, Unknown::SpanDirection, Unknown::Sweep];
-        let is_dimension = DIMENSIONS.contains(&self.unknown);
+        let is_dimension = matches!(
+            self.unknown,
+            Unknown::RootOffset | Unknown::ChordOffset | Unknown::SpanDirection | Unknown::Sweep
+        );
         is_dimension || !matches!(self.effect, TermEffect::Wing { .. })
     }
 

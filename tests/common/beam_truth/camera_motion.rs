@@ -19,7 +19,7 @@ pub struct CameraMotion {
     pub stabilised_px: f64,
 }
 
-/// Quantities that an installation states in its own way.
+/// What an installation states, each by its value or its error; `None`: as the set-up has it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Claims {
     /// Stated repeatability of the mounting, px.

@@ -185,13 +185,12 @@ impl Flight<'_> {
             square += weight * weight;
         }
         let posterior = own + (&total * &solved.fit.covariance * total.transpose())[0];
-        let evidence = WidthEvidence::new(vec![(value * value / variance, square - posterior / variance)], 0.0);
-        let stated = mount_drift_rad(self.input.setup).powi(2);
-        let share = stated / variance;
-        let of_stated = (value * value * share / variance, share * (square - posterior / variance));
-        let claim = WidthEvidence::new(vec![of_stated], (variance / stated - 1.0) / square);
+        let (score, information) = (value * value / variance, square - posterior / variance);
         // The square of the whole trend: then the frames at both ends are off by half a standard deviation at most.
-        Some((evidence.likely_increase(), claim.probability()))
+        let increase = WidthEvidence::new(vec![(score, information)], 0.0).likely_increase();
+        let share = mount_drift_rad(self.input.setup).powi(2) / variance;
+        let stated = WidthEvidence::new(vec![(score * share, information * share)], (1.0 / share - 1.0) / square);
+        Some((increase, stated.probability()))
     }
 
     /// Takes shifts of the image from frame to frame for the cause of a large drift if no rotation explains the frames as
