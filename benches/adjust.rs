@@ -15,7 +15,10 @@ fn adjustments(c: &mut Criterion) {
     let truth = Truth::new(Wing::default(), 21);
     let mount = remounted(&mut rng, &truth.setup);
     let laboratory = truth.surveyed(&mut rng, 0.002, 0.002);
-    let setup = Setup { uncertainty: SetupUncertainty::DEFAULT, ..laboratory.clone() };
+    let setup = Setup {
+        uncertainty: SetupUncertainty::DEFAULT,
+        ..laboratory.clone()
+    };
     let orientation = truth.orientation(&mut rng, 0.05, true);
     let options = Options::default();
     let mut frame = |k: usize, n: usize| -> Vec<Observation> {
@@ -32,8 +35,11 @@ fn adjustments(c: &mut Criterion) {
     c.bench_function("spatial without in-flight effects, 21 markers", |b| {
         b.iter(|| adjust::solve_spatial(&laboratory, &orientation, &one, &options).unwrap())
     });
-    let mut live = LiveAdjustment::new(setup.clone(), orientation.clone(), options.clone()).unwrap();
-    c.bench_function("live, 21 markers", |b| b.iter(|| live.adjust_frame(&one, 0.1).unwrap()));
+    let mut live =
+        LiveAdjustment::new(setup.clone(), orientation.clone(), options.clone()).unwrap();
+    c.bench_function("live, 21 markers", |b| {
+        b.iter(|| live.adjust_frame(&one, 0.1).unwrap())
+    });
     for n in [10, 85] {
         let frames: Vec<_> = (0..n).map(|k| frame(k, n)).collect();
         let mut group = c.benchmark_group("flight");

@@ -15,7 +15,10 @@ fn picture() -> Raster {
         .map(|i| (170 + (i % WIDTH) / 200 + (i.wrapping_mul(2_654_435_761) >> 7) % 4) as u8)
         .collect();
     for k in 0..21 {
-        let (cx, cy) = (500.3 + 500.0 * f64::from(k % 7), 700.6 + 700.0 * f64::from(k / 7));
+        let (cx, cy) = (
+            500.3 + 500.0 * f64::from(k % 7),
+            700.6 + 700.0 * f64::from(k / 7),
+        );
         let (a, b) = (45.0 + 5.0 * f64::from(k), 4.0 + f64::from(k));
         for y in (cy - b - 6.0) as usize..(cy + b + 6.0) as usize {
             for x in (cx - a - 6.0) as usize..(cx + a + 6.0) as usize {
@@ -54,7 +57,9 @@ fn benches(c: &mut Criterion) {
     group.sample_size(20);
     for light in Light::ALL {
         let shot = scene.flight_shot(2.0, light, 17);
-        let frame = scene.render(&shot).unwrap_or_else(|| unreachable!("the frame has a size"));
+        let frame = scene
+            .render(&shot)
+            .unwrap_or_else(|| unreachable!("the frame has a size"));
         group.bench_function(light.name(), |b| b.iter(|| detect(&frame)));
     }
     group.finish();

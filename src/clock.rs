@@ -58,7 +58,13 @@ impl SystemClock {
     pub fn new() -> Self {
         let id = std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
         let id = id.trim();
-        Self { boot_id: if id.is_empty() { "unknown".to_owned() } else { id.to_owned() } }
+        Self {
+            boot_id: if id.is_empty() {
+                "unknown".to_owned()
+            } else {
+                id.to_owned()
+            },
+        }
     }
 }
 
@@ -92,7 +98,10 @@ impl Clock for SystemClock {
 
 fn read_kernel_clock(clock: rustix::time::ClockId) -> Duration {
     let time = rustix::time::clock_gettime(clock);
-    Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
+    Duration::new(
+        u64::try_from(time.tv_sec).unwrap_or(0),
+        u32::try_from(time.tv_nsec).unwrap_or(0),
+    )
 }
 
 /// Returns the machine's time since boot, s, the time base of cameras.
@@ -138,18 +147,29 @@ impl SimulatedClock {
         Self {
             boot_id: start.boot_id.clone(),
             speed_up: speed_up.filter(|factor| factor.is_finite() && *factor > 0.0),
-            state: Mutex::new(SimulatedTime { utc: start.utc, since_boot }),
+            state: Mutex::new(SimulatedTime {
+                utc: start.utc,
+                since_boot,
+            }),
         }
     }
 
     /// Starts 30 s after a boot named `boot_id`, with UTC at `utc`.
     pub fn new(boot_id: &str, utc: jiff::Timestamp, speed_up: Option<f64>) -> Self {
-        let start = Stamp { utc, utc_synchronised: true, boot_id: boot_id.to_owned(), since_boot_s: 30.0 };
+        let start = Stamp {
+            utc,
+            utc_synchronised: true,
+            boot_id: boot_id.to_owned(),
+            since_boot_s: 30.0,
+        };
         Self::starting_at(&start, speed_up)
     }
 
     fn with_time<T>(&self, f: impl FnOnce(&mut SimulatedTime) -> T) -> T {
-        f(&mut self.state.lock().unwrap_or_else(std::sync::PoisonError::into_inner))
+        f(&mut self
+            .state
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner))
     }
 }
 
@@ -173,7 +193,8 @@ impl Clock for SimulatedClock {
     }
 
     fn machine_time(&self, duration: Duration) -> Duration {
-        self.speed_up.map_or(Duration::ZERO, |factor| duration.div_f64(factor))
+        self.speed_up
+            .map_or(Duration::ZERO, |factor| duration.div_f64(factor))
     }
 
     fn advance(&self, duration: Duration) {

@@ -50,7 +50,11 @@ pub struct SolveConfig {
 
 impl Default for SolveConfig {
     fn default() -> Self {
-        Self { method: SolveMethod::default(), curvature_terms: None, deadline: Duration::from_secs(60) }
+        Self {
+            method: SolveMethod::default(),
+            curvature_terms: None,
+            deadline: Duration::from_secs(60),
+        }
     }
 }
 
@@ -72,14 +76,23 @@ impl SolveConfig {
             SolveMethod::Spatial => AdjustmentMethod::Spatial,
             SolveMethod::Profile => AdjustmentMethod::Profile,
         };
-        SolveJob { method, options: Options { curvature_terms: self.curvature_terms, ..Options::default() } }
+        SolveJob {
+            method,
+            options: Options {
+                curvature_terms: self.curvature_terms,
+                ..Options::default()
+            },
+        }
     }
 
     fn faults(&self) -> Vec<KeyFault> {
-        let terms = self.curvature_terms.filter(|n| !(1..=10).contains(n)).map(|terms| {
-            let remedy = "give 1 to 10, or omit it";
-            KeyFault::new("solve.curvature_terms", format!("is {terms}"), remedy)
-        });
+        let terms = self
+            .curvature_terms
+            .filter(|n| !(1..=10).contains(n))
+            .map(|terms| {
+                let remedy = "give 1 to 10, or omit it";
+                KeyFault::new("solve.curvature_terms", format!("is {terms}"), remedy)
+            });
         let deadline = (self.deadline < Duration::from_secs(1)).then(|| {
             let remedy = "give at least \"1s\", or omit it";
             KeyFault::new("solve.deadline", format!("is {:?}", self.deadline), remedy)
@@ -94,11 +107,16 @@ impl SolveConfig {
 /// Returns all errors found, each with its key and remedy.
 pub fn load_configuration(file: &Path) -> Result<Config, Vec<Fault>> {
     let text = read_text(file)?;
-    let mut config: Config = toml::from_str(&text).map_err(|e| vec![syntax_fault(file, &text, &e)])?;
+    let mut config: Config =
+        toml::from_str(&text).map_err(|e| vec![syntax_fault(file, &text, &e)])?;
     let mut faults = config.tilde_faults(file);
     let config = config.with_resolved_paths(file.parent().unwrap_or(Path::new("")));
     faults.extend(config.faults(file));
-    if faults.is_empty() { Ok(config) } else { Err(faults) }
+    if faults.is_empty() {
+        Ok(config)
+    } else {
+        Err(faults)
+    }
 }
 
 /// Reads only the section `[camera]`.
@@ -111,16 +129,32 @@ pub fn load_camera(file: &Path) -> Result<CameraSection, Vec<Fault>> {
         camera: CameraSection,
     }
     let text = read_text(file)?;
-    let mut camera = toml::from_str::<CameraOnly>(&text).map_err(|e| vec![syntax_fault(file, &text, &e)])?.camera;
-    let faults: Vec<Fault> = camera.faults().into_iter().map(|fault| fault.into_fault(file)).collect();
+    let mut camera = toml::from_str::<CameraOnly>(&text)
+        .map_err(|e| vec![syntax_fault(file, &text, &e)])?
+        .camera;
+    let faults: Vec<Fault> = camera
+        .faults()
+        .into_iter()
+        .map(|fault| fault.into_fault(file))
+        .collect();
     resolve_camera(&mut camera, file.parent().unwrap_or(Path::new("")));
-    if faults.is_empty() { Ok(camera) } else { Err(faults) }
+    if faults.is_empty() {
+        Ok(camera)
+    } else {
+        Err(faults)
+    }
 }
 
 fn read_text(file: &Path) -> Result<String, Vec<Fault>> {
     let remedy = "name it with --config; config/wingd.toml is a commented default";
-    let bytes =
-        std::fs::read(file).map_err(|e| vec![Fault::new(file, "file", format!("cannot be read ({e})"), remedy)])?;
+    let bytes = std::fs::read(file).map_err(|e| {
+        vec![Fault::new(
+            file,
+            "file",
+            format!("cannot be read ({e})"),
+            remedy,
+        )]
+    })?;
     decode_text(bytes).map_err(|(problem, remedy)| vec![Fault::new(file, "file", problem, remedy)])
 }
 
@@ -132,7 +166,11 @@ fn resolve_path(folder: &Path, path: &mut PathBuf) {
 
 fn resolve_camera(camera: &mut CameraSection, folder: &Path) {
     if let Some(replay) = camera.replay_mut() {
-        replay.folder.iter_mut().chain(replay.list.iter_mut()).for_each(|path| resolve_path(folder, path));
+        replay
+            .folder
+            .iter_mut()
+            .chain(replay.list.iter_mut())
+            .for_each(|path| resolve_path(folder, path));
     }
 }
 
@@ -140,30 +178,60 @@ impl Config {
     fn with_resolved_paths(mut self, folder: &Path) -> Self {
         resolve_path(folder, &mut self.store.path);
         resolve_path(folder, &mut self.status.socket);
-        let optional = [&mut self.installation, &mut self.power.file, &mut self.store.signing_key];
-        optional.into_iter().flatten().for_each(|path| resolve_path(folder, path));
-        self.live.socket.iter_mut().for_each(|path| resolve_path(folder, path));
-        self.serve.iter_mut().flat_map(ServeConfig::file_paths).for_each(|path| resolve_path(folder, path));
+        let optional = [
+            &mut self.installation,
+            &mut self.power.file,
+            &mut self.store.signing_key,
+        ];
+        optional
+            .into_iter()
+            .flatten()
+            .for_each(|path| resolve_path(folder, path));
+        self.live
+            .socket
+            .iter_mut()
+            .for_each(|path| resolve_path(folder, path));
+        self.serve
+            .iter_mut()
+            .flat_map(ServeConfig::file_paths)
+            .for_each(|path| resolve_path(folder, path));
         resolve_camera(&mut self.camera, folder);
         self
     }
 
     /// Reports paths that begin with `~`: only a shell expands it.
     fn tilde_faults(&mut self, file: &Path) -> Vec<Fault> {
-        let mut paths = vec![("store.path", &self.store.path), ("status.socket", &self.status.socket)];
+        let mut paths = vec![
+            ("store.path", &self.store.path),
+            ("status.socket", &self.status.socket),
+        ];
         paths.extend(self.installation.iter().map(|path| ("installation", path)));
         paths.extend(self.live.socket.iter().map(|path| ("live.socket", path)));
         paths.extend(self.power.file.iter().map(|path| ("power.file", path)));
-        paths.extend(self.store.signing_key.iter().map(|path| ("store.signing_key", path)));
+        paths.extend(
+            self.store
+                .signing_key
+                .iter()
+                .map(|path| ("store.signing_key", path)),
+        );
         if let Some(replay) = self.camera.replay_mut() {
             paths.extend(replay.folder.iter().map(|path| ("camera.folder", path)));
             paths.extend(replay.list.iter().map(|path| ("camera.list", path)));
         }
         let one = |(place, path): (&str, &PathBuf)| {
             let problem = format!("is \"{}\", but only a shell expands ~", path.display());
-            Fault::new(file, place, problem, "write the full path, beginning with /")
+            Fault::new(
+                file,
+                place,
+                problem,
+                "write the full path, beginning with /",
+            )
         };
-        paths.into_iter().filter(|(_, path)| path.starts_with("~")).map(one).collect()
+        paths
+            .into_iter()
+            .filter(|(_, path)| path.starts_with("~"))
+            .map(one)
+            .collect()
     }
 
     fn faults(&self, file: &Path) -> Vec<Fault> {
@@ -174,7 +242,9 @@ impl Config {
         keys.extend(self.live.faults());
         // The recorder works without its page: `wingd check` examines [serve].
         keys.extend(self.solve.faults());
-        keys.into_iter().map(|fault| fault.into_fault(file)).collect()
+        keys.into_iter()
+            .map(|fault| fault.into_fault(file))
+            .collect()
     }
 }
 

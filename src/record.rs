@@ -14,7 +14,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 pub use crate::measure::adjust::{
-    AdjustmentMethod, DeflectionReference, Estimate, GlobalTest, SigmaKind, VarianceComponent, VarianceShare,
+    AdjustmentMethod, DeflectionReference, Estimate, GlobalTest, SigmaKind, VarianceComponent,
+    VarianceShare,
 };
 pub use crate::measure::setup::Shape;
 pub use deflection::Tip;
@@ -44,7 +45,10 @@ mod blank_method {
     use super::AdjustmentMethod;
 
     /// Writes the method, or an empty string.
-    pub fn serialize<S: Serializer>(method: &Option<AdjustmentMethod>, output: S) -> Result<S::Ok, S::Error> {
+    pub fn serialize<S: Serializer>(
+        method: &Option<AdjustmentMethod>,
+        output: S,
+    ) -> Result<S::Ok, S::Error> {
         match method {
             Some(method) => method.serialize(output),
             None => output.serialize_str(""),
@@ -52,15 +56,21 @@ mod blank_method {
     }
 
     /// Reads a method as written by [`serialize`].
-    pub fn deserialize<'de, D: Deserializer<'de>>(input: D) -> Result<Option<AdjustmentMethod>, D::Error> {
+    pub fn deserialize<'de, D: Deserializer<'de>>(
+        input: D,
+    ) -> Result<Option<AdjustmentMethod>, D::Error> {
         let word = String::deserialize(input)?;
-        (!word.is_empty()).then(|| AdjustmentMethod::deserialize(word.into_deserializer())).transpose()
+        (!word.is_empty())
+            .then(|| AdjustmentMethod::deserialize(word.into_deserializer()))
+            .transpose()
     }
 }
 
 /// Formats a JSON value; strings without quotes.
 pub fn json_text(value: &Value) -> String {
-    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+    value
+        .as_str()
+        .map_or_else(|| value.to_string(), str::to_owned)
 }
 
 /// Returns the JSON fields of a part of a record; empty if it is not an object.
@@ -73,7 +83,10 @@ pub fn json_fields(part: &impl Serialize) -> Map<String, Value> {
 
 /// Returns the string that an enum of unit variants is serialized as.
 pub fn variant_name(value: impl Serialize) -> String {
-    serde_json::to_value(value).ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default()
+    serde_json::to_value(value)
+        .ok()
+        .and_then(|value| value.as_str().map(str::to_owned))
+        .unwrap_or_default()
 }
 
 /// Result of one image.
@@ -131,7 +144,11 @@ pub struct ImageRecord {
 impl ImageRecord {
     /// Creates the record of an image without numbers, with the sentence that says what to do.
     pub fn failed(image: &str, reason: impl Into<String>) -> Self {
-        Self { image: image.into(), reason: Some(reason.into()), ..Self::default() }
+        Self {
+            image: image.into(),
+            reason: Some(reason.into()),
+            ..Self::default()
+        }
     }
 
     /// Returns whether the image is solved and the result may be used.

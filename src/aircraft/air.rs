@@ -34,7 +34,10 @@ const MAX_PRESSURE_SIGMAS: f64 = 4.0;
 /// wrong.
 #[must_use]
 pub fn pressure_contradiction(state: &AircraftState) -> Option<String> {
-    let (pressure, altitude) = (state.get(&Quantity::StaticPressureHpa)?, state.get(&Quantity::PressureAltitudeM)?);
+    let (pressure, altitude) = (
+        state.get(&Quantity::StaticPressureHpa)?,
+        state.get(&Quantity::PressureAltitudeM)?,
+    );
     let (expected, slope) = pressure_hpa(altitude.value);
     let sigma = pressure.sigma.hypot(slope * altitude.sigma);
     ((pressure.value - expected).abs() > MAX_PRESSURE_SIGMAS * sigma).then(|| {
@@ -47,7 +50,11 @@ pub fn pressure_contradiction(state: &AircraftState) -> Option<String> {
 
 /// Derives the flight conditions from the aircraft data; a value that they do not have is `None`.
 pub fn flight_conditions(state: &AircraftState) -> FlightConditions {
-    let of = |q: Quantity| state.get(&q).map(|JoinedValue { value, sigma, .. }| (*value, *sigma));
+    let of = |q: Quantity| {
+        state
+            .get(&q)
+            .map(|JoinedValue { value, sigma, .. }| (*value, *sigma))
+    };
     let by_altitude = || {
         let (altitude, sigma) = of(Quantity::PressureAltitudeM)?;
         let (pressure, slope) = pressure_hpa(altitude);
@@ -61,13 +68,23 @@ pub fn flight_conditions(state: &AircraftState) -> FlightConditions {
         let by_mach = kelvin / heating * 2.0 * HALF_GAMMA_LESS_ONE * mach * mach_sigma;
         Some((kelvin - KELVIN, (sigma / heating).hypot(by_mach)))
     });
-    let wing_c = static_c.zip(mach).map(|((static_c, sigma), (mach, mach_sigma))| {
-        let heating = 1.0 + RECOVERY_FACTOR * HALF_GAMMA_LESS_ONE * mach * mach;
-        let kelvin = static_c + KELVIN;
-        let by_mach = kelvin * 2.0 * RECOVERY_FACTOR * HALF_GAMMA_LESS_ONE * mach * mach_sigma;
-        (kelvin * heating - KELVIN, (sigma * heating).hypot(by_mach).hypot(STRUCTURE_SIGMA_K))
-    });
-    let estimate = |pair: Option<(f64, f64)>| pair.map(|(value, sigma)| Estimate { value, sigma: Some(sigma) });
+    let wing_c = static_c
+        .zip(mach)
+        .map(|((static_c, sigma), (mach, mach_sigma))| {
+            let heating = 1.0 + RECOVERY_FACTOR * HALF_GAMMA_LESS_ONE * mach * mach;
+            let kelvin = static_c + KELVIN;
+            let by_mach = kelvin * 2.0 * RECOVERY_FACTOR * HALF_GAMMA_LESS_ONE * mach * mach_sigma;
+            (
+                kelvin * heating - KELVIN,
+                (sigma * heating).hypot(by_mach).hypot(STRUCTURE_SIGMA_K),
+            )
+        });
+    let estimate = |pair: Option<(f64, f64)>| {
+        pair.map(|(value, sigma)| Estimate {
+            value,
+            sigma: Some(sigma),
+        })
+    };
     FlightConditions {
         cabin_pressure_hpa: estimate(of(Quantity::CabinPressureHpa)),
         outside_pressure_hpa: estimate(of(Quantity::StaticPressureHpa).or_else(by_altitude)),
@@ -83,7 +100,17 @@ mod tests {
     fn state(values: &[(Quantity, f64, f64)]) -> AircraftState {
         values
             .iter()
-            .map(|(q, value, sigma)| (*q, JoinedValue { value: *value, sigma: *sigma, apart_s: 0.1, source: 1 }))
+            .map(|(q, value, sigma)| {
+                (
+                    *q,
+                    JoinedValue {
+                        value: *value,
+                        sigma: *sigma,
+                        apart_s: 0.1,
+                        source: 1,
+                    },
+                )
+            })
             .collect()
     }
 
@@ -96,11 +123,16 @@ mod tests {
         ]));
         // ICAO standard atmosphere at flight level 370: 216.6 hPa; 216.65 K.
         let pressure = found.outside_pressure_hpa.unwrap();
-        assert!((pressure.value - 216.6).abs() < 0.1 && (pressure.sigma.unwrap() - 1.02).abs() < 0.02);
+        assert!(
+            (pressure.value - 216.6).abs() < 0.1 && (pressure.sigma.unwrap() - 1.02).abs() < 0.02
+        );
         let outside = found.outside_temperature_c.unwrap();
         assert!((outside.value + 56.5).abs() < 0.1 && (0.4..0.8).contains(&outside.sigma.unwrap()));
         let wing = found.wing_temperature_c.unwrap();
-        assert!((wing.value + 33.0).abs() < 0.3 && (7.0..7.1).contains(&wing.sigma.unwrap()), "{wing:?}");
+        assert!(
+            (wing.value + 33.0).abs() < 0.3 && (7.0..7.1).contains(&wing.sigma.unwrap()),
+            "{wing:?}"
+        );
         assert_eq!(found.cabin_pressure_hpa, None);
     }
 
@@ -108,21 +140,39 @@ mod tests {
     fn a_pressure_of_another_altitude_is_reported() {
         let pressure = |pressure: f64| {
             let altitude = (Quantity::PressureAltitudeM, 10_363.2, 29.0);
-            pressure_contradiction(&state(&[altitude, (Quantity::StaticPressureHpa, pressure, 1.0)]))
+            pressure_contradiction(&state(&[
+                altitude,
+                (Quantity::StaticPressureHpa, pressure, 1.0),
+            ]))
         };
         assert_eq!(pressure(250.0), None);
-        assert!(pressure(300.0).is_some_and(|what| what.contains("300.0 hPa") && what.contains("10363 m: 250.0 hPa")));
-        assert_eq!(pressure_contradiction(&state(&[(Quantity::StaticPressureHpa, 250.0, 1.0)])), None);
+        assert!(
+            pressure(300.0).is_some_and(
+                |what| what.contains("300.0 hPa") && what.contains("10363 m: 250.0 hPa")
+            )
+        );
+        assert_eq!(
+            pressure_contradiction(&state(&[(Quantity::StaticPressureHpa, 250.0, 1.0)])),
+            None
+        );
     }
 
     #[test]
     fn pressure_matches_the_standard_atmosphere() {
-        for (altitude, pressure) in [(0.0, 1013.25), (5000.0, 540.2), (11_000.0, 226.32), (15_000.0, 120.45)] {
+        for (altitude, pressure) in [
+            (0.0, 1013.25),
+            (5000.0, 540.2),
+            (11_000.0, 226.32),
+            (15_000.0, 120.45),
+        ] {
             let (found, slope) = pressure_hpa(altitude);
             assert!((found - pressure).abs() < 0.1, "{altitude}: {found}");
             let numeric = (pressure_hpa(altitude + 1.0).0 - found) / 1.0;
             assert!((slope - numeric).abs() < 1e-3 * slope.abs());
         }
-        assert_eq!(flight_conditions(&AircraftState::new()), FlightConditions::default());
+        assert_eq!(
+            flight_conditions(&AircraftState::new()),
+            FlightConditions::default()
+        );
     }
 }

@@ -32,11 +32,17 @@ impl FlightCondition {
     }
 
     fn parse_one<'a>(words: &mut impl Iterator<Item = &'a str>) -> Result<Self, String> {
-        let mut next = || words.next().ok_or_else(|| format!("the condition is incomplete; {FORM}"));
+        let mut next = || {
+            words
+                .next()
+                .ok_or_else(|| format!("the condition is incomplete; {FORM}"))
+        };
         let name = next()?;
         let (quantity, (scale, offset)) = Quantity::parse_with_unit(name)?;
         let number = |word: &str| {
-            let parsed = word.parse::<f64>().map_err(|_| format!("\"{word}\" is not a number; {FORM}"));
+            let parsed = word
+                .parse::<f64>()
+                .map_err(|_| format!("\"{word}\" is not a number; {FORM}"));
             parsed.map(|number| scale * number + offset)
         };
         let (low, high) = match next()? {
@@ -51,12 +57,18 @@ impl FlightCondition {
             ">" | ">=" => (number(next()?)?, f64::INFINITY),
             other => return Err(format!("\"{other}\" is not understood; {FORM}")),
         };
-        Ok(Self { quantity, low, high })
+        Ok(Self {
+            quantity,
+            low,
+            high,
+        })
     }
 
     /// Returns whether the data of a frame have the quantity, within the range.
     pub fn holds(&self, state: &AircraftState) -> bool {
-        state.get(&self.quantity).is_some_and(|joined| (self.low..=self.high).contains(&joined.value))
+        state
+            .get(&self.quantity)
+            .is_some_and(|joined| (self.low..=self.high).contains(&joined.value))
     }
 }
 
@@ -66,10 +78,17 @@ mod tests {
 
     #[test]
     fn conditions_are_read_or_refused_with_the_word() {
-        let two = FlightCondition::parse_all("mach between 0.78 and 0.80 and weight_kg < 190000").unwrap();
-        assert_eq!((two[0].low, two[0].high, two[1].high), (0.78, 0.8, 190_000.0));
+        let two = FlightCondition::parse_all("mach between 0.78 and 0.80 and weight_kg < 190000")
+            .unwrap();
+        assert_eq!(
+            (two[0].low, two[0].high, two[1].high),
+            (0.78, 0.8, 190_000.0)
+        );
         let tonnes = FlightCondition::parse_all("weight_t < 190").unwrap();
-        assert_eq!((tonnes[0].quantity, tonnes[0].high), (Quantity::WeightKg, 190_000.0));
+        assert_eq!(
+            (tonnes[0].quantity, tonnes[0].high),
+            (Quantity::WeightKg, 190_000.0)
+        );
         for (text, part) in [
             ("match < 1", "there is no quantity \"match\""),
             ("mach less 1", "\"less\" is not understood"),

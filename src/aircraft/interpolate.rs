@@ -34,20 +34,32 @@ pub(super) fn interpolate_at(
     after: impl Iterator<Item = TaggedValue>,
 ) -> Option<Interpolated> {
     let two = |points: &mut dyn Iterator<Item = TaggedValue>| -> Vec<TaggedValue> {
-        points.take_while(|(t, _)| (t - time_s).abs() <= MAX_NEIGHBOUR_S).take(2).collect()
+        points
+            .take_while(|(t, _)| (t - time_s).abs() <= MAX_NEIGHBOUR_S)
+            .take(2)
+            .collect()
     };
     let (before, after) = (two(&mut { before }), two(&mut { after }));
-    let sides = [&before, &after].into_iter().filter_map(|side| side.first());
+    let sides = [&before, &after]
+        .into_iter()
+        .filter_map(|side| side.first());
     let apart_s = sides.map(|(t, _)| (t - time_s).abs()).reduce(f64::min)?;
     if apart_s > MAX_NEAREST_S {
         return None;
     }
     let interpolated = match (before.as_slice(), after.as_slice()) {
-        ([b, ..], [a, ..]) => interpolate_between(quantity, time_s, (*b, *a), (before.get(1), after.get(1))),
-        ([last, rest @ ..], []) | ([], [last, rest @ ..]) => extrapolate(quantity, time_s, *last, rest.first()),
+        ([b, ..], [a, ..]) => {
+            interpolate_between(quantity, time_s, (*b, *a), (before.get(1), after.get(1)))
+        }
+        ([last, rest @ ..], []) | ([], [last, rest @ ..]) => {
+            extrapolate(quantity, time_s, *last, rest.first())
+        }
         ([], []) => return None,
     };
-    Some(Interpolated { apart_s, ..interpolated })
+    Some(Interpolated {
+        apart_s,
+        ..interpolated
+    })
 }
 
 /// Interpolates linearly between the nearest tags.
@@ -60,33 +72,68 @@ fn interpolate_between(
     let motion = quantity.motion();
     let rate = rate_between_tags(b, a);
     let value = b.1 + rate * (time_s - b.0);
-    let triples =
-        [outer.0.map(|far| TagTriple::from_points(*far, b, a)), outer.1.map(|far| TagTriple::from_points(b, a, *far))];
+    let triples = [
+        outer.0.map(|far| TagTriple::from_points(*far, b, a)),
+        outer.1.map(|far| TagTriple::from_points(b, a, *far)),
+    ];
     let triples: Vec<TagTriple> = triples.into_iter().flatten().collect();
-    let bend = triples.iter().map(|c| c.acceleration.abs()).fold(0.0, f64::max).hypot(motion.acceleration);
+    let bend = triples
+        .iter()
+        .map(|c| c.acceleration.abs())
+        .fold(0.0, f64::max)
+        .hypot(motion.acceleration);
     let between = 0.5 * bend * (time_s - b.0) * (a.0 - time_s);
     let most = motion.spread.hypot(a.1 - b.1);
     let allowed = |triple: &TagTriple| {
         CONTRADICTION_LIMITS.0 * quantity.sigma(value)
             + CONTRADICTION_LIMITS.1 * motion.acceleration * triple.deviation_per_acceleration
     };
-    let contradiction = triples.iter().filter(|c| c.deviation > allowed(c)).map(|c| c.deviation).fold(0.0, f64::max);
-    Interpolated { value, rate, sigma: between.min(most).hypot(contradiction), apart_s: 0.0 }
+    let contradiction = triples
+        .iter()
+        .filter(|c| c.deviation > allowed(c))
+        .map(|c| c.deviation)
+        .fold(0.0, f64::max);
+    Interpolated {
+        value,
+        rate,
+        sigma: between.min(most).hypot(contradiction),
+        apart_s: 0.0,
+    }
 }
 
 /// Extends the nearest value, with the possible change since its tag in the standard deviation: from the rate of the tags
 /// before it, or else the typical rate.
-fn extrapolate(quantity: Quantity, time_s: f64, last: TaggedValue, next: Option<&TaggedValue>) -> Interpolated {
+fn extrapolate(
+    quantity: Quantity,
+    time_s: f64,
+    last: TaggedValue,
+    next: Option<&TaggedValue>,
+) -> Interpolated {
     let motion = quantity.motion();
     let apart_s = (time_s - last.0).abs();
-    let (value, most) = (last.1, motion.spread.hypot(next.map_or(0.0, |next| next.1 - last.1)));
+    let (value, most) = (
+        last.1,
+        motion
+            .spread
+            .hypot(next.map_or(0.0, |next| next.1 - last.1)),
+    );
     let Some(next) = next else {
-        return Interpolated { value, rate: motion.rate, sigma: (motion.rate * apart_s).min(most), apart_s };
+        return Interpolated {
+            value,
+            rate: motion.rate,
+            sigma: (motion.rate * apart_s).min(most),
+            apart_s,
+        };
     };
     let rate = rate_between_tags(last, *next);
     // The rate applies to the middle between the two tags.
     let turned = motion.acceleration * apart_s * 0.5 * (apart_s + (next.0 - last.0).abs());
-    Interpolated { value, rate, sigma: (rate * apart_s).hypot(turned.min(most)), apart_s }
+    Interpolated {
+        value,
+        rate,
+        sigma: (rate * apart_s).hypot(turned.min(most)),
+        apart_s,
+    }
 }
 
 fn rate_between_tags(a: TaggedValue, b: TaggedValue) -> f64 {

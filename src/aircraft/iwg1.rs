@@ -26,7 +26,11 @@ pub(super) fn split_records(text: &str) -> Result<(Vec<NumberedLine>, Vec<String
             remarks.extend(check_header_names(number, line));
             continue;
         }
-        let parts = if is_record(line) { split_at_keyword(line) } else { vec![line] };
+        let parts = if is_record(line) {
+            split_at_keyword(line)
+        } else {
+            vec![line]
+        };
         if parts.len() > 1 {
             glued.push(number);
         }
@@ -62,9 +66,13 @@ fn remove_odd_lengths(found: Vec<NumberedLine>) -> (Vec<NumberedLine>, Option<St
     for (_, line) in found.iter().filter(|(_, line)| is_record(line)) {
         *counts.entry(field_count(line)).or_default() += 1;
     }
-    let most_common = counts.into_iter().max_by_key(|(_, count)| *count).map_or(0, |(field_count, _)| field_count);
-    let (kept, other): (Vec<_>, Vec<_>) =
-        found.into_iter().partition(|(_, line)| !is_record(line) || field_count(line) == most_common);
+    let most_common = counts
+        .into_iter()
+        .max_by_key(|(_, count)| *count)
+        .map_or(0, |(field_count, _)| field_count);
+    let (kept, other): (Vec<_>, Vec<_>) = found
+        .into_iter()
+        .partition(|(_, line)| !is_record(line) || field_count(line) == most_common);
     let remark = other.first().map(|(line, _)| {
         let other = other.len();
         format!("omitted: {other} records that do not have {most_common} fields like most, line {line} first")
@@ -76,19 +84,31 @@ fn remove_odd_lengths(found: Vec<NumberedLine>) -> (Vec<NumberedLine>, Option<St
 fn check_header_names(number: u64, header: &str) -> Vec<String> {
     let names: Vec<&str> = header.split(',').map(str::trim).collect();
     let other = |(field, quantity, _, remark): (usize, Quantity, f64, &str)| {
-        let name = names.get(field - 1).filter(|name| !name.to_lowercase().contains(remark))?;
+        let name = names
+            .get(field - 1)
+            .filter(|name| !name.to_lowercase().contains(remark))?;
         let quantity = quantity.name();
-        Some(format!("warning: line {number} names field {field} \"{name}\", which is read as {quantity}"))
+        Some(format!(
+            "warning: line {number} names field {field} \"{name}\", which is read as {quantity}"
+        ))
     };
     IWG1.into_iter().filter_map(other).collect()
 }
 
 /// Splits a line before every keyword.
 fn split_at_keyword(line: &str) -> Vec<&str> {
-    let starts: Vec<usize> = line.match_indices(KEYWORD).map(|(at, _)| at).filter(|at| *at > 0).collect();
+    let starts: Vec<usize> = line
+        .match_indices(KEYWORD)
+        .map(|(at, _)| at)
+        .filter(|at| *at > 0)
+        .collect();
     let ends = starts.iter().copied().chain([line.len()]);
     let begins = [0].into_iter().chain(starts.iter().copied());
-    begins.zip(ends).filter_map(|(from, to)| line.get(from..to)).filter(|part| !part.is_empty()).collect()
+    begins
+        .zip(ends)
+        .filter_map(|(from, to)| line.get(from..to))
+        .filter(|part| !part.is_empty())
+        .collect()
 }
 
 #[cfg(test)]
@@ -99,8 +119,19 @@ mod tests {
     fn headers_are_skipped_and_glued_records_split() {
         let text = "HEADER,TimeStamp\nIWG1,a,1\nIWG1,b,2IWG1,c,3\n\nnoise\n";
         let (lines, remarks) = split_records(text).unwrap();
-        let texts: Vec<(u64, &str)> = lines.iter().map(|(line, text)| (*line, text.as_str())).collect();
-        assert_eq!(texts, [(2, "IWG1,a,1"), (3, "IWG1,b,2"), (3, "IWG1,c,3"), (5, "noise")]);
+        let texts: Vec<(u64, &str)> = lines
+            .iter()
+            .map(|(line, text)| (*line, text.as_str()))
+            .collect();
+        assert_eq!(
+            texts,
+            [
+                (2, "IWG1,a,1"),
+                (3, "IWG1,b,2"),
+                (3, "IWG1,c,3"),
+                (5, "noise")
+            ]
+        );
         assert!(remarks[0].contains("line 3"), "{remarks:?}");
         assert!(super::split_records("a,b\n1,2\n").is_err());
     }

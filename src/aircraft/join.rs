@@ -80,7 +80,10 @@ pub type AircraftState = BTreeMap<Quantity, JoinedValue>;
 impl AircraftTrack {
     /// Begins a source, to which the next lines are added.
     pub fn begin_source(&mut self, number: usize) {
-        self.sources.push(SampleSource { number, samples: vec![] });
+        self.sources.push(SampleSource {
+            number,
+            samples: vec![],
+        });
     }
 
     /// Adds lines of one layout to the current source. If two have the same tag the first counts; the second only fills
@@ -94,7 +97,9 @@ impl AircraftTrack {
         if self.sources.is_empty() {
             self.begin_source(1);
         }
-        let Some(source) = self.sources.last_mut() else { return };
+        let Some(source) = self.sources.last_mut() else {
+            return;
+        };
         for (sample, at) in tagged {
             if !judge.accepts(sample.time_s, at.as_ref()) {
                 self.unused.jumped += 1;
@@ -122,19 +127,30 @@ impl AircraftTrack {
         let clock = exposure.and_then(|e| e.clock_sigma_s);
         if stamp.utc_synchronised || clock.is_some() {
             let utc = exposure.map_or(stamp.utc, |e| e.exposure_time);
-            return Some((unix_seconds(utc), own_sigma_s.hypot(clock.unwrap_or(DEFAULT_CLOCK_SIGMA_S))));
+            return Some((
+                unix_seconds(utc),
+                own_sigma_s.hypot(clock.unwrap_or(DEFAULT_CLOCK_SIGMA_S)),
+            ));
         }
         let since_boot_s = exposure.map_or(stamp.since_boot_s, |e| e.exposure_since_boot_s);
         let lead = self.lead_s.get(&stamp.boot_id)?;
-        Some((since_boot_s + lead + FEED_DELAY_S.0, own_sigma_s.hypot(FEED_DELAY_S.1)))
+        Some((
+            since_boot_s + lead + FEED_DELAY_S.0,
+            own_sigma_s.hypot(FEED_DELAY_S.1),
+        ))
     }
 
     /// Returns the aircraft data at a frame; empty if no tag is near enough.
     pub fn state_at(&self, stamp: &Stamp, exposure: Option<&Exposure>) -> AircraftState {
-        let Some((time_s, sigma_s)) = self.frame_time(stamp, exposure) else { return AircraftState::new() };
+        let Some((time_s, sigma_s)) = self.frame_time(stamp, exposure) else {
+            return AircraftState::new();
+        };
         let latest = |quantity: Quantity| {
             let mut sources = self.sources.iter().rev();
-            Some((quantity, sources.find_map(|source| source.value_at(quantity, time_s, sigma_s))?))
+            Some((
+                quantity,
+                sources.find_map(|source| source.value_at(quantity, time_s, sigma_s))?,
+            ))
         };
         Quantity::ALL.into_iter().filter_map(latest).collect()
     }
@@ -148,8 +164,14 @@ impl AircraftTrack {
 impl SampleSource {
     /// Inserts a sample in order; returns `false` if an earlier one with its tag has all of its values.
     fn insert(&mut self, sample: Sample) -> bool {
-        let place = self.samples.partition_point(|known| known.time_s < sample.time_s);
-        match self.samples.get_mut(place).filter(|known| known.time_s == sample.time_s) {
+        let place = self
+            .samples
+            .partition_point(|known| known.time_s < sample.time_s);
+        match self
+            .samples
+            .get_mut(place)
+            .filter(|known| known.time_s == sample.time_s)
+        {
             Some(known) => {
                 let mut more = false;
                 for (own, other) in known.values.iter_mut().zip(sample.values) {
@@ -169,20 +191,34 @@ impl SampleSource {
     /// tags.
     fn value_at(&self, quantity: Quantity, time_s: f64, sigma_s: f64) -> Option<JoinedValue> {
         let index = quantity.index();
-        let place = self.samples.partition_point(|sample| sample.time_s <= time_s);
-        let value_of = |sample: &Sample| Some((sample.time_s, sample.values.get(index).copied().flatten()?));
+        let place = self
+            .samples
+            .partition_point(|sample| sample.time_s <= time_s);
+        let value_of =
+            |sample: &Sample| Some((sample.time_s, sample.values.get(index).copied().flatten()?));
         let before = self.samples.get(..place)?.iter().rev().filter_map(value_of);
         let after = self.samples.get(place..)?.iter().filter_map(value_of);
         let found = interpolate::interpolate_at(quantity, time_s, before, after)?;
-        let sigma = quantity.sigma(found.value).hypot(found.rate * sigma_s).hypot(found.sigma);
-        Some(JoinedValue { value: found.value, sigma, apart_s: found.apart_s, source: self.number })
+        let sigma = quantity
+            .sigma(found.value)
+            .hypot(found.rate * sigma_s)
+            .hypot(found.sigma);
+        Some(JoinedValue {
+            value: found.value,
+            sigma,
+            apart_s: found.apart_s,
+            source: self.number,
+        })
     }
 }
 
 /// Returns the values of a state by name, for files.
 pub fn state_to_json(state: &AircraftState) -> serde_json::Map<String, serde_json::Value> {
     let one = |(q, joined): (&Quantity, &JoinedValue)| {
-        (q.name().to_owned(), serde_json::to_value(joined).unwrap_or_default())
+        (
+            q.name().to_owned(),
+            serde_json::to_value(joined).unwrap_or_default(),
+        )
     };
     state.iter().map(one).collect()
 }
@@ -197,19 +233,36 @@ mod tests {
 
     fn layout() -> Layout {
         let columns = [(2, Quantity::Mach), (3, Quantity::FuelKg)];
-        let column = |(field, quantity)| QuantityColumn { field, quantity, scale: 1.0, offset: 0.0 };
+        let column = |(field, quantity)| QuantityColumn {
+            field,
+            quantity,
+            scale: 1.0,
+            offset: 0.0,
+        };
         Layout::separated(',', 1, columns.map(column).to_vec())
     }
 
     fn stamp(second: f64, synchronised: bool) -> Stamp {
         let utc = jiff::Timestamp::from_microsecond(((BEGIN_S + second) * 1e6) as i64).unwrap();
-        let utc = if synchronised { utc } else { "1970-01-01T00:01:00Z".parse().unwrap() };
-        Stamp { utc, utc_synchronised: synchronised, boot_id: "b".into(), since_boot_s: 100.0 + second }
+        let utc = if synchronised {
+            utc
+        } else {
+            "1970-01-01T00:01:00Z".parse().unwrap()
+        };
+        Stamp {
+            utc,
+            utc_synchronised: synchronised,
+            boot_id: "b".into(),
+            since_boot_s: 100.0 + second,
+        }
     }
 
     /// Creates a line tagged `tag` that is received `late` seconds later.
     fn line(tag: f64, mach: f64, late: f64) -> ReceivedLine {
-        ReceivedLine { at: Some(stamp(tag + late, true)), line: format!("{},{mach},{}", BEGIN_S + tag, 9000.0 - tag) }
+        ReceivedLine {
+            at: Some(stamp(tag + late, true)),
+            line: format!("{},{mach},{}", BEGIN_S + tag, 9000.0 - tag),
+        }
     }
 
     fn exposure(second: f64) -> Exposure {
@@ -220,23 +273,44 @@ mod tests {
     #[test]
     fn late_bursts_repeats_and_jumps_change_nothing() {
         let mach = |tag: f64| 0.7 + 1e-4 * tag;
-        let smooth: Vec<ReceivedLine> = (0..120).map(|k| line(f64::from(k), mach(f64::from(k)), 0.2)).collect();
-        let mut rough: Vec<ReceivedLine> =
-            (0..120).map(|k| line(f64::from(k), mach(f64::from(k)), 2.0 + f64::from(k % 7))).collect();
+        let smooth: Vec<ReceivedLine> = (0..120)
+            .map(|k| line(f64::from(k), mach(f64::from(k)), 0.2))
+            .collect();
+        let mut rough: Vec<ReceivedLine> = (0..120)
+            .map(|k| line(f64::from(k), mach(f64::from(k)), 2.0 + f64::from(k % 7)))
+            .collect();
         rough.swap(10, 14);
         rough.extend([line(60.0, 0.99, 9.0), line(61.0, 0.98, 9.0)]);
-        let jump = ReceivedLine { at: Some(stamp(50.0, true)), line: format!("{},0.1,1", BEGIN_S + 50.5 - 3600.0) };
+        let jump = ReceivedLine {
+            at: Some(stamp(50.0, true)),
+            line: format!("{},0.1,1", BEGIN_S + 50.5 - 3600.0),
+        };
         rough.insert(50, jump);
-        rough.push(ReceivedLine { at: Some(stamp(90.0, true)), line: "noise".into() });
+        rough.push(ReceivedLine {
+            at: Some(stamp(90.0, true)),
+            line: "noise".into(),
+        });
         let (mut one, mut other) = (AircraftTrack::default(), AircraftTrack::default());
         one.add_lines(&layout(), &smooth);
         other.add_lines(&layout(), &rough);
-        assert_eq!(other.unused, UnusedLines { unread: 1, repeated: 2, jumped: 1 });
+        assert_eq!(
+            other.unused,
+            UnusedLines {
+                unread: 1,
+                repeated: 2,
+                jumped: 1
+            }
+        );
         for second in [0.0, 12.3, 50.5, 60.6, 118.9] {
-            let at = |track: &AircraftTrack| track.state_at(&stamp(second, true), Some(&exposure(second)));
+            let at = |track: &AircraftTrack| {
+                track.state_at(&stamp(second, true), Some(&exposure(second)))
+            };
             assert_eq!(at(&one), at(&other), "{second}");
             let joined = at(&other)[&Quantity::Mach];
-            assert!((joined.value - mach(second)).abs() < 1e-9 && joined.sigma < 0.0051, "{joined:?}");
+            assert!(
+                (joined.value - mach(second)).abs() < 1e-9 && joined.sigma < 0.0051,
+                "{joined:?}"
+            );
         }
     }
 
@@ -245,13 +319,18 @@ mod tests {
         let mut track = AircraftTrack::default();
         track.add_lines(
             &layout(),
-            &(0..10).map(|k| line(f64::from(k), 0.5 + 0.1 * f64::from(k), 1.0)).collect::<Vec<_>>(),
+            &(0..10)
+                .map(|k| line(f64::from(k), 0.5 + 0.1 * f64::from(k), 1.0))
+                .collect::<Vec<_>>(),
         );
         let at = |second: f64| track.state_at(&stamp(second, true), Some(&exposure(second)));
         let held = at(12.0)[&Quantity::Mach];
         assert_eq!((held.value, held.apart_s), (1.4, 3.0));
         // A change of 0.1 per second for 3 s, and its possible acceleration of 0.001 per s^2.
-        assert!((held.sigma - 0.005f64.hypot(0.1 * 3.0).hypot(0.001 * 3.0 * 2.0)).abs() < 1e-6, "{held:?}");
+        assert!(
+            (held.sigma - 0.005f64.hypot(0.1 * 3.0).hypot(0.001 * 3.0 * 2.0)).abs() < 1e-6,
+            "{held:?}"
+        );
         assert!(at(14.5).is_empty() && at(-6.0).is_empty());
     }
 
@@ -263,14 +342,32 @@ mod tests {
         };
         let mut track = AircraftTrack::default();
         track.begin_source(1);
-        track.add_lines(&layout(), &[text(0.0, "0.70", ""), text(10.0, "0.70", ""), text(20.0, "0.70", "9000")]);
+        track.add_lines(
+            &layout(),
+            &[
+                text(0.0, "0.70", ""),
+                text(10.0, "0.70", ""),
+                text(20.0, "0.70", "9000"),
+            ],
+        );
         track.begin_source(3);
-        track.add_lines(&layout(), &[text(0.0, "", "8000"), text(10.0, "0.80", "8000"), text(10.0, "0.81", "1")]);
+        track.add_lines(
+            &layout(),
+            &[
+                text(0.0, "", "8000"),
+                text(10.0, "0.80", "8000"),
+                text(10.0, "0.81", "1"),
+            ],
+        );
         let at = |second: f64| track.state_at(&stamp(second, true), Some(&exposure(second)));
         let found = |second: f64, quantity| at(second).get(&quantity).map(|j| (j.value, j.source));
         assert_eq!(found(0.0, Quantity::Mach), Some((0.70, 1)));
         assert_eq!(found(0.0, Quantity::FuelKg), Some((8000.0, 3)));
-        assert_eq!(found(10.0, Quantity::Mach), Some((0.80, 3)), "the first of two with one tag");
+        assert_eq!(
+            found(10.0, Quantity::Mach),
+            Some((0.80, 3)),
+            "the first of two with one tag"
+        );
         assert_eq!(found(20.0, Quantity::FuelKg), Some((9000.0, 1)));
         assert_eq!((track.len(), track.unused.repeated), (5, 1));
     }

@@ -73,7 +73,10 @@ pub struct Layout {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub missing: Vec<f64>,
     /// Decimal sign.
-    #[serde(default = "default_decimal", skip_serializing_if = "is_default_decimal")]
+    #[serde(
+        default = "default_decimal",
+        skip_serializing_if = "is_default_decimal"
+    )]
     pub decimal: char,
     /// Fields that hold quantities; of two with the same quantity the later counts.
     pub column: Vec<QuantityColumn>,
@@ -118,23 +121,44 @@ pub(super) const IWG1: [(usize, Quantity, f64, &str); 9] = [
 impl Layout {
     /// Creates a layout of separated fields.
     pub fn separated(separator: char, time_field: usize, column: Vec<QuantityColumn>) -> Self {
-        Self { separator, time_field, decimal: default_decimal(), column, ..Self::default() }
+        Self {
+            separator,
+            time_field,
+            decimal: default_decimal(),
+            column,
+            ..Self::default()
+        }
     }
 
     /// Creates the layout of IWG1 with a platform's own fields.
     pub fn iwg1(own: &[QuantityColumn]) -> Self {
-        let fixed = IWG1.map(|(field, quantity, scale, _)| QuantityColumn { field, quantity, scale, offset: 0.0 });
+        let fixed = IWG1.map(|(field, quantity, scale, _)| QuantityColumn {
+            field,
+            quantity,
+            scale,
+            offset: 0.0,
+        });
         let column = fixed.iter().chain(own).copied().collect();
-        Self { begins_with: Some("IWG1".to_owned()), ..Self::separated(',', 2, column) }
+        Self {
+            begins_with: Some("IWG1".to_owned()),
+            ..Self::separated(',', 2, column)
+        }
     }
 
     /// Splits a line into its fields, without quotes and surrounding blanks.
     pub fn fields<'a>(&self, line: &'a str) -> Vec<Cow<'a, str>> {
         let line = line.trim_end_matches(['\r', '\n']);
-        let quoted = if line.contains('"') { parse_rows(line, self.separator).ok() } else { None };
+        let quoted = if line.contains('"') {
+            parse_rows(line, self.separator).ok()
+        } else {
+            None
+        };
         match quoted.and_then(|rows| rows.into_iter().next()) {
             Some(row) => row.cells.into_iter().map(Cow::Owned).collect(),
-            None => line.split(self.separator).map(|field| Cow::Borrowed(field.trim())).collect(),
+            None => line
+                .split(self.separator)
+                .map(|field| Cow::Borrowed(field.trim()))
+                .collect(),
         }
     }
 
@@ -149,15 +173,26 @@ impl Layout {
         if begins.is_some_and(|word| fields.first().is_none_or(|first| first.as_ref() != word)) {
             return None;
         }
-        let date = self.date_field.map_or(Some(self.date), |k| parse_date(field_text(fields, k)?).map(Some))?;
+        let date = self.date_field.map_or(Some(self.date), |k| {
+            parse_date(field_text(fields, k)?).map(Some)
+        })?;
         let zone_s = match self.zone_field {
             Some(k) => zone_seconds(field_text(fields, k)?)?,
             None => self.zone_s.map_or(0.0, f64::from),
         };
-        let time_s = self.time_format.seconds(field_text(fields, self.time_field)?, date, zone_s)?;
-        let mut sample = Sample { time_s, values: [None; QUANTITY_COUNT] };
+        let time_s =
+            self.time_format
+                .seconds(field_text(fields, self.time_field)?, date, zone_s)?;
+        let mut sample = Sample {
+            time_s,
+            values: [None; QUANTITY_COUNT],
+        };
         for column in &self.column {
-            let value = if let Cell::Value(value) = self.cell(fields, column) { Some(value) } else { None };
+            let value = if let Cell::Value(value) = self.cell(fields, column) {
+                Some(value)
+            } else {
+                None
+            };
             sample.values[column.quantity.index()] = value;
         }
         Some(sample)
@@ -178,7 +213,10 @@ impl Layout {
             Ok(number) if self.missing.contains(&number) => Cell::Blank,
             Ok(number) => {
                 let value = column.scale * number + column.offset;
-                column.quantity.plausible(value).map_or(Cell::OutOfRange(value), Cell::Value)
+                column
+                    .quantity
+                    .plausible(value)
+                    .map_or(Cell::OutOfRange(value), Cell::Value)
             }
             Err(_) => Cell::Text,
         }
@@ -187,8 +225,15 @@ impl Layout {
 
 /// Parses an offset from UTC: `-05:00`, or hours.
 fn zone_seconds(text: &str) -> Option<f64> {
-    let hours = || text.parse::<f64>().ok().filter(|h| h.abs() <= 14.0).map(|h| 3600.0 * h);
-    parse_offset(text).map(|offset| f64::from(offset.seconds())).or_else(hours)
+    let hours = || {
+        text.parse::<f64>()
+            .ok()
+            .filter(|h| h.abs() <= 14.0)
+            .map(|h| 3600.0 * h)
+    };
+    parse_offset(text)
+        .map(|offset| f64::from(offset.seconds()))
+        .or_else(hours)
 }
 
 /// Returns a field by its number, from 1.
@@ -213,7 +258,12 @@ mod tests {
 
     #[test]
     fn an_iwg1_line_gives_its_fields_in_our_units() {
-        let own = [QuantityColumn { field: 34, quantity: Quantity::WeightKg, scale: 1.0, offset: 0.0 }];
+        let own = [QuantityColumn {
+            field: 34,
+            quantity: Quantity::WeightKg,
+            scale: 1.0,
+            offset: 0.0,
+        }];
         let sample = Layout::iwg1(&own).read(LINE).unwrap();
         let of = |q: Quantity| sample.values[q.index()];
         assert_eq!(sample.time_s, 1_772_344_800.5);
@@ -222,22 +272,41 @@ mod tests {
         assert_eq!(of(Quantity::StaticTemperatureC), Some(-56.5));
         assert_eq!(of(Quantity::StaticPressureHpa), Some(226.3));
         assert_eq!(of(Quantity::CabinPressureHpa), Some(790.5));
-        assert_eq!((of(Quantity::WeightKg), of(Quantity::FuelKg)), (Some(64_100.0), None));
+        assert_eq!(
+            (of(Quantity::WeightKg), of(Quantity::FuelKg)),
+            (Some(64_100.0), None)
+        );
     }
 
     #[test]
     fn invalid_values_are_none_and_invalid_lines_are_skipped() {
         let layout = Layout::iwg1(&[]);
-        let empty = layout.read("IWG1,20260301T060000,,,,,-9999,,,,,NaN,,,,,,,,,,,,,,\r\n").unwrap();
-        assert_eq!((empty.time_s, empty.values), (1_772_344_800.0, [None; QUANTITY_COUNT]));
-        for bad in ["", "IWG1", "IWG1,yesterday,1,2", "IWG2,2026-03-01T06:00:00,1", "\u{fffd},,,"] {
+        let empty = layout
+            .read("IWG1,20260301T060000,,,,,-9999,,,,,NaN,,,,,,,,,,,,,,\r\n")
+            .unwrap();
+        assert_eq!(
+            (empty.time_s, empty.values),
+            (1_772_344_800.0, [None; QUANTITY_COUNT])
+        );
+        for bad in [
+            "",
+            "IWG1",
+            "IWG1,yesterday,1,2",
+            "IWG2,2026-03-01T06:00:00,1",
+            "\u{fffd},,,",
+        ] {
             assert_eq!(layout.read(bad), None, "{bad}");
         }
     }
 
     #[test]
     fn text_is_read_by_its_columns() {
-        let kelvin = QuantityColumn { field: 3, quantity: Quantity::TotalTemperatureC, scale: 1.0, offset: -273.15 };
+        let kelvin = QuantityColumn {
+            field: 3,
+            quantity: Quantity::TotalTemperatureC,
+            scale: 1.0,
+            offset: -273.15,
+        };
         let layout = Layout::separated(';', 1, vec![kelvin]);
         let sample = layout.read("1772344800.25;x;250.15").unwrap();
         assert_eq!(sample.time_s, 1_772_344_800.25);
@@ -248,17 +317,42 @@ mod tests {
 
     #[test]
     fn quotes_blank_first_cells_and_decimal_commas_are_read() {
-        let mach = QuantityColumn { field: 3, quantity: Quantity::Mach, scale: 1.0, offset: 0.0 };
-        let of = |layout: &Layout, line: &str| layout.read(line).unwrap().values[Quantity::Mach.index()];
+        let mach = QuantityColumn {
+            field: 3,
+            quantity: Quantity::Mach,
+            scale: 1.0,
+            offset: 0.0,
+        };
+        let of =
+            |layout: &Layout, line: &str| layout.read(line).unwrap().values[Quantity::Mach.index()];
         let tabs = Layout::separated('\t', 2, vec![mach]);
         assert_eq!(of(&tabs, "\t1772344800\t0.78\r\n"), Some(0.78));
         let commas = Layout::separated(',', 2, vec![mach]);
-        assert_eq!(of(&commas, "\"climb, flaps\",\"1772344800\",\"0.78\""), Some(0.78));
-        let decimal = Layout { decimal: ',', ..Layout::separated(';', 2, vec![mach]) };
-        assert_eq!((of(&decimal, "x;1772344800;0,78"), of(&decimal, "x;1772344800;0.78")), (Some(0.78), None));
-        assert_eq!(of(&Layout::separated(';', 2, vec![mach]), "x;1772344800;0,78"), None);
+        assert_eq!(
+            of(&commas, "\"climb, flaps\",\"1772344800\",\"0.78\""),
+            Some(0.78)
+        );
+        let decimal = Layout {
+            decimal: ',',
+            ..Layout::separated(';', 2, vec![mach])
+        };
+        assert_eq!(
+            (
+                of(&decimal, "x;1772344800;0,78"),
+                of(&decimal, "x;1772344800;0.78")
+            ),
+            (Some(0.78), None)
+        );
+        assert_eq!(
+            of(&Layout::separated(';', 2, vec![mach]), "x;1772344800;0,78"),
+            None
+        );
         let kept = serde_json::to_value(&commas).unwrap();
-        assert_eq!(kept.as_object().unwrap().len(), 3, "as layouts of older stores: {kept}");
+        assert_eq!(
+            kept.as_object().unwrap().len(),
+            3,
+            "as layouts of older stores: {kept}"
+        );
     }
 
     proptest::proptest! {

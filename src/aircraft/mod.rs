@@ -30,7 +30,9 @@ pub use air::{flight_conditions, pressure_contradiction};
 #[cfg(feature = "desk")]
 pub use condition::FlightCondition;
 pub use interpolate::MAX_NEAREST_S;
-pub use join::{AircraftState, AircraftTrack, JoinedValue, ReceivedLine, UnusedLines, state_to_json};
+pub use join::{
+    AircraftState, AircraftTrack, JoinedValue, ReceivedLine, UnusedLines, state_to_json,
+};
 pub use layout::{Cell, Layout, LineFormat, QuantityColumn, Sample};
 pub use mapping::{MappedColumn, Mapping, StatedOnce, TableFormat};
 pub use table::{AircraftTable, ColumnTally, TableContents};
@@ -116,7 +118,18 @@ const fn traits(
     sigma: (f64, f64),
     (rate, acceleration, spread): (f64, f64, f64),
 ) -> QuantityTraits {
-    QuantityTraits { quantity, name, dimension, range, sigma, motion: Motion { rate, acceleration, spread } }
+    QuantityTraits {
+        quantity,
+        name,
+        dimension,
+        range,
+        sigma,
+        motion: Motion {
+            rate,
+            acceleration,
+            spread,
+        },
+    }
 }
 
 /// Quantities in the order of exports, with name, dimension, range, standard deviation and motion.
@@ -126,23 +139,123 @@ const fn traits(
 /// level-offs of 0.05 g, accelerations of 1 m/s^2 and their effect on temperatures and pressures down to the ground, two
 /// large engines, turns and gusts, flaps and control surfaces in motion.
 static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
-    use Dimension::{Acceleration, Angle, Length, Mass, Percent, Pressure, Pure, Speed, Temperature};
+    use Dimension::{
+        Acceleration, Angle, Length, Mass, Percent, Pressure, Pure, Speed, Temperature,
+    };
     use Quantity::*;
     [
-        traits(Mach, "mach", Pure, 0.0..=3.0, (0.005, 0.0), (0.003, 0.001, 0.1)),
-        traits(PressureAltitudeM, "pressure_altitude_m", Length, -1e3..=3e4, (20.0, 0.002), (15.0, 0.5, 1000.0)),
-        traits(StaticTemperatureC, "static_temperature_c", Temperature, -110.0..=70.0, (1.0, 0.0), (0.1, 0.005, 10.0)),
-        traits(TotalTemperatureC, "total_temperature_c", Temperature, -110.0..=150.0, (0.5, 0.0), (0.3, 0.02, 10.0)),
-        traits(StaticPressureHpa, "static_pressure_hpa", Pressure, 10.0..=1100.0, (1.0, 0.0), (1.5, 0.06, 100.0)),
-        traits(CabinPressureHpa, "cabin_pressure_hpa", Pressure, 300.0..=1200.0, (5.0, 0.0), (0.3, 0.05, 20.0)),
-        traits(WeightKg, "weight_kg", Mass, 100.0..=1e6, (0.0, 0.01), (3.0, 0.3, 300.0)),
-        traits(FuelKg, "fuel_kg", Mass, 0.0..=5e5, (50.0, 0.02), (3.0, 0.3, 300.0)),
-        traits(LoadFactor, "load_factor", Acceleration, -5.0..=10.0, (0.02, 0.0), (0.1, 0.1, 0.2)),
-        traits(FlapDeg, "flap_deg", Angle, -20.0..=90.0, (0.5, 0.0), (2.0, 1.0, 15.0)),
-        traits(AngleOfAttackDeg, "angle_of_attack_deg", Angle, -30.0..=60.0, (0.3, 0.0), (1.0, 1.0, 3.0)),
-        traits(SideslipDeg, "sideslip_deg", Angle, -45.0..=45.0, (0.5, 0.0), (1.0, 1.0, 2.0)),
-        traits(CalibratedAirspeedMS, "calibrated_airspeed_m_s", Speed, 0.0..=600.0, (2.0, 0.0), (1.0, 0.3, 30.0)),
-        traits(TrueAirspeedMS, "true_airspeed_m_s", Speed, 0.0..=1000.0, (2.0, 0.005), (1.0, 0.3, 30.0)),
+        traits(
+            Mach,
+            "mach",
+            Pure,
+            0.0..=3.0,
+            (0.005, 0.0),
+            (0.003, 0.001, 0.1),
+        ),
+        traits(
+            PressureAltitudeM,
+            "pressure_altitude_m",
+            Length,
+            -1e3..=3e4,
+            (20.0, 0.002),
+            (15.0, 0.5, 1000.0),
+        ),
+        traits(
+            StaticTemperatureC,
+            "static_temperature_c",
+            Temperature,
+            -110.0..=70.0,
+            (1.0, 0.0),
+            (0.1, 0.005, 10.0),
+        ),
+        traits(
+            TotalTemperatureC,
+            "total_temperature_c",
+            Temperature,
+            -110.0..=150.0,
+            (0.5, 0.0),
+            (0.3, 0.02, 10.0),
+        ),
+        traits(
+            StaticPressureHpa,
+            "static_pressure_hpa",
+            Pressure,
+            10.0..=1100.0,
+            (1.0, 0.0),
+            (1.5, 0.06, 100.0),
+        ),
+        traits(
+            CabinPressureHpa,
+            "cabin_pressure_hpa",
+            Pressure,
+            300.0..=1200.0,
+            (5.0, 0.0),
+            (0.3, 0.05, 20.0),
+        ),
+        traits(
+            WeightKg,
+            "weight_kg",
+            Mass,
+            100.0..=1e6,
+            (0.0, 0.01),
+            (3.0, 0.3, 300.0),
+        ),
+        traits(
+            FuelKg,
+            "fuel_kg",
+            Mass,
+            0.0..=5e5,
+            (50.0, 0.02),
+            (3.0, 0.3, 300.0),
+        ),
+        traits(
+            LoadFactor,
+            "load_factor",
+            Acceleration,
+            -5.0..=10.0,
+            (0.02, 0.0),
+            (0.1, 0.1, 0.2),
+        ),
+        traits(
+            FlapDeg,
+            "flap_deg",
+            Angle,
+            -20.0..=90.0,
+            (0.5, 0.0),
+            (2.0, 1.0, 15.0),
+        ),
+        traits(
+            AngleOfAttackDeg,
+            "angle_of_attack_deg",
+            Angle,
+            -30.0..=60.0,
+            (0.3, 0.0),
+            (1.0, 1.0, 3.0),
+        ),
+        traits(
+            SideslipDeg,
+            "sideslip_deg",
+            Angle,
+            -45.0..=45.0,
+            (0.5, 0.0),
+            (1.0, 1.0, 2.0),
+        ),
+        traits(
+            CalibratedAirspeedMS,
+            "calibrated_airspeed_m_s",
+            Speed,
+            0.0..=600.0,
+            (2.0, 0.0),
+            (1.0, 0.3, 30.0),
+        ),
+        traits(
+            TrueAirspeedMS,
+            "true_airspeed_m_s",
+            Speed,
+            0.0..=1000.0,
+            (2.0, 0.005),
+            (1.0, 0.3, 30.0),
+        ),
         traits(
             CentreOfGravityPercent,
             "centre_of_gravity_percent",
@@ -151,8 +264,22 @@ static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
             (1.0, 0.0),
             (0.01, 0.01, 2.0),
         ),
-        traits(AileronDeg, "aileron_deg", Angle, -60.0..=60.0, (0.5, 0.0), (10.0, 30.0, 5.0)),
-        traits(SpoilerDeg, "spoiler_deg", Angle, -10.0..=90.0, (0.5, 0.0), (15.0, 30.0, 20.0)),
+        traits(
+            AileronDeg,
+            "aileron_deg",
+            Angle,
+            -60.0..=60.0,
+            (0.5, 0.0),
+            (10.0, 30.0, 5.0),
+        ),
+        traits(
+            SpoilerDeg,
+            "spoiler_deg",
+            Angle,
+            -10.0..=90.0,
+            (0.5, 0.0),
+            (15.0, 30.0, 20.0),
+        ),
     ]
 };
 
@@ -163,7 +290,10 @@ impl Quantity {
         let mut k = 0;
         while k < QUANTITY_COUNT {
             all[k] = QUANTITIES[k].quantity;
-            assert!(all[k] as usize == k, "the rows are in the order of the variants");
+            assert!(
+                all[k] as usize == k,
+                "the rows are in the order of the variants"
+            );
             k += 1;
         }
         all
@@ -186,11 +316,20 @@ impl Quantity {
     pub fn parse_with_unit(name: &str) -> Result<(Self, (f64, f64)), String> {
         let other_unit = |quantity: Self| {
             let (base, unit) = name.rsplit_once('_')?;
-            let (known, _) = quantity.name().rsplit_once('_').filter(|(known, _)| *known == base)?;
-            (!known.is_empty()).then(|| units::find_unit(quantity, unit).conversion()).flatten()
+            let (known, _) = quantity
+                .name()
+                .rsplit_once('_')
+                .filter(|(known, _)| *known == base)?;
+            (!known.is_empty())
+                .then(|| units::find_unit(quantity, unit).conversion())
+                .flatten()
         };
         let matches = |quantity: Self| {
-            let conversion = if quantity.name() == name { Some((1.0, 0.0)) } else { other_unit(quantity) };
+            let conversion = if quantity.name() == name {
+                Some((1.0, 0.0))
+            } else {
+                other_unit(quantity)
+            };
             Some((quantity, conversion?))
         };
         Self::ALL.into_iter().find_map(matches).ok_or_else(|| {

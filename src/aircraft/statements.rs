@@ -19,19 +19,34 @@ pub(super) fn check_units(
 ) -> Result<(), KeyFault> {
     for (named, column) in mapping.column.iter().zip(&layout.column) {
         let name = named.name.as_deref().unwrap_or_default();
-        if let Some(unit) = units::unit_in_brackets(name).or_else(|| units::unit_suffix(named.quantity, name)) {
+        if let Some(unit) =
+            units::unit_in_brackets(name).or_else(|| units::unit_suffix(named.quantity, name))
+        {
             check_unit(named, unit, header.line, remarks)?;
         }
         for row in above {
-            let defined = row.cells.get(1).filter(|_| row.cells.first().is_some_and(|first| first == name));
+            let defined = row
+                .cells
+                .get(1)
+                .filter(|_| row.cells.first().is_some_and(|first| first == name));
             // A row that begins with the name of a column defines that column.
-            let defines = row.cells.first().is_some_and(|first| header.cells.contains(first));
+            let defines = row
+                .cells
+                .first()
+                .is_some_and(|first| header.cells.contains(first));
             let aligned = !defines && row.cells.len() + 1 >= header.cells.len();
             let cell = row.cells.get(column.field - 1).filter(|_| aligned);
             let cell = cell.map(|cell| cell.trim_start_matches('#').trim());
-            let stated = [defined.map(String::as_str), cell, cell.and_then(units::unit_in_brackets)];
+            let stated = [
+                defined.map(String::as_str),
+                cell,
+                cell.and_then(units::unit_in_brackets),
+            ];
             let is_unit = |text: &&str| {
-                !matches!(units::find_unit(named.quantity, text), UnitMeaning::Unknown | UnitMeaning::Absent)
+                !matches!(
+                    units::find_unit(named.quantity, text),
+                    UnitMeaning::Unknown | UnitMeaning::Absent
+                )
             };
             if let Some(unit) = stated.into_iter().flatten().find(is_unit) {
                 check_unit(named, unit, row.line, remarks)?;
@@ -52,14 +67,23 @@ pub(super) fn check_unit(
     let quantity = named.quantity.name();
     match units::find_unit(named.quantity, unit) {
         UnitMeaning::Absent => Ok(()),
-        UnitMeaning::Known(scale, offset) if units::same_conversion(named.conversion(), (scale, offset)) => Ok(()),
+        UnitMeaning::Known(scale, offset)
+            if units::same_conversion(named.conversion(), (scale, offset)) =>
+        {
+            Ok(())
+        }
         UnitMeaning::Unknown => {
-            remarks.push(format!("the unit {unit} of {quantity} is unknown: the mapping's scale is used"));
+            remarks.push(format!(
+                "the unit {unit} of {quantity} is unknown: the mapping's scale is used"
+            ));
             Ok(())
         }
         UnitMeaning::Known(scale, offset) => {
             let (own, own_offset) = named.conversion();
-            let stated = named.unit.as_ref().map_or(String::new(), |unit| format!("unit = \"{unit}\": "));
+            let stated = named
+                .unit
+                .as_ref()
+                .map_or(String::new(), |unit| format!("unit = \"{unit}\": "));
             let problem = format!(
                 "is in {unit}, but the mapping converts it to {quantity} by {stated}scale = {own}, offset = {own_offset}"
             );
@@ -68,16 +92,26 @@ pub(super) fn check_unit(
         }
         UnitMeaning::WrongDimension => {
             let problem = format!("is in {unit}, which is not a unit of {quantity}");
-            Err(KeyFault::on_line(line, name, problem, "name the column of that quantity"))
+            Err(KeyFault::on_line(
+                line,
+                name,
+                problem,
+                "name the column of that quantity",
+            ))
         }
     }
 }
 
 /// Checks a date that the table states, in a column or in its head, against the mapping's.
-pub(super) fn check_date(mapping: &Mapping, (line, column): (u64, &str), stated: Date) -> Result<(), KeyFault> {
+pub(super) fn check_date(
+    mapping: &Mapping,
+    (line, column): (u64, &str),
+    stated: Date,
+) -> Result<(), KeyFault> {
     match &mapping.date {
         Some(StatedOnce::Value(date)) if *date != stated => {
-            let problem = format!("states the date {stated}, but the mapping has date = \"{date}\"");
+            let problem =
+                format!("states the date {stated}, but the mapping has date = \"{date}\"");
             let remedy = match column {
                 "" => format!("write date = \"{stated}\""),
                 column => format!("write date = \"{column}\", the name of the column"),
@@ -89,28 +123,53 @@ pub(super) fn check_date(mapping: &Mapping, (line, column): (u64, &str), stated:
 }
 
 /// Checks a date and a zone in columns of a record that the mapping does not name.
-pub(super) fn check_date_and_zone(mapping: &Mapping, layout: &Layout, header: &Row, row: &Row) -> Result<(), KeyFault> {
-    let local = |zone_s| Layout { zone_s: Some(zone_s), zone_field: None, ..layout.clone() }.sample(&row.cells);
-    let (Some(at_utc), Some(at_zone)) = (local(0), local(3600)) else { return Ok(()) };
-    let taken = [Some(layout.time_field), layout.date_field, layout.zone_field];
+pub(super) fn check_date_and_zone(
+    mapping: &Mapping,
+    layout: &Layout,
+    header: &Row,
+    row: &Row,
+) -> Result<(), KeyFault> {
+    let local = |zone_s| {
+        Layout {
+            zone_s: Some(zone_s),
+            zone_field: None,
+            ..layout.clone()
+        }
+        .sample(&row.cells)
+    };
+    let (Some(at_utc), Some(at_zone)) = (local(0), local(3600)) else {
+        return Ok(());
+    };
+    let taken = [
+        Some(layout.time_field),
+        layout.date_field,
+        layout.zone_field,
+    ];
     for (k, (name, cell)) in header.cells.iter().zip(&row.cells).enumerate() {
-        if taken.contains(&Some(k + 1)) || layout.column.iter().any(|column| column.field == k + 1) {
+        if taken.contains(&Some(k + 1)) || layout.column.iter().any(|column| column.field == k + 1)
+        {
             continue;
         }
         if let Some(date) = parse_date(cell).filter(|_| name.to_lowercase().contains("date")) {
             check_date(mapping, (row.line, name), date)?;
         }
         // A time with a zone of its own does not depend on the column.
-        let zone = parse_offset(cell).filter(|_| cell.starts_with(['+', '-']) && cell.contains(':'));
-        let Some(zone) = zone.filter(|_| at_utc.time_s != at_zone.time_s) else { continue };
+        let zone =
+            parse_offset(cell).filter(|_| cell.starts_with(['+', '-']) && cell.contains(':'));
+        let Some(zone) = zone.filter(|_| at_utc.time_s != at_zone.time_s) else {
+            continue;
+        };
         if layout.zone_field.is_none() && zone.seconds() != layout.zone_s.unwrap_or(0) {
             let used = match &mapping.zone {
-                Some(StatedOnce::Value(zone)) => format!("the mapping has zone = \"{}\"", offset_text(*zone)),
+                Some(StatedOnce::Value(zone)) => {
+                    format!("the mapping has zone = \"{}\"", offset_text(*zone))
+                }
                 _ => "the mapping takes the times as UTC".to_owned(),
             };
             let problem = format!("states the zone {}, but {used}", offset_text(zone));
-            let remedy =
-                format!("write zone = \"{name}\", the name of the column, or delete that column if it is wrong");
+            let remedy = format!(
+                "write zone = \"{name}\", the name of the column, or delete that column if it is wrong"
+            );
             return Err(KeyFault::on_line(row.line, name, problem, remedy));
         }
     }

@@ -46,23 +46,41 @@ impl TagFilter {
     /// Estimates the usable delays of time tags from recorded lines.
     pub fn from_lines(lines: &[(Sample, Option<Stamp>)]) -> Self {
         let mut leads: BTreeMap<String, Vec<f64>> = BTreeMap::new();
-        for (sample, at) in lines.iter().filter_map(|(sample, at)| Some((sample, at.as_ref()?))) {
+        for (sample, at) in lines
+            .iter()
+            .filter_map(|(sample, at)| Some((sample, at.as_ref()?)))
+        {
             if impossible_delay_s(sample.time_s, at).is_none() {
-                leads.entry(at.boot_id.clone()).or_default().push(sample.time_s - at.since_boot_s);
+                leads
+                    .entry(at.boot_id.clone())
+                    .or_default()
+                    .push(sample.time_s - at.since_boot_s);
             }
         }
         let typical = |(boot, all): (String, Vec<f64>)| {
             let lead_s = median(all.clone())?;
             let apart = all.into_iter().map(|lead| (lead - lead_s).abs()).collect();
-            Some((boot, TypicalDelay { lead_s, scatter_s: SIGMA_OVER_MEDIAN * median(apart)? }))
+            Some((
+                boot,
+                TypicalDelay {
+                    lead_s,
+                    scatter_s: SIGMA_OVER_MEDIAN * median(apart)?,
+                },
+            ))
         };
         let boots = leads.into_iter().filter_map(typical).collect();
-        Self { boots, newest_s: BTreeMap::new(), jumped_s: None }
+        Self {
+            boots,
+            newest_s: BTreeMap::new(),
+            jumped_s: None,
+        }
     }
 
     /// Returns the difference between the tags' UTC and the time since boot of receipt, s, by boot.
     pub fn leads_s(&self) -> impl Iterator<Item = (String, f64)> + '_ {
-        self.boots.iter().map(|(boot, typical)| (boot.clone(), typical.lead_s))
+        self.boots
+            .iter()
+            .map(|(boot, typical)| (boot.clone(), typical.lead_s))
     }
 
     /// Returns whether the next line's tag is possible.
@@ -71,12 +89,19 @@ impl TagFilter {
         if impossible_delay_s(time_s, at).is_some() {
             return false;
         }
-        let Some(typical) = self.boots.get(&at.boot_id) else { return true };
+        let Some(typical) = self.boots.get(&at.boot_id) else {
+            return true;
+        };
         let apart_s = time_s - at.since_boot_s - typical.lead_s;
         let far = apart_s.abs() > OUT_OF_ORDER_LIMITS.1 + OUT_OF_ORDER_LIMITS.0 * typical.scatter_s;
         // Lines delayed by a link come late but in order; jumped tags go back, and stay so for a while.
-        let back = self.newest_s.get(&at.boot_id).is_some_and(|newest_s| time_s <= *newest_s);
-        let goes_on = self.jumped_s.is_some_and(|before_s| (apart_s - before_s).abs() < SAME_JUMP_S);
+        let back = self
+            .newest_s
+            .get(&at.boot_id)
+            .is_some_and(|newest_s| time_s <= *newest_s);
+        let goes_on = self
+            .jumped_s
+            .is_some_and(|before_s| (apart_s - before_s).abs() < SAME_JUMP_S);
         if apart_s.abs() > MAX_DELAY_CHANGE_S || far && (back || goes_on) {
             self.jumped_s = Some(apart_s);
             return false;

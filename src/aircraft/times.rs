@@ -60,26 +60,45 @@ impl TimeFormat {
         (Self::UnixUs, "unix_us", "microseconds since 1970"),
         (Self::UnixNs, "unix_ns", "nanoseconds since 1970"),
         (Self::ExcelDays, "excel_days", "a spreadsheet's day numbers"),
-        (Self::Excel1904Days, "excel1904_days", "day numbers of a spreadsheet that begins with 1904"),
+        (
+            Self::Excel1904Days,
+            "excel1904_days",
+            "day numbers of a spreadsheet that begins with 1904",
+        ),
         (Self::MatlabDays, "matlab_days", "MATLAB's day numbers"),
         (Self::JulianDays, "julian_days", "Julian dates"),
         (Self::GpsSeconds, "gps_seconds", "GPS seconds since 1980"),
-        (Self::SecondsOfDay, "seconds_of_day", "seconds or times of a day"),
+        (
+            Self::SecondsOfDay,
+            "seconds_of_day",
+            "seconds or times of a day",
+        ),
         (Self::Compact, "compact", "14 digits, year to second"),
         (Self::Irig, "irig", "days of the year with a time (IRIG)"),
     ];
 
     /// Returns the name used in a mapping, and a description for messages.
     pub fn texts(self) -> (&'static str, &'static str) {
-        Self::ALL.iter().find(|(format, ..)| *format == self).map_or(("", ""), |(_, name, text)| (name, text))
+        Self::ALL
+            .iter()
+            .find(|(format, ..)| *format == self)
+            .map_or(("", ""), |(_, name, text)| (name, text))
     }
 
     /// Converts a time into seconds since 1970, UTC. `date` is that of [`TimeFormat::SecondsOfDay`], its year that of
     /// [`TimeFormat::Irig`] without one; `zone_s` is the offset from UTC of times of a calendar that have no zone, s. `None`
     /// if the text does not have this format.
     pub fn seconds(self, text: &str, date: Option<Date>, zone_s: f64) -> Option<f64> {
-        let number = || text.parse::<f64>().ok().filter(|s| s.is_finite() && *s >= 0.0);
-        let days = |of_1970: f64| number().filter(|n| *n >= of_1970).map(|n| (n - of_1970) * DAY_S - zone_s);
+        let number = || {
+            text.parse::<f64>()
+                .ok()
+                .filter(|s| s.is_finite() && *s >= 0.0)
+        };
+        let days = |of_1970: f64| {
+            number()
+                .filter(|n| *n >= of_1970)
+                .map(|n| (n - of_1970) * DAY_S - zone_s)
+        };
         match self {
             Self::Utc => number()
                 .filter(|s| *s > 0.0)
@@ -92,10 +111,17 @@ impl TimeFormat {
             Self::Excel1904Days => days(EXCEL1904_1970),
             Self::MatlabDays => days(MATLAB_1970),
             Self::JulianDays => days(JULIAN_1970),
-            Self::GpsSeconds => number().filter(|n| *n >= GPS_2017_S).map(|n| n + GPS_EPOCH_S - GPS_LESS_UTC_S),
+            Self::GpsSeconds => number()
+                .filter(|n| *n >= GPS_2017_S)
+                .map(|n| n + GPS_EPOCH_S - GPS_LESS_UTC_S),
             Self::SecondsOfDay => {
-                let of_day = number().filter(|n| *n <= MAX_SECONDS_OF_DAY).or_else(|| time_of_day(text));
-                of_day.map(|n| n - zone_s).zip(midnight_s(date?)).map(|(n, midnight)| n + midnight)
+                let of_day = number()
+                    .filter(|n| *n <= MAX_SECONDS_OF_DAY)
+                    .or_else(|| time_of_day(text));
+                of_day
+                    .map(|n| n - zone_s)
+                    .zip(midnight_s(date?))
+                    .map(|(n, midnight)| n + midnight)
             }
             Self::Compact => {
                 let (day, time) = text.split_at_checked(8)?;
@@ -112,7 +138,9 @@ const MAX_SECONDS_OF_DAY: f64 = 4.0 * DAY_S;
 
 /// Returns the midnight with which a day begins, seconds since 1970, UTC.
 fn midnight_s(date: Date) -> Option<f64> {
-    date.to_zoned(TimeZone::UTC).ok().map(|midnight| unix_seconds(midnight.timestamp()))
+    date.to_zoned(TimeZone::UTC)
+        .ok()
+        .map(|midnight| unix_seconds(midnight.timestamp()))
 }
 
 /// Parses a day of the year with a time: `2026:152:07:59:50.0`, `2026-152T07:59:50Z`, and `152:07:59:50` in a known year.
@@ -126,17 +154,34 @@ fn day_of_year(text: &str, year: Option<i16>) -> Option<f64> {
         [year, day, hour] if year.len() == 4 => (year.parse().ok()?, [day, hour]),
         _ => return None,
     };
-    let whole = |text: &str, low: u16, high: u16| text.parse().ok().filter(|n: &u16| (low..=high).contains(n));
-    let (day, hour, minute) = (whole(day, 1, 366)?, whole(hour, 0, 23)?, whole(minute, 0, 59)?);
-    let second = second.parse::<f64>().ok().filter(|s| (0.0..61.0).contains(s))?;
+    let whole = |text: &str, low: u16, high: u16| {
+        text.parse().ok().filter(|n: &u16| (low..=high).contains(n))
+    };
+    let (day, hour, minute) = (
+        whole(day, 1, 366)?,
+        whole(hour, 0, 23)?,
+        whole(minute, 0, 59)?,
+    );
+    let second = second
+        .parse::<f64>()
+        .ok()
+        .filter(|s| (0.0..61.0).contains(s))?;
     let begin = midnight_s(Date::new(year, 1, 1).ok()?)?;
-    Some(begin + DAY_S * f64::from(day - 1) + 3600.0 * f64::from(hour) + 60.0 * f64::from(minute) + second)
+    Some(
+        begin
+            + DAY_S * f64::from(day - 1)
+            + 3600.0 * f64::from(hour)
+            + 60.0 * f64::from(minute)
+            + second,
+    )
 }
 
 /// Parses a date: `2026-06-01`, `2026/06/01`, `20260601`, or `2026-152` by the day of the year.
 pub(super) fn parse_date(text: &str) -> Option<Date> {
     let midnight = format!("{text} 00:00:00");
-    let calendar = WrittenTime::find(&midnight, 1950).filter(|_| text.len() <= 10).map(|time| time.local.date());
+    let calendar = WrittenTime::find(&midnight, 1950)
+        .filter(|_| text.len() <= 10)
+        .map(|time| time.local.date());
     calendar.or_else(|| {
         let begin = jiff::Timestamp::from_second(day_of_year(&midnight, None)? as i64).ok()?;
         Some(begin.to_zoned(TimeZone::UTC).date())
@@ -147,13 +192,23 @@ pub(super) fn parse_date(text: &str) -> Option<Date> {
 fn parse_iso(text: &str, zone_s: f64) -> Option<f64> {
     let utc = |civil: DateTime| civil.to_zoned(TimeZone::UTC).map(|z| z.timestamp());
     let stamp = text.parse::<jiff::Timestamp>().ok().map(unix_seconds);
-    stamp.or_else(|| utc(text.parse::<DateTime>().ok()?).ok().map(|civil| unix_seconds(civil) - zone_s))
+    stamp.or_else(|| {
+        utc(text.parse::<DateTime>().ok()?)
+            .ok()
+            .map(|civil| unix_seconds(civil) - zone_s)
+    })
 }
 
 /// Parses a time of day such as `07:59:50` into seconds since midnight.
 fn time_of_day(text: &str) -> Option<f64> {
-    let time = text.parse::<jiff::civil::Time>().ok().filter(|_| text.get(2..3) == Some(":"))?;
-    Some(time.duration_since(jiff::civil::Time::midnight()).as_secs_f64())
+    let time = text
+        .parse::<jiff::civil::Time>()
+        .ok()
+        .filter(|_| text.get(2..3) == Some(":"))?;
+    Some(
+        time.duration_since(jiff::civil::Time::midnight())
+            .as_secs_f64(),
+    )
 }
 
 /// Converts a timestamp into seconds since 1970.
@@ -177,7 +232,10 @@ pub fn guess_format(
     (declared, zone_s): (Option<TimeFormat>, f64),
     frames: (f64, f64),
 ) -> Option<TimeFormat> {
-    let date = jiff::Timestamp::from_second(frames.0 as i64).ok()?.to_zoned(TimeZone::UTC).date();
+    let date = jiff::Timestamp::from_second(frames.0 as i64)
+        .ok()?
+        .to_zoned(TimeZone::UTC)
+        .date();
     let within = |format: &TimeFormat| {
         let about = |tag: &&&str| {
             let time_s = format.seconds(tag, Some(date), zone_s);
@@ -185,8 +243,13 @@ pub fn guess_format(
         };
         tags.iter().filter(about).count()
     };
-    let others = TimeFormat::ALL.into_iter().map(|(format, ..)| format).filter(|f| Some(*f) != declared);
-    let (count, format) = others.map(|f| (within(&f), f)).max_by_key(|(count, f)| (*count, f.specificity()))?;
+    let others = TimeFormat::ALL
+        .into_iter()
+        .map(|(format, ..)| format)
+        .filter(|f| Some(*f) != declared);
+    let (count, format) = others
+        .map(|f| (within(&f), f))
+        .max_by_key(|(count, f)| (*count, f.specificity()))?;
     (2 * count > tags.len()).then_some(format)
 }
 
@@ -232,28 +295,67 @@ mod tests {
             (TimeFormat::Utc, "2026-152T07:59:50Z", 0.0),
         ] {
             let found = format.seconds(text, date, 0.0).unwrap();
-            assert!((found - BEGIN_S).abs() <= within_s, "{format:?} {text}: {}", found - BEGIN_S);
-            let read = TimeFormat::Utc.seconds(text, None, 0.0).is_some_and(|t| (t - BEGIN_S).abs() < 3600.0);
-            let guess = guess_format(&[text], (Some(TimeFormat::Utc), 0.0), (BEGIN_S, BEGIN_S + 60.0));
+            assert!(
+                (found - BEGIN_S).abs() <= within_s,
+                "{format:?} {text}: {}",
+                found - BEGIN_S
+            );
+            let read = TimeFormat::Utc
+                .seconds(text, None, 0.0)
+                .is_some_and(|t| (t - BEGIN_S).abs() < 3600.0);
+            let guess = guess_format(
+                &[text],
+                (Some(TimeFormat::Utc), 0.0),
+                (BEGIN_S, BEGIN_S + 60.0),
+            );
             // A day of the year after its year is read as UTC and as IRIG.
             let both = text.starts_with("2026:152") || text.starts_with("2026-152");
-            let expected = if both { Some(TimeFormat::Irig) } else { Some(format).filter(|f| *f != TimeFormat::Utc) };
+            let expected = if both {
+                Some(TimeFormat::Irig)
+            } else {
+                Some(format).filter(|f| *f != TimeFormat::Utc)
+            };
             assert_eq!(guess, expected, "{text}");
             assert_eq!(read, both || guess.is_none(), "{text}");
-            let local = format.seconds(text, date, 3600.0).map(|s| (s - found).round());
-            let civil = !text.contains('+') && (text.contains([':', '.']) && !text.starts_with("28790"));
-            assert!(!civil || local == Some(-3600.0), "{format:?} {text}: {local:?}");
+            let local = format
+                .seconds(text, date, 3600.0)
+                .map(|s| (s - found).round());
+            let civil =
+                !text.contains('+') && (text.contains([':', '.']) && !text.starts_with("28790"));
+            assert!(
+                !civil || local == Some(-3600.0),
+                "{format:?} {text}: {local:?}"
+            );
         }
         assert_eq!(TimeFormat::SecondsOfDay.seconds("28790", None, 0.0), None);
-        assert_eq!(TimeFormat::SecondsOfDay.seconds("115190", Some("2026-05-31".parse().unwrap()), 0.0), Some(BEGIN_S));
-        assert_eq!(TimeFormat::SecondsOfDay.seconds("2026-06-02T07:59:50", date, 0.0), None);
+        assert_eq!(
+            TimeFormat::SecondsOfDay.seconds("115190", Some("2026-05-31".parse().unwrap()), 0.0),
+            Some(BEGIN_S)
+        );
+        assert_eq!(
+            TimeFormat::SecondsOfDay.seconds("2026-06-02T07:59:50", date, 0.0),
+            None
+        );
         assert_eq!(TimeFormat::GpsSeconds.seconds("1", None, 0.0), None);
-        assert_eq!(TimeFormat::Compact.seconds("2026060107595", None, 0.0), None);
+        assert_eq!(
+            TimeFormat::Compact.seconds("2026060107595", None, 0.0),
+            None
+        );
         assert_eq!(TimeFormat::Irig.seconds("152:07:59:50", None, 0.0), None);
-        assert_eq!(guess_format(&["2026-06-02T07:59:50Z"], (Some(TimeFormat::Utc), 0.0), (BEGIN_S, BEGIN_S)), None);
+        assert_eq!(
+            guess_format(
+                &["2026-06-02T07:59:50Z"],
+                (Some(TimeFormat::Utc), 0.0),
+                (BEGIN_S, BEGIN_S)
+            ),
+            None
+        );
         for text in ["2026-06-01", "2026/06/01", "20260601", "2026-152"] {
             assert_eq!(parse_date(text), date, "{text}");
         }
-        assert_eq!((parse_date("17"), parse_date("07:59:50"), parse_date("0.78")), (None, None, None));
+        assert_eq!(
+            (parse_date("17"), parse_date("07:59:50"), parse_date("0.78")),
+            (None, None, None)
+        );
     }
 }

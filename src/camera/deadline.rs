@@ -14,7 +14,10 @@ pub struct Deadline {
 impl Deadline {
     /// Starts a limit of `span` from now.
     pub fn new(span: Duration) -> Self {
-        Self { start: Instant::now(), span }
+        Self {
+            start: Instant::now(),
+            span,
+        }
     }
 
     /// Returns the remaining time.
@@ -30,6 +33,9 @@ impl Deadline {
 
     /// Builds the error for `what` not arriving in time.
     pub fn timeout_error(&self, what: &str) -> CameraError {
-        CameraError::Timeout { after_s: self.span.as_secs_f64(), what: what.to_owned() }
+        CameraError::Timeout {
+            after_s: self.span.as_secs_f64(),
+            what: what.to_owned(),
+        }
     }
 }

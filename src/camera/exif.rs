@@ -34,8 +34,16 @@ const SETTINGS: [(&str, Tag); 8] = [
 /// Tags of a time, of its fraction of a second and of its zone, in the order of preference (Exif 2.31): taken, digitized,
 /// changed.
 const TIME_TAGS: [[Tag; 3]; 3] = [
-    [Tag::DateTimeOriginal, Tag::SubSecTimeOriginal, Tag::OffsetTimeOriginal],
-    [Tag::DateTimeDigitized, Tag::SubSecTimeDigitized, Tag::OffsetTimeDigitized],
+    [
+        Tag::DateTimeOriginal,
+        Tag::SubSecTimeOriginal,
+        Tag::OffsetTimeOriginal,
+    ],
+    [
+        Tag::DateTimeDigitized,
+        Tag::SubSecTimeDigitized,
+        Tag::OffsetTimeDigitized,
+    ],
     [Tag::DateTime, Tag::SubSecTime, Tag::OffsetTime],
 ];
 
@@ -44,7 +52,10 @@ fn read_exif(bytes: &[u8]) -> (Option<Exif>, bool) {
     // Zeros before the image are padding.
     let zeros = bytes.iter().take_while(|b| **b == 0).count();
     let mut reader = Reader::new();
-    match reader.continue_on_error(true).read_from_container(&mut std::io::Cursor::new(&bytes[zeros..])) {
+    match reader
+        .continue_on_error(true)
+        .read_from_container(&mut std::io::Cursor::new(&bytes[zeros..]))
+    {
         Ok(exif) => (Some(exif), false),
         Err(Error::PartialResult(partial)) => (Some(partial.into_inner().0), true),
         Err(_) => (None, memchr::memmem::find(bytes, b"Exif\0\0").is_some()),
@@ -54,8 +65,10 @@ fn read_exif(bytes: &[u8]) -> (Option<Exif>, bool) {
 /// Returns a tag of the image by its number: some programs write it into another directory of the block.
 fn field(exif: &Exif, tag: Tag) -> Option<&Field> {
     let same = |f: &&Field| f.tag.number() == tag.number() && f.ifd_num == In::PRIMARY;
-    exif.get_field(tag, In::PRIMARY)
-        .or_else(|| exif.fields().find(|f| same(f) && matches!(f.tag.context(), Context::Tiff | Context::Exif)))
+    exif.get_field(tag, In::PRIMARY).or_else(|| {
+        exif.fields()
+            .find(|f| same(f) && matches!(f.tag.context(), Context::Tiff | Context::Exif))
+    })
 }
 
 fn ascii_value(exif: &Exif, tag: Tag) -> Option<&str> {
@@ -75,32 +88,57 @@ fn capture_time(exif: &Exif) -> Option<WrittenTime> {
     let read = |[time, fraction, zone]: [Tag; 3]| {
         let time = WrittenTime::find(ascii_value(exif, time)?, FIRST_YEAR)?;
         let offset = || ascii_value(exif, zone).and_then(parse_offset);
-        let time = WrittenTime { offset: time.offset.or_else(offset), ..time };
+        let time = WrittenTime {
+            offset: time.offset.or_else(offset),
+            ..time
+        };
         Some(ascii_value(exif, fraction).map_or(time, |digits| time.with_fraction(digits)))
     };
     let time = TIME_TAGS.into_iter().find_map(read)?;
     // A camera has one clock: the zone of another tag is that of this time.
-    let zone = || TIME_TAGS.iter().find_map(|[.., zone]| parse_offset(ascii_value(exif, *zone)?));
-    Some(WrittenTime { offset: time.offset.or_else(zone), ..time })
+    let zone = || {
+        TIME_TAGS
+            .iter()
+            .find_map(|[.., zone]| parse_offset(ascii_value(exif, *zone)?))
+    };
+    Some(WrittenTime {
+        offset: time.offset.or_else(zone),
+        ..time
+    })
 }
 
 /// Returns the time of the position fix, UTC.
 fn gps_time(exif: &Exif) -> Option<Timestamp> {
     let date = ascii_value(exif, Tag::GPSDateStamp)?;
-    let Value::Rational(parts) = &exif.get_field(Tag::GPSTimeStamp, In::PRIMARY)?.value else { return None };
+    let Value::Rational(parts) = &exif.get_field(Tag::GPSTimeStamp, In::PRIMARY)?.value else {
+        return None;
+    };
     let [h, m, s] = parts[..] else { return None };
     let seconds = 3600.0 * h.to_f64() + 60.0 * m.to_f64() + s.to_f64();
-    let midnight = WrittenTime::find(&format!("{date} 00:00:00"), FIRST_YEAR)?.timestamp(jiff::tz::Offset::UTC)?;
-    midnight.checked_add(jiff::SignedDuration::try_from_secs_f64(seconds).ok()?).ok()
+    let midnight = WrittenTime::find(&format!("{date} 00:00:00"), FIRST_YEAR)?
+        .timestamp(jiff::tz::Offset::UTC)?;
+    midnight
+        .checked_add(jiff::SignedDuration::try_from_secs_f64(seconds).ok()?)
+        .ok()
 }
 
 /// Reads times and settings of a JPEG, PNG or TIFF file (Exif 2.31). Empty if there are none.
 pub fn read_metadata(bytes: &[u8]) -> CaptureMetadata {
     let (exif, damaged) = read_exif(bytes);
-    let Some(exif) = exif else { return CaptureMetadata { damaged, ..CaptureMetadata::default() } };
+    let Some(exif) = exif else {
+        return CaptureMetadata {
+            damaged,
+            ..CaptureMetadata::default()
+        };
+    };
     let setting = |(name, tag): &(&'static str, Tag)| {
-        let text = field(&exif, *tag)?.display_value().with_unit(&exif).to_string();
-        let text = text.trim_matches(|c: char| c == '"' || c.is_whitespace()).to_owned();
+        let text = field(&exif, *tag)?
+            .display_value()
+            .with_unit(&exif)
+            .to_string();
+        let text = text
+            .trim_matches(|c: char| c == '"' || c.is_whitespace())
+            .to_owned();
         (!text.is_empty()).then_some((*name, text))
     };
     CaptureMetadata {
@@ -114,7 +152,14 @@ pub fn read_metadata(bytes: &[u8]) -> CaptureMetadata {
 /// Returns the camera's clock less UTC, s: the zone, the camera's error, and up to a second.
 pub fn camera_clock_offset_s(bytes: &[u8], utc: Timestamp) -> Option<f64> {
     let local: DateTime = capture_time(&read_exif(bytes).0?)?.local;
-    let read = local.with().subsec_nanosecond(0).build().ok()?.to_zoned(jiff::tz::TimeZone::UTC).ok()?.timestamp();
+    let read = local
+        .with()
+        .subsec_nanosecond(0)
+        .build()
+        .ok()?
+        .to_zoned(jiff::tz::TimeZone::UTC)
+        .ok()?
+        .timestamp();
     Some(read.duration_since(utc).as_secs_f64())
 }
 
@@ -131,7 +176,14 @@ mod tests {
         tiff.extend([0, 1, 0x90, 0x03, 0, 2, 0, 0, 0, 20, 0, 0, 0, 44, 0, 0, 0, 0]);
         tiff.extend(text.bytes().chain([0]));
         let length = u16::try_from(tiff.len() + 8).unwrap().to_be_bytes();
-        [&[0xFF, 0xD8, 0xFF, 0xE1], &length[..], b"Exif\0\0", &tiff, &[0xFF, 0xD9]].concat()
+        [
+            &[0xFF, 0xD8, 0xFF, 0xE1],
+            &length[..],
+            b"Exif\0\0",
+            &tiff,
+            &[0xFF, 0xD9],
+        ]
+        .concat()
     }
 
     /// Builds a file with a fraction of a second and a zone: three entries, followed by the long texts.
@@ -146,7 +198,14 @@ mod tests {
         tiff.extend([0, 0, 0, 0]);
         tiff.extend(b"2026:03:01 09:00:02\0+02:00\0");
         let length = u16::try_from(tiff.len() + 8).unwrap().to_be_bytes();
-        [&[0xFF, 0xD8, 0xFF, 0xE1], &length[..], b"Exif\0\0", &tiff, &[0xFF, 0xD9]].concat()
+        [
+            &[0xFF, 0xD8, 0xFF, 0xE1],
+            &length[..],
+            b"Exif\0\0",
+            &tiff,
+            &[0xFF, 0xD9],
+        ]
+        .concat()
     }
 
     fn local(bytes: &[u8]) -> Option<String> {
@@ -157,12 +216,22 @@ mod tests {
     fn the_camera_clock_is_read_if_present() {
         let bytes = picture("2026:03:01 07:00:02");
         assert_eq!(local(&bytes).as_deref(), Some("2026-03-01T07:00:02"));
-        assert_eq!(camera_clock_offset_s(&bytes, "2026-03-01T06:00:00.5Z".parse().unwrap()), Some(3601.5));
-        for odd in ["0000:00:00 00:00:00", "    :  :     :  :  ", "yesterday, at noon "] {
+        assert_eq!(
+            camera_clock_offset_s(&bytes, "2026-03-01T06:00:00.5Z".parse().unwrap()),
+            Some(3601.5)
+        );
+        for odd in [
+            "0000:00:00 00:00:00",
+            "    :  :     :  :  ",
+            "yesterday, at noon ",
+        ] {
             assert_eq!(local(&picture(odd)), None, "{odd}");
         }
         assert_eq!(local(b"\xFF\xD8\xFF\xD9"), None);
-        assert_eq!(local(&[b"\0\0", &bytes[..]].concat()).as_deref(), Some("2026-03-01T07:00:02"));
+        assert_eq!(
+            local(&[b"\0\0", &bytes[..]].concat()).as_deref(),
+            Some("2026-03-01T07:00:02")
+        );
     }
 
     #[test]
@@ -170,7 +239,10 @@ mod tests {
         let sound = picture_with_zone(*b"250\0");
         // In the file, 12 bytes precede the block: the place of the zone is beyond its end, the entry at 26 of the
         // first directory and the pointer to the next directory too.
-        for (at, lost) in [(12 + 48, "the zone"), (12 + 22, "nothing: the pointer to the next directory")] {
+        for (at, lost) in [
+            (12 + 48, "the zone"),
+            (12 + 22, "nothing: the pointer to the next directory"),
+        ] {
             let mut bytes = sound.clone();
             bytes[at..at + 4].fill(0xFF);
             let read = read_metadata(&bytes);
@@ -183,12 +255,30 @@ mod tests {
     #[test]
     fn fractions_of_a_second_and_the_zone_are_read_if_present() {
         let read = read_metadata(&picture_with_zone(*b"250\0")).time.unwrap();
-        assert_eq!((read.local.to_string().as_str(), read.digits), ("2026-03-01T09:00:02.25", 3));
-        assert_eq!(read.timestamp(jiff::tz::Offset::UTC), Some("2026-03-01T07:00:02.25Z".parse().unwrap()));
+        assert_eq!(
+            (read.local.to_string().as_str(), read.digits),
+            ("2026-03-01T09:00:02.25", 3)
+        );
+        assert_eq!(
+            read.timestamp(jiff::tz::Offset::UTC),
+            Some("2026-03-01T07:00:02.25Z".parse().unwrap())
+        );
         let coarse = read_metadata(&picture_with_zone(*b"   \0")).time.unwrap();
-        assert_eq!((coarse.local.to_string().as_str(), coarse.digits), ("2026-03-01T09:00:02", 0));
-        assert_eq!(read_metadata(&picture("2026:03:01 07:00:02")).time.unwrap().offset, None);
-        assert_eq!(read_metadata(b"\xFF\xD8\xFF\xD9"), CaptureMetadata::default());
+        assert_eq!(
+            (coarse.local.to_string().as_str(), coarse.digits),
+            ("2026-03-01T09:00:02", 0)
+        );
+        assert_eq!(
+            read_metadata(&picture("2026:03:01 07:00:02"))
+                .time
+                .unwrap()
+                .offset,
+            None
+        );
+        assert_eq!(
+            read_metadata(b"\xFF\xD8\xFF\xD9"),
+            CaptureMetadata::default()
+        );
     }
 
     proptest::proptest! {

@@ -26,7 +26,10 @@ impl Default for Freshness {
 impl Freshness {
     /// Creates a history of `remembered` frames.
     pub fn with_capacity(remembered: usize) -> Self {
-        Self { hashes: VecDeque::new(), capacity: remembered }
+        Self {
+            hashes: VecDeque::new(),
+            capacity: remembered,
+        }
     }
 
     /// Accepts a frame that differs from all remembered ones.
@@ -41,7 +44,11 @@ impl Freshness {
         if let Some(age) = self.hashes.iter().position(|old| *old == hash) {
             return Err(CameraError::BadFrame(format!(
                 "it is the same, byte for byte, as the one taken {} before; the camera repeats an old frame",
-                if age == 0 { "just".to_owned() } else { format!("{} shots", age + 1) }
+                if age == 0 {
+                    "just".to_owned()
+                } else {
+                    format!("{} shots", age + 1)
+                }
             )));
         }
         self.hashes.push_front(hash);
@@ -81,7 +88,10 @@ mod tests {
         assert!(freshness.check(b"one").is_ok() && freshness.check(b"two").is_ok());
         assert!(freshness.check(b"one").is_err() && freshness.check(b"two").is_err());
         assert!(freshness.check(b"").is_err() && freshness.check(b"three").is_ok());
-        assert!(freshness.check(b"one").is_ok(), "older than what is remembered");
+        assert!(
+            freshness.check(b"one").is_ok(),
+            "older than what is remembered"
+        );
         let (name, of_a_new_camera) = (LastName::default(), LastName::default());
         assert!(name.check("1.jpg").is_ok() && name.clone().check("1.jpg").is_err());
         assert!(name.check("2.jpg").is_ok() && of_a_new_camera.check("2.jpg").is_ok());

@@ -62,8 +62,13 @@ pub fn check_complete(bytes: &[u8]) -> Result<(), JpegError> {
 /// Finds the next marker after entropy-coded data that is neither a stuffed byte nor a restart.
 fn find_scan_end(bytes: &[u8], from: usize) -> Option<usize> {
     let data = bytes.get(from..)?;
-    let is_marker = |at: &usize| data.get(at + 1).is_some_and(|next| !matches!(next, 0 | 0xD0..=0xD7 | 0xFF));
-    memchr::memchr_iter(0xFF, data).find(is_marker).map(|offset| from + offset)
+    let is_marker = |at: &usize| {
+        data.get(at + 1)
+            .is_some_and(|next| !matches!(next, 0 | 0xD0..=0xD7 | 0xFF))
+    };
+    memchr::memchr_iter(0xFF, data)
+        .find(is_marker)
+        .map(|offset| from + offset)
 }
 
 #[cfg(test)]
@@ -73,7 +78,9 @@ pub(super) mod tests {
     pub(in crate::camera) fn picture(seed: usize) -> Vec<u8> {
         let mut bytes = Vec::new();
         let grey: Vec<u8> = (0..64 * 48).map(|i| (i * seed % 251) as u8).collect();
-        jpeg_encoder::Encoder::new(&mut bytes, 90).encode(&grey, 64, 48, jpeg_encoder::ColorType::Luma).unwrap();
+        jpeg_encoder::Encoder::new(&mut bytes, 90)
+            .encode(&grey, 64, 48, jpeg_encoder::ColorType::Luma)
+            .unwrap();
         bytes
     }
 
@@ -82,7 +89,11 @@ pub(super) mod tests {
         let bytes = picture(7);
         assert_eq!(check_complete(&bytes), Ok(()));
         for length in 0..bytes.len() {
-            assert!(check_complete(&bytes[..length]).is_err(), "{length} of {}", bytes.len());
+            assert!(
+                check_complete(&bytes[..length]).is_err(),
+                "{length} of {}",
+                bytes.len()
+            );
         }
         let padded: Vec<u8> = bytes.iter().copied().chain([0; 100]).collect();
         assert_eq!(check_complete(&padded), Ok(()));

@@ -31,7 +31,10 @@ pub struct ReplayConfig {
     #[serde(default = "default_repeat", rename = "loop")]
     pub repeat: bool,
     /// Machine time from trigger to delivery.
-    #[serde(default, with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    #[serde(
+        default,
+        with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required"
+    )]
     pub delay: Duration,
     /// Faults, each at one shot.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -50,7 +53,10 @@ pub struct ScriptedFault {
     pub shot: u64,
     pub kind: FaultKind,
     /// Duration of a hang, machine time.
-    #[serde(default = "default_hang", with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    #[serde(
+        default = "default_hang",
+        with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required"
+    )]
     pub lasting: Duration,
 }
 
@@ -83,21 +89,33 @@ pub enum FaultKind {
 impl ReplayConfig {
     /// Replays a folder, endlessly and without faults.
     pub fn from_folder(folder: impl Into<PathBuf>) -> Self {
-        Self { folder: Some(folder.into()), repeat: true, ..Self::default() }
+        Self {
+            folder: Some(folder.into()),
+            repeat: true,
+            ..Self::default()
+        }
     }
 
     /// Replays a list, endlessly and without faults.
     pub fn from_list(list: impl Into<PathBuf>) -> Self {
-        Self { list: Some(list.into()), repeat: true, ..Self::default() }
+        Self {
+            list: Some(list.into()),
+            repeat: true,
+            ..Self::default()
+        }
     }
 }
 
 impl DriverSection for ReplayConfig {
     fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
-        let mut fault = |key: &str, problem: &str| faults.push(KeyFault::new(key, problem, "correct it"));
+        let mut fault =
+            |key: &str, problem: &str| faults.push(KeyFault::new(key, problem, "correct it"));
         if self.folder.is_some() == self.list.is_some() {
-            fault("folder", "a replay camera needs either folder = \"…\" or list = \"….toml\"");
+            fault(
+                "folder",
+                "a replay camera needs either folder = \"…\" or list = \"….toml\"",
+            );
         }
         if self.fault.iter().any(|fault| fault.shot == 0) {
             fault("fault.shot", "shots count from 1");
@@ -133,12 +151,21 @@ pub struct ReplayFactory {
 impl ReplayFactory {
     /// Creates the factory; `at` of a list counts from `origin`, a time since boot.
     pub fn new(config: ReplayConfig, clock: Arc<dyn Clock>, origin: Duration) -> Self {
-        Self { config, clock, origin, progress: Arc::default() }
+        Self {
+            config,
+            clock,
+            origin,
+            progress: Arc::default(),
+        }
     }
 
     /// Creates a closed camera.
     pub fn make(&self) -> ReplayCamera {
-        ReplayCamera { shared: self.clone(), items: Vec::new(), open: false }
+        ReplayCamera {
+            shared: self.clone(),
+            items: Vec::new(),
+            open: false,
+        }
     }
 }
 
@@ -152,20 +179,37 @@ pub struct ReplayCamera {
 impl Camera for ReplayCamera {
     fn open(&mut self) -> Result<CameraInfo, CameraError> {
         if let Some(fault) = self.shared.config.faults().first() {
-            return Err(CameraError::Refused(format!("{}: {}", fault.key, fault.problem)));
+            return Err(CameraError::Refused(format!(
+                "{}: {}",
+                fault.key, fault.problem
+            )));
         }
         self.items = read_items(&self.shared.config)?;
         self.open = true;
-        let source = self.shared.config.folder.as_ref().or(self.shared.config.list.as_ref());
+        let source = self
+            .shared
+            .config
+            .folder
+            .as_ref()
+            .or(self.shared.config.list.as_ref());
         let mut settings = Map::new();
-        settings.insert("source".to_owned(), Value::from(source.map(|p| p.display().to_string())));
+        settings.insert(
+            "source".to_owned(),
+            Value::from(source.map(|p| p.display().to_string())),
+        );
         settings.insert("frames".to_owned(), Value::from(self.items.len()));
-        Ok(CameraInfo { name: "replay".to_owned(), settings, warnings: Vec::new() })
+        Ok(CameraInfo {
+            name: "replay".to_owned(),
+            settings,
+            warnings: Vec::new(),
+        })
     }
 
     fn shoot(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
         if !self.open {
-            return Err(CameraError::Gone("the replay camera is not open".to_owned()));
+            return Err(CameraError::Gone(
+                "the replay camera is not open".to_owned(),
+            ));
         }
         let config = &self.shared.config;
         let call = self.with_progress(|progress| {
@@ -193,12 +237,19 @@ impl Camera for ReplayCamera {
 }
 
 fn timeout_error(deadline: Duration) -> CameraError {
-    CameraError::Timeout { after_s: deadline.as_secs_f64(), what: "the replayed frame".to_owned() }
+    CameraError::Timeout {
+        after_s: deadline.as_secs_f64(),
+        what: "the replayed frame".to_owned(),
+    }
 }
 
 impl ReplayCamera {
     fn with_progress<T>(&self, f: impl FnOnce(&mut ReplayProgress) -> T) -> T {
-        f(&mut self.shared.progress.lock().unwrap_or_else(PoisonError::into_inner))
+        f(&mut self
+            .shared
+            .progress
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner))
     }
 
     #[allow(clippy::panic)] // asked for by the script
@@ -210,7 +261,9 @@ impl ReplayCamera {
     ) -> Result<CameraFrame, CameraError> {
         match kind {
             FaultKind::Busy => Err(CameraError::Busy("as requested by the script".to_owned())),
-            FaultKind::Refused => Err(CameraError::Refused("as requested by the script".to_owned())),
+            FaultKind::Refused => Err(CameraError::Refused(
+                "as requested by the script".to_owned(),
+            )),
             FaultKind::Gone => {
                 self.open = false;
                 Err(CameraError::Gone("as requested by the script".to_owned()))
@@ -244,18 +297,35 @@ impl ReplayCamera {
         let mut settings = Map::new();
         let name = item.file.file_name().unwrap_or_default().to_string_lossy();
         settings.insert("source".to_owned(), Value::from(name.into_owned()));
-        let frame = CameraFrame { bytes, format, settings, exposed: None };
+        let frame = CameraFrame {
+            bytes,
+            format,
+            settings,
+            exposed: None,
+        };
         self.with_progress(|progress| progress.last = Some(frame.clone()));
         Ok(frame)
     }
 
     /// Returns the next item of the group whose time came last.
     fn next_item(&mut self) -> Result<ReplayItem, CameraError> {
-        let elapsed = self.shared.clock.since_boot().saturating_sub(self.shared.origin);
+        let elapsed = self
+            .shared
+            .clock
+            .since_boot()
+            .saturating_sub(self.shared.origin);
         let due = |item: &&ReplayItem| item.at.is_none_or(|at| at <= elapsed);
-        let group = self.items.iter().filter(due).map(|item| item.at.unwrap_or_default()).max();
-        let of_group: Vec<&ReplayItem> =
-            self.items.iter().filter(|item| Some(item.at.unwrap_or_default()) == group).collect();
+        let group = self
+            .items
+            .iter()
+            .filter(due)
+            .map(|item| item.at.unwrap_or_default())
+            .max();
+        let of_group: Vec<&ReplayItem> = self
+            .items
+            .iter()
+            .filter(|item| Some(item.at.unwrap_or_default()) == group)
+            .collect();
         let position = self.with_progress(|progress| {
             if progress.group != group {
                 (progress.group, progress.position) = (group, 0);
@@ -263,10 +333,19 @@ impl ReplayCamera {
             progress.position += 1;
             progress.position - 1
         });
-        let index = if self.shared.config.repeat { position % of_group.len().max(1) } else { position };
-        of_group.get(index).map(|item| (*item).clone()).ok_or_else(|| {
-            CameraError::Gone("all frames have been replayed (set loop = true to start again)".to_owned())
-        })
+        let index = if self.shared.config.repeat {
+            position % of_group.len().max(1)
+        } else {
+            position
+        };
+        of_group
+            .get(index)
+            .map(|item| (*item).clone())
+            .ok_or_else(|| {
+                CameraError::Gone(
+                    "all frames have been replayed (set loop = true to start again)".to_owned(),
+                )
+            })
     }
 }
 
@@ -278,19 +357,30 @@ mod tests {
     fn folder(count: u8) -> tempfile::TempDir {
         let dir = tempfile::tempdir().unwrap();
         for i in 0..count {
-            std::fs::write(dir.path().join(format!("f{i}.jpg")), [0xff, 0xd8, i, 0, 0xff, 0xd9]).unwrap();
+            std::fs::write(
+                dir.path().join(format!("f{i}.jpg")),
+                [0xff, 0xd8, i, 0, 0xff, 0xd9],
+            )
+            .unwrap();
         }
         dir
     }
 
     fn clock() -> Arc<SimulatedClock> {
-        Arc::new(SimulatedClock::new("b", "2026-03-01T06:00:00Z".parse().unwrap(), None))
+        Arc::new(SimulatedClock::new(
+            "b",
+            "2026-03-01T06:00:00Z".parse().unwrap(),
+            None,
+        ))
     }
 
     fn shots(camera: &mut ReplayCamera, count: usize) -> Vec<Result<u8, String>> {
         let shoot = |_| camera.shoot(Duration::from_millis(10));
         let name = |frame: CameraFrame| frame.bytes[2];
-        (0..count).map(shoot).map(|r| r.map(name).map_err(|e| e.to_string())).collect()
+        (0..count)
+            .map(shoot)
+            .map(|r| r.map(name).map_err(|e| e.to_string()))
+            .collect()
     }
 
     #[test]
@@ -303,7 +393,12 @@ mod tests {
         config.repeat = false;
         let mut camera = ReplayFactory::new(config, clock(), Duration::ZERO).make();
         camera.open().unwrap();
-        assert!(shots(&mut camera, 3)[2].as_ref().unwrap_err().contains("loop = true"));
+        assert!(
+            shots(&mut camera, 3)[2]
+                .as_ref()
+                .unwrap_err()
+                .contains("loop = true")
+        );
     }
 
     #[test]
@@ -330,8 +425,14 @@ mod tests {
         let mut camera = factory.make();
         camera.open().unwrap();
         assert_eq!(camera.shoot(Duration::ZERO).unwrap().bytes.len(), 3);
-        assert!(matches!(camera.shoot(Duration::ZERO), Err(CameraError::Gone(_))));
-        assert!(matches!(camera.shoot(Duration::ZERO), Err(CameraError::Gone(_))));
+        assert!(matches!(
+            camera.shoot(Duration::ZERO),
+            Err(CameraError::Gone(_))
+        ));
+        assert!(matches!(
+            camera.shoot(Duration::ZERO),
+            Err(CameraError::Gone(_))
+        ));
         camera.open().unwrap();
         assert_eq!(camera.shoot(Duration::ZERO).unwrap().bytes[2], 3);
     }
@@ -344,7 +445,12 @@ mod tests {
         let path = dir.path().join("list.toml");
         std::fs::write(&path, list).unwrap();
         let clock = clock();
-        let mut camera = ReplayFactory::new(ReplayConfig::from_list(&path), clock.clone(), clock.since_boot()).make();
+        let mut camera = ReplayFactory::new(
+            ReplayConfig::from_list(&path),
+            clock.clone(),
+            clock.since_boot(),
+        )
+        .make();
         camera.open().unwrap();
         assert_eq!(shots(&mut camera, 2), [Ok(0), Ok(0)]);
         clock.sleep(Duration::from_secs(3600));
@@ -354,13 +460,22 @@ mod tests {
     #[test]
     fn faulty_settings_are_refused_with_the_name() {
         let missing = ReplayConfig::from_folder("/nonexistent/frames");
-        let error = ReplayFactory::new(missing, clock(), Duration::ZERO).make().open().unwrap_err();
+        let error = ReplayFactory::new(missing, clock(), Duration::ZERO)
+            .make()
+            .open()
+            .unwrap_err();
         assert!(error.to_string().contains("/nonexistent/frames"), "{error}");
         let dir = folder(1);
         let list = dir.path().join("list.toml");
         std::fs::write(&list, "[[frame]]\nfile = \"f9.jpg\"\n").unwrap();
         let config = ReplayConfig::from_list(&list);
-        let error = ReplayFactory::new(config, clock(), Duration::ZERO).make().open().unwrap_err();
-        assert!(error.to_string().contains("f9.jpg does not exist"), "{error}");
+        let error = ReplayFactory::new(config, clock(), Duration::ZERO)
+            .make()
+            .open()
+            .unwrap_err();
+        assert!(
+            error.to_string().contains("f9.jpg does not exist"),
+            "{error}"
+        );
     }
 }

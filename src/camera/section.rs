@@ -48,7 +48,11 @@ impl CameraSection {
 
     /// Returns every fault, at its key of the full file.
     pub fn faults(&self) -> Vec<KeyFault> {
-        self.driver_section().faults().into_iter().map(|fault| fault.with_section("camera")).collect()
+        self.driver_section()
+            .faults()
+            .into_iter()
+            .map(|fault| fault.with_section("camera"))
+            .collect()
     }
 
     /// Creates the camera factory; see [`DriverSection::factory`].

@@ -34,7 +34,12 @@ pub fn for_each_image<T: Send>(
     let names = image_names(files);
     let inputs: Vec<(&PathBuf, &String)> = files.iter().zip(&names).collect();
     let one = |(file, name): &(&PathBuf, &String)| {
-        let text = |e: &std::io::Error| format!("{} cannot be read ({e}); check the path", printable_path(file));
+        let text = |e: &std::io::Error| {
+            format!(
+                "{} cannot be read ({e}); check the path",
+                printable_path(file)
+            )
+        };
         let bytes = store::read_regular_file(file).map_err(|e| Reason::new(text(&e), e));
         catch_or_fail(bytes, |bytes| work(name, bytes))
     };
@@ -64,7 +69,13 @@ pub fn expand_folders(arguments: &[PathBuf]) -> TaskResult<Vec<PathBuf>> {
 /// Reads and dates images and splits them into series.
 pub fn read_collection(files: &[PathBuf], dating: &DatingOptions) -> TaskResult<ImageCollection> {
     let mut images = Vec::with_capacity(files.len());
-    run_jobs(files, 0, "reading", |file| (file.clone(), image_files::read_image(file)), collect_into(&mut images))?;
+    run_jobs(
+        files,
+        0,
+        "reading",
+        |file| (file.clone(), image_files::read_image(file)),
+        collect_into(&mut images),
+    )?;
     ImageCollection::from_images(images, dating)
 }
 
@@ -77,7 +88,10 @@ pub fn collect_into<T>(results: &mut Vec<T>) -> impl FnMut(T) -> TaskResult<()> 
 }
 
 /// Runs `work` on the bytes of an image; if it panics, on the reason.
-fn catch_or_fail<T>(bytes: Result<Vec<u8>, Reason>, work: impl Fn(Result<&[u8], Reason>) -> T) -> T {
+fn catch_or_fail<T>(
+    bytes: Result<Vec<u8>, Reason>,
+    work: impl Fn(Result<&[u8], Reason>) -> T,
+) -> T {
     let readable = bytes.as_deref().map_err(Clone::clone);
     catch_panic(|| work(readable)).unwrap_or_else(|| work(Err(PANIC_REASON.into())))
 }
@@ -92,7 +106,8 @@ pub fn run_jobs<I: Sync, T: Send>(
 ) -> TaskResult<()> {
     let jobs = job_count(jobs, inputs.len());
     let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).build();
-    let pool = pool.map_err(|e| Failure::Failed(format!("cannot start {jobs} jobs: {e}; use fewer --jobs")))?;
+    let pool = pool
+        .map_err(|e| Failure::Failed(format!("cannot start {jobs} jobs: {e}; use fewer --jobs")))?;
     let bar = progress_bar(inputs.len(), what);
     let ended = AtomicBool::new(false);
     let (sender, receiver) = mpsc::channel();
@@ -126,7 +141,9 @@ pub fn run_jobs<I: Sync, T: Send>(
             if stopped.load(Ordering::Relaxed) {
                 ended.store(true, Ordering::Relaxed);
                 let n = inputs.len();
-                return Err(Failure::Failed(format!("stopped: {next} of {n} images were processed")));
+                return Err(Failure::Failed(format!(
+                    "stopped: {next} of {n} images were processed"
+                )));
             }
         }
         Ok(())
@@ -139,7 +156,9 @@ pub fn run_jobs<I: Sync, T: Send>(
 /// once.
 fn stop_flag() -> Arc<AtomicBool> {
     let stopped = Arc::new(AtomicBool::new(false));
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build();
     let flag = stopped.clone();
     std::thread::spawn(move || {
         let Ok(runtime) = runtime else { return };
@@ -176,7 +195,11 @@ mod tests {
             |name, _| number(name),
             |k| {
                 seen.push(k);
-                if k == 12 { Err(Failure::Failed("full".into())) } else { Ok(()) }
+                if k == 12 {
+                    Err(Failure::Failed("full".into()))
+                } else {
+                    Ok(())
+                }
             },
         );
         assert!(matches!(taken, Err(Failure::Failed(_))));
@@ -200,7 +223,10 @@ mod tests {
     #[test]
     fn jobs_are_limited_by_files_and_per_core() {
         assert_eq!(job_count(1_000_000, 3), 3);
-        assert!(job_count(1_000_000, 1_000_000) <= 4 * std::thread::available_parallelism().map_or(1, usize::from));
+        assert!(
+            job_count(1_000_000, 1_000_000)
+                <= 4 * std::thread::available_parallelism().map_or(1, usize::from)
+        );
         assert_eq!(job_count(0, 0), 1);
     }
 }

@@ -3,8 +3,8 @@
 #[cfg(feature = "gphoto")]
 use super::camera_child;
 use super::{
-    Completion, Failure, camera_test, check, copy, detect, diagnose, init, mount_check, orient, prune, run, serve,
-    solve, status, verify,
+    Completion, Failure, camera_test, check, copy, detect, diagnose, init, mount_check, orient,
+    prune, run, serve, solve, status, verify,
 };
 use crate::report::ReportBuilder;
 

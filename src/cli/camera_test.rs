@@ -35,7 +35,9 @@ pub struct CameraTestArgs {
 
 /// Takes the shots and prints one line of JSON for each.
 pub fn run(args: &CameraTestArgs) -> TaskResult<Completion> {
-    let camera = config::load_camera(&super::default_paths::resolve_configuration(args.config.as_deref())?)?;
+    let camera = config::load_camera(&super::default_paths::resolve_configuration(
+        args.config.as_deref(),
+    )?)?;
     let mut bench = CameraBench {
         camera: camera.factory(Arc::new(SystemClock::new()), Duration::ZERO)(),
         args,
@@ -48,12 +50,17 @@ pub fn run(args: &CameraTestArgs) -> TaskResult<Completion> {
         let start = Instant::now();
         let shot = bench.take_with_retries();
         let (error, settings) = match shot {
-            Ok(frame) => (None, json!({"format": frame.format, "settings": frame.settings})),
+            Ok(frame) => (
+                None,
+                json!({"format": frame.format, "settings": frame.settings}),
+            ),
             Err(error) => (Some(error.to_string()), json!(null)),
         };
         good += u32::from(error.is_none());
         let seconds = start.elapsed().as_secs_f64();
-        print_json(&json!({"shot": number, "seconds": seconds, "error": error, "frame": settings}))?;
+        print_json(
+            &json!({"shot": number, "seconds": seconds, "error": error, "frame": settings}),
+        )?;
     }
     bench.camera.close();
     Ok(Completion::from_success(good == args.shots))
@@ -90,8 +97,10 @@ impl CameraBench<'_> {
         if !self.open {
             let info = self.camera.open()?;
             self.open = true;
-            let line = json!({"camera": info.name, "settings": info.settings, "warnings": info.warnings});
-            print_json(&line).map_err(|_| CameraError::Refused("standard output cannot be written".into()))?;
+            let line =
+                json!({"camera": info.name, "settings": info.settings, "warnings": info.warnings});
+            print_json(&line)
+                .map_err(|_| CameraError::Refused("standard output cannot be written".into()))?;
             while let Some(frame) = self.camera.recover(self.shot_deadline())? {
                 self.save_test_frame(&frame, "recovered")?;
             }
@@ -106,7 +115,10 @@ impl CameraBench<'_> {
         let path = self.args.output.join(format!("{kind}-{:03}", self.saved));
         self.saved += 1;
         std::fs::write(&path, &frame.bytes).map_err(|error| {
-            CameraError::Refused(format!("{} cannot be written ({error}); name another --output", path.display()))
+            CameraError::Refused(format!(
+                "{} cannot be written ({error}); name another --output",
+                path.display()
+            ))
         })?;
         self.camera.release_last()
     }

@@ -56,10 +56,17 @@ pub(super) fn run(args: &CheckArgs) -> TaskResult<Completion> {
         return print_findings(&reported, &faults);
     }
     if !reported.is_empty() {
-        let lines: Vec<String> = reported.iter().map(|(what, how)| format!("{what:<15}{how}")).collect();
+        let lines: Vec<String> = reported
+            .iter()
+            .map(|(what, how)| format!("{what:<15}{how}"))
+            .collect();
         print_line(&lines.join("\n"))?;
     }
-    if faults.is_empty() { Ok(Completion::All) } else { Err(Failure::Faults(faults)) }
+    if faults.is_empty() {
+        Ok(Completion::All)
+    } else {
+        Err(Failure::Faults(faults))
+    }
 }
 
 /// Selects the configuration and the installation to check: those given, else those in the working directory.
@@ -67,7 +74,10 @@ fn select_subjects(args: &CheckArgs) -> TaskResult<(Option<PathBuf>, Option<Path
     if args.config.is_some() || args.installation.is_some() {
         return Ok((args.config.clone(), args.installation.clone()));
     }
-    match (default_paths::local_configuration(), default_paths::local_installation()) {
+    match (
+        default_paths::local_configuration(),
+        default_paths::local_installation(),
+    ) {
         (Some(file), _) => Ok((Some(file), None)),
         (None, Some(directory)) => Ok((None, Some(directory))),
         (None, None) => default_paths::resolve_configuration(None).map(|file| (Some(file), None)),
@@ -76,34 +86,53 @@ fn select_subjects(args: &CheckArgs) -> TaskResult<(Option<PathBuf>, Option<Path
 
 /// Prints the findings by name, and the errors, as one JSON object.
 fn print_findings(reported: &[Finding], faults: &[Fault]) -> TaskResult<Completion> {
-    let found: serde_json::Map<_, _> =
-        reported.iter().map(|(what, how)| ((*what).to_owned(), how.as_str().into())).collect();
+    let found: serde_json::Map<_, _> = reported
+        .iter()
+        .map(|(what, how)| ((*what).to_owned(), how.as_str().into()))
+        .collect();
     let fault = |f: &Fault| json!({"file": f.file, "place": f.place, "problem": f.problem, "remedy": f.remedy});
     let faults: Vec<_> = faults.iter().map(fault).collect();
     let ok = faults.is_empty();
     print_json(&json!({"ok": ok, "found": found, "faults": faults}))?;
-    Ok(if ok { Completion::All } else { Completion::Faulty })
+    Ok(if ok {
+        Completion::All
+    } else {
+        Completion::Faulty
+    })
 }
 
 /// Findings on cabin rules: radio transmitters, heat, supply, time to stop. None is an error: the operator decides.
 fn cabin_findings(config: &Config, sys: &Path) -> Vec<Finding> {
     let radios = machine::list_radios(sys);
-    let open: Vec<String> = radios.iter().filter(|r| !r.blocked).map(|r| format!("{} ({})", r.name, r.kind)).collect();
+    let open: Vec<String> = radios
+        .iter()
+        .filter(|r| !r.blocked)
+        .map(|r| format!("{} ({})", r.name, r.kind))
+        .collect();
     let radios = match (radios.len(), open.is_empty()) {
         (0, _) => "none known to the kernel".to_owned(),
         (n, true) => format!("{n}, all blocked"),
-        (_, false) => format!("NOT BLOCKED: {}; block them: rfkill block all", open.join(", ")),
+        (_, false) => format!(
+            "NOT BLOCKED: {}; block them: rfkill block all",
+            open.join(", ")
+        ),
     };
     let machine = machine::describe_machine(sys).unwrap_or("unknown to the kernel".to_owned());
     let power = &config.power;
     let hold_up = match power.is_configured() {
         false => "; no line or file to report a power failure is configured".to_owned(),
-        true => format!("; after a power failure all data are durable within {:?}", power.hold_up),
+        true => format!(
+            "; after a power failure all data are durable within {:?}",
+            power.hold_up
+        ),
     };
     vec![
         ("radios", radios),
         ("machine", machine),
-        ("a stop takes", format!("at most {:?}{hold_up}", power.stop_within)),
+        (
+            "a stop takes",
+            format!("at most {:?}{hold_up}", power.stop_within),
+        ),
     ]
 }
 
@@ -121,7 +150,10 @@ fn advisory_findings(setup: &Setup) -> Vec<Finding> {
     }
     // Plans are not part of the recorder's program.
     #[cfg(not(feature = "desk"))]
-    all.push(("narrow width", "not checked by the recorder's program; run `wingd check` at the desk".to_owned()));
+    all.push((
+        "narrow width",
+        "not checked by the recorder's program; run `wingd check` at the desk".to_owned(),
+    ));
     #[cfg(feature = "desk")]
     all.extend(find_narrow_widths(setup).into_iter().map(|narrow| {
         let NarrowWidth { key, unit, values, tip_sigmas_m } = narrow;
@@ -160,10 +192,14 @@ struct Findings {
 
 impl Findings {
     fn check_configuration(&mut self, args: &CheckArgs, file: &Path, config: &Config) {
-        self.reported.push(("configuration", file.display().to_string()));
+        self.reported
+            .push(("configuration", file.display().to_string()));
         match &config.installation {
             Some(directory) => self.check_installation(directory, true),
-            None => self.reported.push(("installation", "none configured: frames are recorded but not solved".into())),
+            None => self.reported.push((
+                "installation",
+                "none configured: frames are recorded but not solved".into(),
+            )),
         }
         self.check_store(config, file);
         self.check_page(config, file);
@@ -172,7 +208,8 @@ impl Findings {
         if !args.no_camera {
             self.check_camera(config, file);
         }
-        self.reported.extend(cabin_findings(config, Path::new(machine::SYSFS)));
+        self.reported
+            .extend(cabin_findings(config, Path::new(machine::SYSFS)));
     }
 
     /// Checks an installation; with `flies` it must have an orientation, because it will solve frames.
@@ -182,22 +219,35 @@ impl Findings {
             Ok(installation) => {
                 let markers = installation.setup.markers.len();
                 let pairs = installation.setup.torsion.len();
-                let fixed = installation.setup.markers.iter().filter(|m| m.fixed).count();
+                let fixed = installation
+                    .setup
+                    .markers
+                    .iter()
+                    .filter(|m| m.fixed)
+                    .count();
                 let how = format!(
                     "{}: {markers} markers ({fixed} of them fixed to the cabin), {pairs} torsion pairs",
                     directory.display()
                 );
                 self.reported.push(("installation", how));
                 self.reported.extend(advisory_findings(&installation.setup));
-                self.reported.extend(cad_record(&installation).map(|cad| ("CAD frame", cad.describe())));
+                self.reported
+                    .extend(cad_record(&installation).map(|cad| ("CAD frame", cad.describe())));
                 default_paths::print_warnings(&installation);
                 let prior = installation.flight_prior.as_ref();
-                self.reported
-                    .extend(prior.map(|prior| ("flight_prior", format!("from {}", prior.flight_count_text()))));
+                self.reported.extend(prior.map(|prior| {
+                    (
+                        "flight_prior",
+                        format!("from {}", prior.flight_count_text()),
+                    )
+                }));
                 match installation.require_orientation() {
                     Ok(_) => self.reported.push(("orientation", "present".into())),
                     Err(fault) if flies => self.faults.push(fault),
-                    Err(_) => self.reported.push(("orientation", "none yet; run `wingd orient` to create it".into())),
+                    Err(_) => self.reported.push((
+                        "orientation",
+                        "none yet; run `wingd orient` to create it".into(),
+                    )),
                 }
             }
         }
@@ -205,27 +255,44 @@ impl Findings {
 
     fn check_store(&mut self, config: &Config, file: &Path) {
         let path = &config.store.path;
-        self.faults.extend(unwritable_reason(&RealDisk, path).map(|problem| {
-            let remedy = "give the recorder's user write access, or choose another directory";
-            Fault::new(file, "store.path", problem, remedy)
-        }));
+        self.faults
+            .extend(unwritable_reason(&RealDisk, path).map(|problem| {
+                let remedy = "give the recorder's user write access, or choose another directory";
+                Fault::new(file, "store.path", problem, remedy)
+            }));
         if is_vacant(&RealDisk, path) {
-            self.reported.push(("store", format!("{} will be created", path.display())));
+            self.reported
+                .push(("store", format!("{} will be created", path.display())));
             let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
             if parent.is_some_and(|p| !p.is_dir()) {
                 let problem = format!("the folder above {} does not exist", path.display());
-                self.faults.push(Fault::new(file, "store.path", problem, "create it, or choose another directory"));
+                self.faults.push(Fault::new(
+                    file,
+                    "store.path",
+                    problem,
+                    "create it, or choose another directory",
+                ));
             }
             return;
         }
-        let report = show_busy("verifying the store", || verify::verify_path(&RealDisk, path));
+        let report = show_busy("verifying the store", || {
+            verify::verify_path(&RealDisk, path)
+        });
         let found: Vec<Fault> = report
             .faults
             .iter()
-            .map(|f| Fault::new(&f.path, format!("invariant {}", f.invariant), &f.what, "see docs/store.md"))
+            .map(|f| {
+                Fault::new(
+                    &f.path,
+                    format!("invariant {}", f.invariant),
+                    &f.what,
+                    "see docs/store.md",
+                )
+            })
             .collect();
         if found.is_empty() {
-            self.reported.push(("store", format!("{}: sound", path.display())));
+            self.reported
+                .push(("store", format!("{}: sound", path.display())));
         }
         self.faults.extend(found);
     }
@@ -234,43 +301,70 @@ impl Findings {
     fn check_page(&mut self, config: &Config, file: &Path) {
         let Some(serve) = &config.serve else { return };
         let place = |key: &str| (file.to_owned(), format!("serve.{key}"));
-        self.faults.extend(serve.resolve(place).err().unwrap_or_default());
+        self.faults
+            .extend(serve.resolve(place).err().unwrap_or_default());
         let owner = store::service_owner(&config.store.path);
-        for path in [&serve.token_file, &serve.key, &serve.certificate].into_iter().flatten() {
+        for path in [&serve.token_file, &serve.key, &serve.certificate]
+            .into_iter()
+            .flatten()
+        {
             if owner.is_some_and(|owner| !owner.can_read(path)) {
                 let problem = "cannot be read by the owner of the store, who runs the recorder";
                 let remedy = "give it to that user: install -o wingd -m 600";
-                self.faults.push(Fault::new(path, "permissions", problem, remedy));
+                self.faults
+                    .push(Fault::new(path, "permissions", problem, remedy));
             }
         }
-        self.reported.extend(serve.exposure_warnings().into_iter().map(|warning| ("web page", warning)));
+        self.reported.extend(
+            serve
+                .exposure_warnings()
+                .into_iter()
+                .map(|warning| ("web page", warning)),
+        );
     }
 
     /// Checks that the frames in memory fit into the memory of the service.
     fn check_memory(&mut self, config: &Config, file: &Path) {
-        let (ring_mb, limit_mb) = (config.live.keep.ring_mb, memory::service_limit_mb(Path::new("/")));
-        let Some(limit_mb) = limit_mb.filter(|_| config.live.is_enabled()) else { return };
+        let (ring_mb, limit_mb) = (
+            config.live.keep.ring_mb,
+            memory::service_limit_mb(Path::new("/")),
+        );
+        let Some(limit_mb) = limit_mb.filter(|_| config.live.is_enabled()) else {
+            return;
+        };
         let largest_mb = memory::largest_ring_mb(limit_mb);
         if ring_mb > largest_mb {
             let problem = format!("is {ring_mb}, but the service may use {limit_mb} MB in all");
-            let remedy = format!("lower it to {largest_mb}, or raise MemoryMax (systemctl edit wingd)");
-            self.faults.push(Fault::new(file, "live.keep.ring_mb", problem, remedy));
+            let remedy =
+                format!("lower it to {largest_mb}, or raise MemoryMax (systemctl edit wingd)");
+            self.faults
+                .push(Fault::new(file, "live.keep.ring_mb", problem, remedy));
         }
     }
 
     fn check_sockets(&mut self, config: &Config, file: &Path) {
-        let sockets = [("status.socket", Some(&config.status.socket)), ("live.socket", config.live.socket.as_ref())];
+        let sockets = [
+            ("status.socket", Some(&config.status.socket)),
+            ("live.socket", config.live.socket.as_ref()),
+        ];
         for (key, path) in sockets {
             let Some(path) = path else { continue };
             if let Some(problem) = daemon::occupied_socket_reason(path) {
                 let problem = format!("{} {problem}", path.display());
-                self.faults.push(Fault::new(file, key, problem, "the recorder removes sockets only"));
+                self.faults.push(Fault::new(
+                    file,
+                    key,
+                    problem,
+                    "the recorder removes sockets only",
+                ));
             }
         }
     }
 
     fn check_camera(&mut self, config: &Config, file: &Path) {
-        let make = config.camera.factory(Arc::new(SystemClock::new()), Duration::ZERO);
+        let make = config
+            .camera
+            .factory(Arc::new(SystemClock::new()), Duration::ZERO);
         let mut camera = make();
         match camera.open() {
             Ok(info) => {
@@ -280,10 +374,12 @@ impl Findings {
                     }
                     _ => "",
                 };
-                self.reported.push(("camera", format!("{}{again}", info.name)));
+                self.reported
+                    .push(("camera", format!("{}{again}", info.name)));
                 for warning in &info.warnings {
                     let remedy = "set it manually on the camera, or correct the configuration";
-                    self.faults.push(Fault::new(file, "camera", warning.clone(), remedy));
+                    self.faults
+                        .push(Fault::new(file, "camera", warning.clone(), remedy));
                 }
             }
             Err(error) => {
@@ -292,7 +388,8 @@ impl Findings {
                 } else {
                     "see docs/operations/camera.md, or skip the camera with --no-camera"
                 };
-                self.faults.push(Fault::new(file, "camera", error.to_string(), remedy));
+                self.faults
+                    .push(Fault::new(file, "camera", error.to_string(), remedy));
             }
         }
         camera.close();

@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use super::verify::content_text;
-use super::{Completion, TaskResult, byte_progress, print_json, print_line, print_notes, show_busy};
+use super::{
+    Completion, TaskResult, byte_progress, print_json, print_line, print_notes, show_busy,
+};
 use crate::desk::stored_flights::select_flights;
 use crate::report::number::count_text;
 use crate::store::bundle::{self, BundleContent};
@@ -31,12 +33,20 @@ pub(super) fn run(args: &CopyArgs) -> TaskResult<Completion> {
     let flights = select_flights(&args.store, args.flight.as_deref())?;
     let report = copy_flights(args, &flights, false)?;
     // Damaged files are copied again, once.
-    let report = if report.is_sound() { report } else { copy_flights(args, &flights, true)? };
+    let report = if report.is_sound() {
+        report
+    } else {
+        copy_flights(args, &flights, true)?
+    };
     report_copy(&report, &args.directory, args.json)
 }
 
 /// Copies the missing files of the flights, or, if `thorough`, also the damaged ones, and reads the copy back.
-fn copy_flights(args: &CopyArgs, flights: &[FlightRef], thorough: bool) -> StoreResult<VerifyReport> {
+fn copy_flights(
+    args: &CopyArgs,
+    flights: &[FlightRef],
+    thorough: bool,
+) -> StoreResult<VerifyReport> {
     let receiver = Receiver::open(&RealDisk, &args.directory)?;
     for flight in flights {
         copy_flight(&RealDisk, &args.store, flight, &receiver, thorough)?;
@@ -82,14 +92,25 @@ fn copy_flight(
 }
 
 /// Prints the verdict on a copy that was read back.
-pub(super) fn report_copy(report: &VerifyReport, directory: &Path, json: bool) -> TaskResult<Completion> {
+pub(super) fn report_copy(
+    report: &VerifyReport,
+    directory: &Path,
+    json: bool,
+) -> TaskResult<Completion> {
     if json {
         print_json(report)?;
         return Ok(Completion::from_success(report.is_sound()));
     }
     print_notes(&report.faults);
-    let verdict = if report.is_sound() { "complete and sound" } else { "NOT SOUND" };
+    let verdict = if report.is_sound() {
+        "complete and sound"
+    } else {
+        "NOT SOUND"
+    };
     let (content, results) = (content_text(report), count_text(report.results, "result"));
-    print_line(&format!("{}: {verdict}, verified: {content}, {results}", directory.display()))?;
+    print_line(&format!(
+        "{}: {verdict}, verified: {content}, {results}",
+        directory.display()
+    ))?;
     Ok(Completion::from_success(report.is_sound()))
 }

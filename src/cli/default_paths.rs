@@ -19,7 +19,10 @@ pub(super) fn resolve_configuration(named: Option<&Path>) -> TaskResult<PathBuf>
     let text = format!(
         "name the configuration with --config FILE (this directory has no {CONFIGURATION_FILE}; `wingd init` writes one)"
     );
-    named.map(Path::to_owned).or_else(local_configuration).ok_or(Failure::Usage(text))
+    named
+        .map(Path::to_owned)
+        .or_else(local_configuration)
+        .ok_or(Failure::Usage(text))
 }
 
 /// Finds the configuration in the working directory.
@@ -36,13 +39,19 @@ pub(super) fn resolve_installation(named: Option<&Path>) -> TaskResult<PathBuf> 
     let text = format!(
         "name the installation with --installation DIR (this directory has no {INSTALLATION_FOLDER}/; `wingd init` writes one)"
     );
-    named.map(Path::to_owned).or_else(local_installation).ok_or(Failure::Usage(text))
+    named
+        .map(Path::to_owned)
+        .or_else(local_installation)
+        .ok_or(Failure::Usage(text))
 }
 
 /// Finds the installation in the working directory.
 pub(super) fn local_installation() -> Option<PathBuf> {
     let places = [Path::new(INSTALLATION_FOLDER), Path::new(".")];
-    places.into_iter().find(|folder| folder.join(INSTALLATION_FILE).is_file()).map(Path::to_owned)
+    places
+        .into_iter()
+        .find(|folder| folder.join(INSTALLATION_FILE).is_file())
+        .map(Path::to_owned)
 }
 
 /// Loads an installation and prints its warnings.
@@ -61,11 +70,17 @@ pub(super) fn load_without_orientation(directory: &Path) -> TaskResult<Installat
 
 /// Prints warnings about an installation.
 pub(super) fn print_warnings(installation: &Installation) {
-    print_notes(installation::find_warnings(installation).iter().map(|doubt| format!("warning: {doubt}")));
+    print_notes(
+        installation::find_warnings(installation)
+            .iter()
+            .map(|doubt| format!("warning: {doubt}")),
+    );
 }
 
 /// Loads the setup of an installation that a figure is drawn with, if one is named.
 pub(super) fn load_setup(named: Option<&Path>) -> TaskResult<Option<Setup>> {
-    let installation = named.map(installation::load_without_orientation).transpose()?;
+    let installation = named
+        .map(installation::load_without_orientation)
+        .transpose()?;
     Ok(installation.map(|installation| installation.setup))
 }

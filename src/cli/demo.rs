@@ -6,7 +6,9 @@ use std::time::Duration;
 
 use tracing::level_filters::LevelFilter;
 
-use super::{Completion, Failure, TaskResult, logging, print_line, print_notes, recorder, write_output};
+use super::{
+    Completion, Failure, TaskResult, logging, print_line, print_notes, recorder, write_output,
+};
 use crate::camera::replay::ReplayConfig;
 use crate::camera::section::CameraSection;
 use crate::clock::{Clock, SimulatedClock};
@@ -80,7 +82,8 @@ fn unpack_files(input: &Path) -> TaskResult<()> {
         }
         let made = path.parent().map_or(Ok(()), std::fs::create_dir_all);
         let written = made.and_then(|()| std::fs::write(&path, bytes));
-        written.map_err(|error| Failure::from_write_error(&path, &error, "name another --output"))?;
+        written
+            .map_err(|error| Failure::from_write_error(&path, &error, "name another --output"))?;
     }
     Ok(())
 }
@@ -98,7 +101,8 @@ fn orient_camera(directory: &Path, ground: &Path) -> TaskResult<()> {
     let fit = fit.map_err(|e| Failure::from_path_error(ground, e))?;
     let [frame] = frames;
     let images = [(frame.processed.image, frame.processed.digest)];
-    installation::write_orientation(&installation, &fit, &images, None).map_err(|e| Failure::from_path_error(ground, e))
+    installation::write_orientation(&installation, &fit, &images, None)
+        .map_err(|e| Failure::from_path_error(ground, e))
 }
 
 /// Runs the daemon until the end of its timetable. An interrupted demo is resumed.
@@ -112,10 +116,15 @@ fn record_flight(output: &Path, input: &Path, directory: &Path) -> TaskResult<()
             until: Some(FLIGHT_DURATION),
             ..SeriesConfig::default()
         },
-        store: StoreConfig { reserve_mb: 100, ..StoreConfig::new(output.join("store")) },
+        store: StoreConfig {
+            reserve_mb: 100,
+            ..StoreConfig::new(output.join("store"))
+        },
         live: crate::daemon::LiveConfig::default(),
         power: PowerConfig::default(),
-        status: StatusConfig { socket: output.join("wingd.sock") },
+        status: StatusConfig {
+            socket: output.join("wingd.sock"),
+        },
         solve: SolveConfig::default(),
         serve: None,
     };
@@ -126,7 +135,12 @@ fn record_flight(output: &Path, input: &Path, directory: &Path) -> TaskResult<()
         Some(last) => SimulatedClock::starting_at(last, Some(SPEED_UP)),
         None => SimulatedClock::new("demo", take_off, Some(SPEED_UP)),
     });
-    let origin = opened.store.series_starts_in_boot("demo").first().copied().unwrap_or_else(|| clock.since_boot());
+    let origin = opened
+        .store
+        .series_starts_in_boot("demo")
+        .first()
+        .copied()
+        .unwrap_or_else(|| clock.since_boot());
     recorder::run_recorder(&config, clock, origin, opened, flight_progress(), None)?;
     Ok(())
 }
@@ -152,7 +166,11 @@ fn verify_and_report(output: &Path, directory: &Path) -> TaskResult<Completion> 
     write_output(&page, html::report_page(&data), "free space")?;
     print_line(table::series_text(&summary::summarise_series(&data.series), false).trim_end())?;
     print_notes(&checked.faults);
-    let sound = if checked.is_sound() { "sound" } else { "NOT SOUND" };
+    let sound = if checked.is_sound() {
+        "sound"
+    } else {
+        "NOT SOUND"
+    };
     print_line(&format!(
         "\nStore: {} ({sound}, {} frames)   Report: {}",
         store.display(),
@@ -167,8 +185,18 @@ mod tests {
     use super::*;
 
     fn files(folder: &Path) -> Vec<PathBuf> {
-        let entries = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
-        entries.flat_map(|path| if path.is_dir() { files(&path) } else { vec![path] }).collect()
+        let entries = std::fs::read_dir(folder)
+            .unwrap()
+            .map(|e| e.unwrap().path());
+        entries
+            .flat_map(|path| {
+                if path.is_dir() {
+                    files(&path)
+                } else {
+                    vec![path]
+                }
+            })
+            .collect()
     }
 
     #[test]
@@ -176,7 +204,10 @@ mod tests {
         let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/demo");
         let mut there = files(&fixture);
         there.sort();
-        let mut bundled: Vec<PathBuf> = BUNDLED_FILES.iter().map(|(name, _)| fixture.join(name)).collect();
+        let mut bundled: Vec<PathBuf> = BUNDLED_FILES
+            .iter()
+            .map(|(name, _)| fixture.join(name))
+            .collect();
         bundled.sort();
         assert_eq!(bundled, there);
     }

@@ -9,8 +9,8 @@ use super::unavailable::upload;
 #[cfg(feature = "upload")]
 use super::upload;
 use super::{
-    Completion, Failure, aircraft_data, compare, convert, deform, demo, difference, export, fetch, import, learn, mark,
-    mean, plan, report, simulate, stress, time_check,
+    Completion, Failure, aircraft_data, compare, convert, deform, demo, difference, export, fetch,
+    import, learn, mark, mean, plan, report, simulate, stress, time_check,
 };
 
 commands! {

@@ -42,38 +42,75 @@ pub struct DetectArgs {
 }
 
 pub(super) fn run(args: &DetectArgs) -> TaskResult<Completion> {
-    let installation = args.installation.as_deref().map(load_installation).transpose()?;
+    let installation = args
+        .installation
+        .as_deref()
+        .map(load_installation)
+        .transpose()?;
     if let Some(directory) = &args.overlay {
-        let text = |e| format!("{} cannot be created ({e}); name another directory", directory.display());
+        let text = |e| {
+            format!(
+                "{} cannot be created ({e}); name another directory",
+                directory.display()
+            )
+        };
         std::fs::create_dir_all(directory).map_err(|e| Failure::Failed(text(e)))?;
     }
-    if installation.as_ref().is_some_and(|i| i.orientation.is_none()) {
-        eprintln!("wingd: the installation has no orientation.toml, so markers have no ids; run `wingd orient` first");
+    if installation
+        .as_ref()
+        .is_some_and(|i| i.orientation.is_none())
+    {
+        eprintln!(
+            "wingd: the installation has no orientation.toml, so markers have no ids; run `wingd orient` first"
+        );
     }
     let mut all_well = true;
     let work = |name: &str, bytes: Result<&[u8], Reason>| match bytes {
         // Without overlay and rejected candidates, the guided search is enough.
         Ok(bytes) => match &installation {
             Some(installation) if args.overlay.is_none() && !args.rejected => {
-                stages::process_frame(name, bytes, None, &installation.setup, installation.orientation.as_ref())
+                stages::process_frame(
+                    name,
+                    bytes,
+                    None,
+                    &installation.setup,
+                    installation.orientation.as_ref(),
+                )
             }
             _ => process_image(args, name, bytes, installation.as_ref()),
         },
         Err(reason) => ProcessedFrame::failed(name, reason),
     };
-    batch::for_each_image(&batch::expand_folders(&args.images)?, args.jobs, "detecting", work, |processed| {
-        all_well &= processed.failure.is_none();
-        match args.json {
-            true => print_json(&result_json(&processed, installation.as_ref(), args.rejected)),
-            false => print_line(&result_text(&processed, installation.as_ref(), args.wide)),
-        }
-    })?;
+    batch::for_each_image(
+        &batch::expand_folders(&args.images)?,
+        args.jobs,
+        "detecting",
+        work,
+        |processed| {
+            all_well &= processed.failure.is_none();
+            match args.json {
+                true => print_json(&result_json(
+                    &processed,
+                    installation.as_ref(),
+                    args.rejected,
+                )),
+                false => print_line(&result_text(&processed, installation.as_ref(), args.wide)),
+            }
+        },
+    )?;
     Ok(Completion::from_success(all_well))
 }
 
-fn process_image(args: &DetectArgs, name: &str, bytes: &[u8], installation: Option<&Installation>) -> ProcessedFrame {
+fn process_image(
+    args: &DetectArgs,
+    name: &str,
+    bytes: &[u8],
+    installation: Option<&Installation>,
+) -> ProcessedFrame {
     let (mut processed, raster) = match installation {
-        Some(known) => stages::process_full_frame(name, bytes, None, &known.setup, known.orientation.as_ref()),
+        Some(known) => {
+            stages::process_full_frame(name, bytes, None, &known.setup, known.orientation.as_ref())
+        }
         None => stages::detect_only(name, bytes, None),
     };
     if let (Some(raster), Some(directory)) = (&raster, &args.overlay) {
@@ -90,16 +127,24 @@ fn write_overlay(picture: &RgbImage, directory: &Path, image: &str) -> Result<()
     let name = image.trim_start_matches('/').replace('/', "_");
     let file = directory.join(Path::new(&name).with_extension("png"));
     let mut png = vec![];
-    let encoder = PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive);
+    let encoder =
+        PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive);
     let drawn = picture.write_with_encoder(encoder);
     let written = drawn.and_then(|()| Ok(std::fs::write(&file, png)?));
-    let text =
-        |e: &image::ImageError| format!("{} cannot be written ({e}); free space, or name another DIR", file.display());
+    let text = |e: &image::ImageError| {
+        format!(
+            "{} cannot be written ({e}); free space, or name another DIR",
+            file.display()
+        )
+    };
     written.map_err(|e| Reason::new(text(&e), e))
 }
 
 /// Returns the survey id of each detection.
-fn marker_ids(processed: &ProcessedFrame, installation: Option<&Installation>) -> Vec<Option<String>> {
+fn marker_ids(
+    processed: &ProcessedFrame,
+    installation: Option<&Installation>,
+) -> Vec<Option<String>> {
     let id = |k: usize| -> Option<String> {
         let marker = *processed.identities.as_ref()?.marker_of.get(k)?;
         Some(installation?.setup.markers.get(marker?)?.id.clone())
@@ -112,41 +157,83 @@ fn listed_detections(
     processed: &ProcessedFrame,
     installation: Option<&Installation>,
 ) -> Vec<(Option<String>, Detection)> {
-    let all = marker_ids(processed, installation).into_iter().zip(processed.detections.markers.iter().cloned());
-    all.filter(|(id, _)| id.is_some() || processed.identities.is_none()).collect()
+    let all = marker_ids(processed, installation)
+        .into_iter()
+        .zip(processed.detections.markers.iter().cloned());
+    all.filter(|(id, _)| id.is_some() || processed.identities.is_none())
+        .collect()
 }
 
-fn result_text(processed: &ProcessedFrame, installation: Option<&Installation>, wide: bool) -> String {
+fn result_text(
+    processed: &ProcessedFrame,
+    installation: Option<&Installation>,
+    wide: bool,
+) -> String {
     match &processed.failure {
         Some(reason) => format!("{}: failed: {reason}\n", processed.image),
-        None => {
-            table::detections_text(&processed.image, &processed.detections, &marker_ids(processed, installation), wide)
-        }
+        None => table::detections_text(
+            &processed.image,
+            &processed.detections,
+            &marker_ids(processed, installation),
+            wide,
+        ),
     }
 }
 
-fn result_json(processed: &ProcessedFrame, installation: Option<&Installation>, with_rejected: bool) -> Value {
+fn result_json(
+    processed: &ProcessedFrame,
+    installation: Option<&Installation>,
+    with_rejected: bool,
+) -> Value {
     let mut line = Map::new();
     line.insert("image".into(), processed.image.clone().into());
-    line.insert("status".into(), if processed.failure.is_none() { "ok" } else { "failed" }.into());
+    line.insert(
+        "status".into(),
+        if processed.failure.is_none() {
+            "ok"
+        } else {
+            "failed"
+        }
+        .into(),
+    );
     if let Some(reason) = &processed.failure {
         line.insert("reason".into(), reason.text().into());
     }
     line.insert("width".into(), json!(processed.size.map(|s| s.0)));
     line.insert("height".into(), json!(processed.size.map(|s| s.1)));
     let markers = listed_detections(processed, installation);
-    line.insert("markers".into(), markers.iter().map(|(id, d)| marker_json(id.as_deref(), d)).collect());
+    line.insert(
+        "markers".into(),
+        markers
+            .iter()
+            .map(|(id, d)| marker_json(id.as_deref(), d))
+            .collect(),
+    );
     if let Some(seen) = processed.detections.overshoot {
-        line.insert("overshoot".into(), json!({ "amplitude": seen.amplitude, "halo_px": seen.halo_px }));
+        line.insert(
+            "overshoot".into(),
+            json!({ "amplitude": seen.amplitude, "halo_px": seen.halo_px }),
+        );
     }
     let missing = missing_markers_json(processed, installation);
     if !missing.is_empty() {
         line.insert("missing".into(), missing.into());
     }
     if with_rejected {
-        line.insert("rejected".into(), processed.detections.rejected.iter().map(rejected_candidate_json).collect());
+        line.insert(
+            "rejected".into(),
+            processed
+                .detections
+                .rejected
+                .iter()
+                .map(rejected_candidate_json)
+                .collect(),
+        );
     }
-    line.insert("timing_ms".into(), json!(recording::stage_timing(&processed.stages)));
+    line.insert(
+        "timing_ms".into(),
+        json!(recording::stage_timing(&processed.stages)),
+    );
     line.into()
 }
 
@@ -185,8 +272,17 @@ fn rejected_candidate_json(r: &Rejected) -> Value {
     })
 }
 
-fn missing_markers_json(processed: &ProcessedFrame, installation: Option<&Installation>) -> Vec<Value> {
+fn missing_markers_json(
+    processed: &ProcessedFrame,
+    installation: Option<&Installation>,
+) -> Vec<Value> {
     let missing = processed.identities.iter().flat_map(|i| &i.missing);
-    let id = |k: usize| installation.and_then(|i| i.setup.markers.get(k)).map(|m| m.id.clone());
-    missing.map(|(k, reason)| json!({ "id": id(*k), "reason": reason })).collect()
+    let id = |k: usize| {
+        installation
+            .and_then(|i| i.setup.markers.get(k))
+            .map(|m| m.id.clone())
+    };
+    missing
+        .map(|(k, reason)| json!({ "id": id(*k), "reason": reason }))
+        .collect()
 }

@@ -38,15 +38,20 @@ pub struct DiagnoseArgs {
 /// Diagnoses images and prints the causes.
 pub(super) fn run(args: &DiagnoseArgs) -> Result<Completion, Failure> {
     let installation = load_installation(&resolve_installation(args.installation.as_deref())?)?;
-    let outcomes =
-        if args.flight { diagnose_flights(args, &installation)? } else { diagnose_ground(args, &installation)? };
+    let outcomes = if args.flight {
+        diagnose_flights(args, &installation)?
+    } else {
+        diagnose_ground(args, &installation)?
+    };
     for (image, outcome) in &outcomes {
         match args.json {
             true => print_json(&outcome.to_json(image))?,
             false => print_line(&outcome.text(image))?,
         }
     }
-    Ok(Completion::from_success(outcomes.iter().all(|(_, outcome)| outcome.is_sound())))
+    Ok(Completion::from_success(
+        outcomes.iter().all(|(_, outcome)| outcome.is_sound()),
+    ))
 }
 
 /// Result of an image.
@@ -60,26 +65,44 @@ enum DiagnosedImage {
 /// Diagnosed images with their names.
 type DiagnosedImages = Vec<(String, DiagnosedImage)>;
 
-fn diagnose_ground(args: &DiagnoseArgs, installation: &Installation) -> Result<DiagnosedImages, Failure> {
+fn diagnose_ground(
+    args: &DiagnoseArgs,
+    installation: &Installation,
+) -> Result<DiagnosedImages, Failure> {
     let setup = &installation.setup;
-    let mut frames = orient::read_frames(&args.images, args.observations.as_deref(), args.jobs, installation)?;
+    let mut frames = orient::read_frames(
+        &args.images,
+        args.observations.as_deref(),
+        args.jobs,
+        installation,
+    )?;
     let error = orienting::orient_frames(setup, &mut frames).err();
     let outcome = match error {
         Some(error) if error.names_cause() => DiagnosedImage::Sentence(error.to_string()),
         error => {
             let reason = match error {
-                Some(error @ IdentifyError::NoConsensus { .. }) => format!("{error}: {OTHER_AIRCRAFT}"),
-                error => error.map_or("the images cannot be diagnosed".to_owned(), |error| error.to_string()),
+                Some(error @ IdentifyError::NoConsensus { .. }) => {
+                    format!("{error}: {OTHER_AIRCRAFT}")
+                }
+                error => error.map_or("the images cannot be diagnosed".to_owned(), |error| {
+                    error.to_string()
+                }),
             };
             let found = identify::diagnose_ground(setup, &orienting::detected_markers(&frames));
             found.map_or(DiagnosedImage::Sentence(reason), DiagnosedImage::Ranked)
         }
     };
-    let images: Vec<&str> = frames.iter().map(|frame| frame.processed.image.as_str()).collect();
+    let images: Vec<&str> = frames
+        .iter()
+        .map(|frame| frame.processed.image.as_str())
+        .collect();
     Ok(vec![(images.join(", "), outcome)])
 }
 
-fn diagnose_flights(args: &DiagnoseArgs, installation: &Installation) -> Result<DiagnosedImages, Failure> {
+fn diagnose_flights(
+    args: &DiagnoseArgs,
+    installation: &Installation,
+) -> Result<DiagnosedImages, Failure> {
     let (setup, orientation) = (&installation.setup, installation.require_orientation()?);
     let files = batch::expand_folders(&args.images)?;
     let marks = match &args.observations {
@@ -93,12 +116,25 @@ fn diagnose_flights(args: &DiagnoseArgs, installation: &Installation) -> Result<
         };
         processed.add_manual(marks.for_image(name));
         let found = pipeline::diagnose_frame(&processed, setup, orientation);
-        let reason = processed.failure.map_or("the image cannot be diagnosed".to_owned(), |reason| reason.to_string());
+        let reason = processed
+            .failure
+            .map_or("the image cannot be diagnosed".to_owned(), |reason| {
+                reason.to_string()
+            });
         let sentence = |cause: Option<String>| DiagnosedImage::Sentence(cause.unwrap_or(reason));
-        (processed.image, found.map_or_else(sentence, DiagnosedImage::Ranked))
+        (
+            processed.image,
+            found.map_or_else(sentence, DiagnosedImage::Ranked),
+        )
     };
     let mut outcomes = vec![];
-    batch::for_each_image(&files, args.jobs, "diagnosing", process, batch::collect_into(&mut outcomes))?;
+    batch::for_each_image(
+        &files,
+        args.jobs,
+        "diagnosing",
+        process,
+        batch::collect_into(&mut outcomes),
+    )?;
     Ok(outcomes)
 }
 
@@ -118,7 +154,11 @@ impl DiagnosedImage {
 
     fn to_json(&self, image: &str) -> Value {
         let explanation = |e: &Explanation| {
-            let size: Vec<Value> = e.size.iter().map(|s| json!({"value": s.value, "sigma": s.sigma})).collect();
+            let size: Vec<Value> = e
+                .size
+                .iter()
+                .map(|s| json!({"value": s.value, "sigma": s.sigma}))
+                .collect();
             json!({
                 "cause": format!("{:?}", e.cause),
                 "text": e.text,
@@ -138,7 +178,9 @@ impl DiagnosedImage {
                 "further": found.further.as_ref().map(explanation),
                 "ranking": list(found.ranking.get(..SHOWN.min(found.ranking.len())).unwrap_or_default()),
             }),
-            Self::Sentence(reason) => json!({"status": self.status(), "image": image, "reason": reason}),
+            Self::Sentence(reason) => {
+                json!({"status": self.status(), "image": image, "reason": reason})
+            }
         }
     }
 
@@ -152,7 +194,8 @@ impl DiagnosedImage {
         if causes.is_empty() {
             return format!("{image}: no error found; variance factor {factor:.2}");
         }
-        let line = |e: &Explanation| format!("\n- {}; variance factor {:.2}", e.text, e.variance_factor);
+        let line =
+            |e: &Explanation| format!("\n- {}; variance factor {:.2}", e.text, e.variance_factor);
         let lines: String = causes.iter().chain(&found.further).map(line).collect();
         let head = match (causes.len(), &found.further) {
             (1, None) => "one cause explains it",

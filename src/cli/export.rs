@@ -54,7 +54,12 @@ pub struct ExportArgs {
     #[arg(long, value_name = "FILE")]
     stations: Option<PathBuf>,
     /// Stations of the shape as fractions of the length to the tip
-    #[arg(long, value_name = "ETA,ETA", value_delimiter = ',', conflicts_with = "stations")]
+    #[arg(
+        long,
+        value_name = "ETA,ETA",
+        value_delimiter = ',',
+        conflicts_with = "stations"
+    )]
     eta: Option<Vec<f64>>,
     /// Flight, for example f0001 [default: all flights]
     #[arg(long)]
@@ -73,7 +78,10 @@ pub struct ExportArgs {
 
 impl ExportArgs {
     fn result_choice(&self) -> ResultChoice<'_> {
-        ResultChoice { flight: self.flight.as_deref(), inputs: self.inputs.as_deref() }
+        ResultChoice {
+            flight: self.flight.as_deref(),
+            inputs: self.inputs.as_deref(),
+        }
     }
 }
 
@@ -83,7 +91,9 @@ pub(super) fn run(args: &ExportArgs) -> TaskResult<Completion> {
     let is_shape = matches!(args.table, ResultTable::Shape | ResultTable::Series);
     let is_possible = match args.table {
         ResultTable::Shape => is_array,
-        ResultTable::Series => is_array || matches!(args.format, FormatName::Csv | FormatName::Parquet),
+        ResultTable::Series => {
+            is_array || matches!(args.format, FormatName::Csv | FormatName::Parquet)
+        }
         _ => !is_array,
     };
     if !is_possible {
@@ -92,7 +102,9 @@ pub(super) fn run(args: &ExportArgs) -> TaskResult<Completion> {
         return Err(Failure::Usage(remedy.into()));
     }
     if !is_shape && (args.stations.is_some() || args.eta.is_some()) {
-        return Err(Failure::Usage("--stations and --eta are for --table shape and series".into()));
+        return Err(Failure::Usage(
+            "--stations and --eta are for --table shape and series".into(),
+        ));
     }
     let data = match args.format {
         FormatName::Netcdf | FormatName::Npz => return export_shapes(args),
@@ -111,7 +123,9 @@ use shape::export_shapes;
 
 #[cfg(not(feature = "shapes"))]
 fn export_shapes(_: &ExportArgs) -> TaskResult<Completion> {
-    Err(Failure::Usage("this wingd was built without NetCDF and NumPy; use --format csv --table span".into()))
+    Err(Failure::Usage(
+        "this wingd was built without NetCDF and NumPy; use --format csv --table span".into(),
+    ))
 }
 
 /// Collects the facts common to all rows. The names of torsion pairs need a first pass through the results.
@@ -120,16 +134,30 @@ fn read_common_facts(args: &ExportArgs) -> TaskResult<ExportContext> {
     for flight in source::selected_flights(&args.store, args.flight.as_deref())? {
         for series in catalogue::list_series(&RealDisk, &flight)? {
             // Damaged files are reported when their rows are read.
-            let _ = catalogue::for_each_line(&RealDisk, &series.folder.join(layout::RESULTS_FILE), |_, line| {
-                let head = result_summary::parse_summary(line, &["torsion"]);
-                let torsion = head.and_then(|head| head.record.into_values().next()).map(serde_json::from_value);
-                let torsion: Vec<TorsionRecord> = torsion.and_then(Result::ok).unwrap_or_default();
-                let known = std::mem::take(&mut names);
-                names = distinct_values(known.into_iter().chain(torsion.into_iter().map(|pair| pair.name)));
-            });
+            let _ = catalogue::for_each_line(
+                &RealDisk,
+                &series.folder.join(layout::RESULTS_FILE),
+                |_, line| {
+                    let head = result_summary::parse_summary(line, &["torsion"]);
+                    let torsion = head
+                        .and_then(|head| head.record.into_values().next())
+                        .map(serde_json::from_value);
+                    let torsion: Vec<TorsionRecord> =
+                        torsion.and_then(Result::ok).unwrap_or_default();
+                    let known = std::mem::take(&mut names);
+                    names = distinct_values(
+                        known
+                            .into_iter()
+                            .chain(torsion.into_iter().map(|pair| pair.name)),
+                    );
+                },
+            );
         }
     }
-    Ok(ExportContext { store_id: catalogue::store_id(&RealDisk, &args.store), pairs: names })
+    Ok(ExportContext {
+        store_id: catalogue::store_id(&RealDisk, &args.store),
+        pairs: names,
+    })
 }
 
 /// Exports a table, series by series.
@@ -139,7 +167,8 @@ fn export_rows(args: &ExportArgs) -> TaskResult<ReportData> {
     let written = || {
         let mut sink = RowSink::begin(args, empty, || file_metadata(args, &common))?;
         let data = source::for_each_series(&args.store, args.result_choice(), |series| {
-            sink.add_rows(export::table_columns(args.table, &series, &common)).map_err(ExportEnd::from)
+            sink.add_rows(export::table_columns(args.table, &series, &common))
+                .map_err(ExportEnd::from)
         })?;
         sink.finish()?;
         Ok::<_, ExportEnd>(data)
@@ -164,16 +193,25 @@ fn export_jsonl(args: &ExportArgs) -> TaskResult<ReportData> {
 fn recorder_metadata(store_id: Option<&str>) -> FileMetadata {
     let units = "m, deg, px, s by the suffix of the column name; columns: docs/tables.md";
     vec![
-        ("program".to_owned(), format!("wingd {}", env!("CARGO_PKG_VERSION"))),
+        (
+            "program".to_owned(),
+            format!("wingd {}", env!("CARGO_PKG_VERSION")),
+        ),
         ("schema_version".to_owned(), SCHEMA_VERSION.to_string()),
-        ("recorder_id".to_owned(), store_id.unwrap_or_default().to_owned()),
+        (
+            "recorder_id".to_owned(),
+            store_id.unwrap_or_default().to_owned(),
+        ),
         ("units".to_owned(), units.to_owned()),
     ]
 }
 
 /// Adds the provenance of results, once for each key of the inputs.
 fn add_provenance(notes: &mut FileMetadata, key: &str, provenance: &Map<String, Value>) {
-    let note = (format!("inputs {key}"), serde_json::to_string(provenance).unwrap_or_default());
+    let note = (
+        format!("inputs {key}"),
+        serde_json::to_string(provenance).unwrap_or_default(),
+    );
     if !notes.contains(&note) {
         notes.push(note);
     }
@@ -183,7 +221,9 @@ fn add_provenance(notes: &mut FileMetadata, key: &str, provenance: &Map<String, 
 fn file_metadata(args: &ExportArgs, common: &ExportContext) -> TaskResult<FileMetadata> {
     let mut notes = recorder_metadata(common.store_id.as_deref());
     for flight in source::selected_flights(&args.store, args.flight.as_deref())? {
-        if let Some(set) = result_sets::flight_result_sets(&RealDisk, &flight)?.choose_set(args.inputs.as_deref()) {
+        if let Some(set) =
+            result_sets::flight_result_sets(&RealDisk, &flight)?.choose_set(args.inputs.as_deref())
+        {
             add_provenance(&mut notes, &set.key, &set.provenance);
         }
     }
@@ -218,24 +258,42 @@ fn ground_markers(args: &ExportArgs, flight: &FlightRef) -> TaskResult<Vec<Groun
     Ok(ReportSite::from(&installation.setup).ground)
 }
 
-fn export_vtk_flight(args: &ExportArgs, flight: &FlightRef, folder: &Path) -> TaskResult<ReportData> {
+fn export_vtk_flight(
+    args: &ExportArgs,
+    flight: &FlightRef,
+    folder: &Path,
+) -> TaskResult<ReportData> {
     let ground = ground_markers(args, flight)?;
     let below = folder.join(&flight.id);
     fs::create_dir_all(&below).map_err(|e| write_failure(&below, &e))?;
     if !ground.is_empty() {
-        write_file(&folder.join(format!("{}-ground.vtp", flight.id)), &export::ground_shape(&ground).to_vtp(None))?;
+        write_file(
+            &folder.join(format!("{}-ground.vtp", flight.id)),
+            &export::ground_shape(&ground).to_vtp(None),
+        )?;
     }
     let (mut files, mut first) = (Vec::new(), None);
-    let choice = ResultChoice { flight: Some(&flight.id), inputs: args.inputs.as_deref() };
+    let choice = ResultChoice {
+        flight: Some(&flight.id),
+        inputs: args.inputs.as_deref(),
+    };
     let data = source::for_each_series(&args.store, choice, |series| {
         if summary::solved_records(&series).is_empty() {
-            eprintln!("wingd: {}/{}: no solved frame, skipped", series.flight, series.name);
+            eprintln!(
+                "wingd: {}/{}: no solved frame, skipped",
+                series.flight, series.name
+            );
             return Ok(());
         }
         let name = format!("{}-{}", series.flight, series.name);
-        write_file(&folder.join(format!("{name}.vtu")), &export::series_shape(&series, &ground).to_vtu())?;
+        write_file(
+            &folder.join(format!("{name}.vtu")),
+            &export::series_shape(&series, &ground).to_vtu(),
+        )?;
         for record in summary::solved_records(&series) {
-            let Some(stamp) = series.shot_for_record(record).and_then(|s| s.stamp.clone()) else { continue };
+            let Some(stamp) = series.shot_for_record(record).and_then(|s| s.stamp.clone()) else {
+                continue;
+            };
             let began = first.get_or_insert_with(|| stamp.clone());
             let time_s = 3600.0 * summary::hours_between(began, &stamp);
             let stem = record.image.split('.').next().unwrap_or_default();
@@ -247,7 +305,10 @@ fn export_vtk_flight(args: &ExportArgs, flight: &FlightRef, folder: &Path) -> Ta
         }
         Result::<(), Failure>::Ok(())
     })?;
-    write_file(&folder.join(format!("{}.pvd", flight.id)), &export::time_collection(&files))?;
+    write_file(
+        &folder.join(format!("{}.pvd", flight.id)),
+        &export::time_collection(&files),
+    )?;
     Ok(data)
 }
 

@@ -35,10 +35,10 @@ pub struct FetchArgs {
 }
 
 pub(super) fn run(args: &FetchArgs) -> TaskResult<Completion> {
-    let token = args
-        .token_file
-        .as_deref()
-        .map(|file| access::read_token(file).map_err(|(problem, remedy)| Fault::new(file, "token", problem, remedy)));
+    let token = args.token_file.as_deref().map(|file| {
+        access::read_token(file)
+            .map_err(|(problem, remedy)| Fault::new(file, "token", problem, remedy))
+    });
     let client = Client::new(&args.url, token.transpose()?, args.certificate.as_deref());
     let mut client = client.map_err(|e| Failure::Failed(e.to_string()))?;
     let flights = match &args.flight {
@@ -46,7 +46,11 @@ pub(super) fn run(args: &FetchArgs) -> TaskResult<Completion> {
         None => fetch::fetch_flight_names(&mut client).map_err(|e| fetch_failure(args, e))?,
     };
     let report = fetch_all(args, &mut client, &flights, false)?;
-    let report = if report.is_sound() { report } else { fetch_all(args, &mut client, &flights, true)? };
+    let report = if report.is_sound() {
+        report
+    } else {
+        fetch_all(args, &mut client, &flights, true)?
+    };
     report_copy(&report, &args.directory, args.json)
 }
 
@@ -63,7 +67,8 @@ fn fetch_all(
             bar.set_length(total);
             bar.set_position(done);
         };
-        fetch::fetch_flight(client, &receiver, flight, thorough, &mut progress).map_err(|e| fetch_failure(args, e))?;
+        fetch::fetch_flight(client, &receiver, flight, thorough, &mut progress)
+            .map_err(|e| fetch_failure(args, e))?;
         bar.finish_and_clear();
     }
     Ok(read_back(receiver)?)

@@ -11,7 +11,9 @@ use crate::desk::flight_marks::FlightMarks;
 use crate::desk::stored_flights;
 use crate::desk::stored_frames::{self, FlightAircraftData, FlightInputs};
 use crate::installation::{self, Installation};
-use crate::measure::adjust::{AdjustmentMethod, CommonErrors, GlobalTest, JointShape, ShapeMean, StationChoice};
+use crate::measure::adjust::{
+    AdjustmentMethod, CommonErrors, GlobalTest, JointShape, ShapeMean, StationChoice,
+};
 use crate::measure::observation::Estimate;
 use crate::measure::setup::WingSide;
 use crate::pipeline::{self, ProcessedFrame, SolveJob, SolvedShape};
@@ -55,16 +57,23 @@ pub(super) struct MeanOptions {
 impl MeanOptions {
     fn conditions(&self) -> TaskResult<Vec<FlightCondition>> {
         let parsed = self.conditions.as_deref().map(FlightCondition::parse_all);
-        let conditions = parsed.transpose().map_err(|e| Failure::Usage(format!("--where: {e}")))?;
+        let conditions = parsed
+            .transpose()
+            .map_err(|e| Failure::Usage(format!("--where: {e}")))?;
         Ok(conditions.unwrap_or_default())
     }
 
     /// Returns the stations as given, or at tenths of the length.
     pub fn stations(&self) -> TaskResult<StationChoice> {
-        let etas = self.eta.clone().unwrap_or_else(|| (1..=10).map(|k| f64::from(k) / 10.0).collect());
+        let etas = self
+            .eta
+            .clone()
+            .unwrap_or_else(|| (1..=10).map(|k| f64::from(k) / 10.0).collect());
         match etas.iter().all(|eta| (0.0..=1.0).contains(eta)) {
             true => Ok(StationChoice::Fractions(etas)),
-            false => Err(Failure::Usage("--eta takes fractions of the length, 0 to 1".into())),
+            false => Err(Failure::Usage(
+                "--eta takes fractions of the length, 0 to 1".into(),
+            )),
         }
     }
 }
@@ -83,10 +92,18 @@ pub(super) struct FrameSelection {
 impl FrameSelection {
     /// Splits a name at its last colon, unless there is a store with the whole name.
     pub fn parse(text: &str) -> Self {
-        let (store, rest) = text.rsplit_once(':').filter(|_| !Path::new(text).exists()).unwrap_or((text, ""));
+        let (store, rest) = text
+            .rsplit_once(':')
+            .filter(|_| !Path::new(text).exists())
+            .unwrap_or((text, ""));
         let (flight, within) = rest.split_once('/').unwrap_or((rest, ""));
         let part = |part: &str| (!part.is_empty()).then(|| part.to_owned());
-        Self { text: text.to_owned(), store: store.into(), flight: part(flight), within: part(within) }
+        Self {
+            text: text.to_owned(),
+            store: store.into(),
+            flight: part(flight),
+            within: part(within),
+        }
     }
 
     /// Adjusts the flight again and returns the mean of the selected frames in which the conditions hold.
@@ -94,24 +111,42 @@ impl FrameSelection {
     /// # Errors
     /// Returns an error if the selection names no flight or none of its frames has a shape, or if it means several frames
     /// whose common errors are not known because they were adjusted singly.
-    pub fn solve(&self, options: &MeanOptions, stations: &StationChoice) -> TaskResult<SelectedMean> {
+    pub fn solve(
+        &self,
+        options: &MeanOptions,
+        stations: &StationChoice,
+    ) -> TaskResult<SelectedMean> {
         let conditions = options.conditions()?;
         let inputs = options.inputs.as_deref();
         let fail = |what: &str| Failure::Failed(format!("{}: {what}", self.text));
         let flights = stored_flights::select_flights(&self.store, self.flight.as_deref())?;
         let [flight] = flights.as_slice() else {
-            return Err(fail("the store has several flights; name one as STORE:FLIGHT"));
+            return Err(fail(
+                "the store has several flights; name one as STORE:FLIGHT",
+            ));
         };
-        let solved = ShapeSource { store: &self.store, flight, inputs, installation: None }.solve(stations)?;
+        let solved = ShapeSource {
+            store: &self.store,
+            flight,
+            inputs,
+            installation: None,
+        }
+        .solve(stations)?;
         let within = self.within.as_deref().unwrap_or_default();
         let is_selected = |k: usize| {
             let name = stored_flights::frame_name(&solved.frames[k]);
-            let is_named = name == within || name.split_once('/').is_some_and(|(series, _)| series == within);
+            let is_named = name == within
+                || name
+                    .split_once('/')
+                    .is_some_and(|(series, _)| series == within);
             let aircraft = &solved.processed[k].aircraft;
-            (within.is_empty() || is_named) && conditions.iter().all(|condition| condition.holds(aircraft))
+            (within.is_empty() || is_named)
+                && conditions.iter().all(|condition| condition.holds(aircraft))
         };
         let means = solved.shapes.iter().filter_map(|one| {
-            let chosen: Vec<usize> = (0..one.frames.len()).filter(|k| is_selected(one.frames[*k])).collect();
+            let chosen: Vec<usize> = (0..one.frames.len())
+                .filter(|k| is_selected(one.frames[*k]))
+                .collect();
             (!chosen.is_empty()).then_some((one, chosen))
         });
         let mut means: Vec<(&SolvedShape, Vec<usize>)> = means.collect();
@@ -121,17 +156,32 @@ impl FrameSelection {
                  STORE:FLIGHT/SERIES/FRAME, or run `wingd solve STORE --flight`",
             ));
         }
-        let (one, chosen) =
-            means.pop().ok_or_else(|| fail("no frame with this name and these conditions has a shape"))?;
-        let installation = solved.provenance.iter().filter(|(name, _)| name.ends_with(".sha256"));
+        let (one, chosen) = means
+            .pop()
+            .ok_or_else(|| fail("no frame with this name and these conditions has a shape"))?;
+        let installation = solved
+            .provenance
+            .iter()
+            .filter(|(name, _)| name.ends_with(".sha256"));
         Ok(SelectedMean {
             mean: one.shape.mean(&chosen),
-            frames: chosen.iter().map(|k| solved.frames[one.frames[*k]].entry.sha256.clone()).collect(),
-            rejected: chosen.iter().any(|k| one.shape.frames[*k].solution.global_test == Some(GlobalTest::Rejected)),
-            shape: JointShape { frames: vec![], ..one.shape.clone() },
+            frames: chosen
+                .iter()
+                .map(|k| solved.frames[one.frames[*k]].entry.sha256.clone())
+                .collect(),
+            rejected: chosen
+                .iter()
+                .any(|k| one.shape.frames[*k].solution.global_test == Some(GlobalTest::Rejected)),
+            shape: JointShape {
+                frames: vec![],
+                ..one.shape.clone()
+            },
             side: solved.installation.setup.side(),
-            flight: solved.jointly.then(|| serde_json::to_string(&solved.provenance).unwrap_or_default()),
-            installation: serde_json::to_string(&installation.collect::<BTreeMap<_, _>>()).unwrap_or_default(),
+            flight: solved
+                .jointly
+                .then(|| serde_json::to_string(&solved.provenance).unwrap_or_default()),
+            installation: serde_json::to_string(&installation.collect::<BTreeMap<_, _>>())
+                .unwrap_or_default(),
             conditions: mean_conditions(chosen.iter().map(|k| &solved.processed[one.frames[*k]])),
             jointly: solved.jointly,
         })
@@ -145,9 +195,20 @@ pub(super) fn mean_conditions<'a>(
 ) -> BTreeMap<Quantity, Estimate> {
     let count = frames.clone().count().max(1) as f64;
     let mean = |quantity: Quantity| {
-        let values: Option<Vec<_>> = frames.clone().map(|frame| frame.aircraft.get(&quantity)).collect();
-        let sum = values?.iter().fold((0.0, 0.0), |sum, joined| (sum.0 + joined.value, sum.1 + joined.sigma));
-        Some((quantity, Estimate { value: sum.0 / count, sigma: Some(sum.1 / count) }))
+        let values: Option<Vec<_>> = frames
+            .clone()
+            .map(|frame| frame.aircraft.get(&quantity))
+            .collect();
+        let sum = values?.iter().fold((0.0, 0.0), |sum, joined| {
+            (sum.0 + joined.value, sum.1 + joined.sigma)
+        });
+        Some((
+            quantity,
+            Estimate {
+                value: sum.0 / count,
+                sigma: Some(sum.1 / count),
+            },
+        ))
     };
     Quantity::ALL.into_iter().filter_map(mean).collect()
 }
@@ -187,7 +248,11 @@ impl SelectedMean {
                         parameters; run `wingd solve STORE --flight` with the same options for all";
             return Err(Failure::Failed(what.into()));
         }
-        Ok(if self.flight == other.flight { CommonErrors::Flight } else { CommonErrors::Installation })
+        Ok(if self.flight == other.flight {
+            CommonErrors::Flight
+        } else {
+            CommonErrors::Installation
+        })
     }
 }
 
@@ -212,16 +277,22 @@ impl ShapeSource<'_> {
         let failed = |what: String| Failure::Failed(format!("{flight}: {what}"));
         let sets = result_sets::flight_result_sets(&RealDisk, self.flight)?;
         let set = sets.choose_set(self.inputs);
-        let set = set.ok_or_else(|| failed("has no such results; run `wingd solve` on the store first".into()))?;
+        let set = set.ok_or_else(|| {
+            failed("has no such results; run `wingd solve` on the store first".into())
+        })?;
         print_notes(sets.mixed_inputs_warning(flight, self.inputs));
-        let parameters = set.provenance.get("parameters").cloned().map(serde_json::from_value::<Parameters>);
+        let parameters = set
+            .provenance
+            .get("parameters")
+            .cloned()
+            .map(serde_json::from_value::<Parameters>);
         let parameters = parameters.and_then(Result::ok).unwrap_or_default();
         if parameters.method == Some(AdjustmentMethod::Profile) {
-            let what =
-                "was solved with the profile method, which has no sections; run `wingd solve` with --method spatial";
+            let what = "was solved with the profile method, which has no sections; run `wingd solve` with --method spatial";
             return Err(failed(what.into()));
         }
-        let directory = stored_flights::flight_installation(self.installation, self.store, self.flight)?;
+        let directory =
+            stored_flights::flight_installation(self.installation, self.store, self.flight)?;
         let installation = installation::load(&directory)?;
         let orientation = installation.require_orientation()?;
         let jointly = set.provenance.contains_key("frames_together");
@@ -242,10 +313,17 @@ impl ShapeSource<'_> {
             },
         };
         let frames = stored_flights::flight_frames(&RealDisk, self.flight, None)?;
-        let job = SolveJob { method: AdjustmentMethod::Spatial, options: parameters.options() };
+        let job = SolveJob {
+            method: AdjustmentMethod::Spatial,
+            options: parameters.options(),
+        };
         let provenance = known.provenance(&job, jointly.then_some(&frames));
         let differs = |key: &&String| provenance.get(*key) != set.provenance.get(*key);
-        let mut others: Vec<&String> = provenance.keys().chain(set.provenance.keys()).filter(differs).collect();
+        let mut others: Vec<&String> = provenance
+            .keys()
+            .chain(set.provenance.keys())
+            .filter(differs)
+            .collect();
         others.dedup();
         if let Some(first) = others.first() {
             let what = format!(
@@ -256,14 +334,37 @@ impl ShapeSource<'_> {
             return Err(failed(what));
         }
         let mut processed = Vec::with_capacity(frames.len());
-        let process = |frame: &FrameRef, bytes: Result<&[u8], Reason>| known.process_frame(frame, bytes);
-        batch::for_each_stored_frame(&frames, 0, "measuring", process, batch::collect_into(&mut processed))?;
-        let (shapes, without) =
-            pipeline::solve_shapes(&processed, &installation, orientation, &job, (jointly, stations));
-        print_notes(without.iter().map(|(k, reason)| format!("{flight}/{}: {reason}", processed[*k].image)));
+        let process =
+            |frame: &FrameRef, bytes: Result<&[u8], Reason>| known.process_frame(frame, bytes);
+        batch::for_each_stored_frame(
+            &frames,
+            0,
+            "measuring",
+            process,
+            batch::collect_into(&mut processed),
+        )?;
+        let (shapes, without) = pipeline::solve_shapes(
+            &processed,
+            &installation,
+            orientation,
+            &job,
+            (jointly, stations),
+        );
+        print_notes(
+            without
+                .iter()
+                .map(|(k, reason)| format!("{flight}/{}: {reason}", processed[*k].image)),
+        );
         if shapes.is_empty() {
             return Err(failed("no frame has a shape".into()));
         }
-        Ok(FlightShape { installation, frames, processed, shapes, jointly, provenance })
+        Ok(FlightShape {
+            installation,
+            frames,
+            processed,
+            shapes,
+            jointly,
+            provenance,
+        })
     }
 }

@@ -38,8 +38,14 @@ const COMMAND_GROUPS: [(&str, &[&str]); 5] = [
             "stress",
         ],
     ),
-    ("Store and transfer", &["verify", "copy", "fetch", "serve", "upload", "prune"]),
-    ("Demo and utilities", &["demo", "simulate", "completions", "man"]),
+    (
+        "Store and transfer",
+        &["verify", "copy", "fetch", "serve", "upload", "prune"],
+    ),
+    (
+        "Demo and utilities",
+        &["demo", "simulate", "completions", "man"],
+    ),
 ];
 
 /// Commands of the desk, which the on-board build lacks.
@@ -67,7 +73,10 @@ pub const DESK_COMMANDS: [&str; 19] = [
 
 /// Examples by command. A test runs them in the folder that the tutorial creates (docs/tutorial.md).
 pub const EXAMPLES: &[(&str, &[&str])] = &[
-    ("init", &["wingd init aircraft --side left --root-offset 0.7"]),
+    (
+        "init",
+        &["wingd init aircraft --side left --root-offset 0.7"],
+    ),
     (
         "plan",
         &[
@@ -75,19 +84,57 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
             "wingd plan --installation installation --tip-deflection 2.5 --figure plan.svg",
         ],
     ),
-    ("calibrate", &["wingd calibrate --board board.toml --output camera.toml --report calibration.html board/*.jpg"]),
-    ("convert", &["wingd convert installation/camera.toml wing.cameramodel"]),
-    ("orient", &["wingd orient --installation installation frames/ground.jpg"]),
-    ("diagnose", &["wingd diagnose --installation installation frames/ground.jpg"]),
-    ("mount-check", &["wingd mount-check --installation installation frames/ground.jpg frames/ground.jpg"]),
-    ("check", &["wingd check --config wingd.toml", "wingd check --installation installation"]),
-    ("camera-test", &["wingd camera-test --config wingd.toml --shots 2 --output look"]),
-    ("time-check", &["wingd time-check --page clock.html", "wingd time-check store --series s000001"]),
+    (
+        "calibrate",
+        &[
+            "wingd calibrate --board board.toml --output camera.toml --report calibration.html board/*.jpg",
+        ],
+    ),
+    (
+        "convert",
+        &["wingd convert installation/camera.toml wing.cameramodel"],
+    ),
+    (
+        "orient",
+        &["wingd orient --installation installation frames/ground.jpg"],
+    ),
+    (
+        "diagnose",
+        &["wingd diagnose --installation installation frames/ground.jpg"],
+    ),
+    (
+        "mount-check",
+        &["wingd mount-check --installation installation frames/ground.jpg frames/ground.jpg"],
+    ),
+    (
+        "check",
+        &[
+            "wingd check --config wingd.toml",
+            "wingd check --installation installation",
+        ],
+    ),
+    (
+        "camera-test",
+        &["wingd camera-test --config wingd.toml --shots 2 --output look"],
+    ),
+    (
+        "time-check",
+        &[
+            "wingd time-check --page clock.html",
+            "wingd time-check store --series s000001",
+        ],
+    ),
     ("run", &["wingd run --config wingd.toml"]),
     ("status", &["wingd status --config wingd.toml --json"]),
     ("trigger", &["wingd trigger --config wingd.toml"]),
-    ("detect", &["wingd detect --installation installation --overlay drawn frames/ground.jpg"]),
-    ("import", &["wingd import frames --store card --installation installation"]),
+    (
+        "detect",
+        &["wingd detect --installation installation --overlay drawn frames/ground.jpg"],
+    ),
+    (
+        "import",
+        &["wingd import frames --store card --installation installation"],
+    ),
     (
         "solve",
         &[
@@ -97,11 +144,23 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
             "wingd solve store --sigma prior",
         ],
     ),
-    ("mark", &["wingd mark store", "wingd mark --installation installation frames/flight-1.jpg"]),
+    (
+        "mark",
+        &[
+            "wingd mark store",
+            "wingd mark --installation installation frames/flight-1.jpg",
+        ],
+    ),
     ("learn", &["wingd learn store --installation installation"]),
     ("compare", &["wingd compare store"]),
-    ("mean", &["wingd mean store:f0001/s000001/0001.jpg --eta 0.5,1"]),
-    ("difference", &["wingd difference store:f0001/s000001/0001.jpg --against fem.csv"]),
+    (
+        "mean",
+        &["wingd mean store:f0001/s000001/0001.jpg --eta 0.5,1"],
+    ),
+    (
+        "difference",
+        &["wingd difference store:f0001/s000001/0001.jpg --against fem.csv"],
+    ),
     ("report", &["wingd report store --output report.html"]),
     (
         "export",
@@ -111,7 +170,10 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
             "wingd export store --format netcdf --output shape.nc",
         ],
     ),
-    ("deform", &["wingd deform store --frame s000001/0001.jpg --surface nodes.csv --output deformed"]),
+    (
+        "deform",
+        &["wingd deform store --frame s000001/0001.jpg --surface nodes.csv --output deformed"],
+    ),
     (
         "aircraft-data",
         &[
@@ -124,8 +186,14 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
     ("copy", &["wingd copy store copy"]),
     ("fetch", &["wingd fetch http://127.0.0.1:8080 copy"]),
     ("serve", &["wingd serve store"]),
-    ("upload", &["wingd upload store --to file:///srv/wings --aircraft D-ABCD"]),
-    ("prune", &["wingd prune store --verified-copy copy --dry-run"]),
+    (
+        "upload",
+        &["wingd upload store --to file:///srv/wings --aircraft D-ABCD"],
+    ),
+    (
+        "prune",
+        &["wingd prune store --verified-copy copy --dry-run"],
+    ),
     ("demo", &["wingd demo --output demo"]),
     (
         "simulate",
@@ -144,9 +212,15 @@ const DESCRIPTION_COLUMN: usize = 17;
 pub fn with_groups_and_examples(mut command: Command) -> Command {
     let groups = command_listing(&command);
     for (name, lines) in EXAMPLES {
-        let found = command.find_subcommand(name).is_some_and(|c| !c.is_hide_set());
+        let found = command
+            .find_subcommand(name)
+            .is_some_and(|c| !c.is_hide_set());
         if found {
-            let heading = if lines.len() == 1 { "Example:" } else { "Examples:" };
+            let heading = if lines.len() == 1 {
+                "Example:"
+            } else {
+                "Examples:"
+            };
             let text = format!("{heading}\n  {}", lines.join("\n  "));
             command = command.mut_subcommand(name, |c| c.after_help(text));
         }
@@ -161,9 +235,15 @@ fn command_listing(command: &Command) -> String {
     for (heading, names) in COMMAND_GROUPS {
         text.push_str(&format!("{heading}:\n"));
         for name in names {
-            let about = command.find_subcommand(name).filter(|c| !c.is_hide_set()).and_then(Command::get_about);
+            let about = command
+                .find_subcommand(name)
+                .filter(|c| !c.is_hide_set())
+                .and_then(Command::get_about);
             if let Some(about) = about {
-                text.push_str(&format!("  {name:<width$}{about}\n", width = DESCRIPTION_COLUMN - 2));
+                text.push_str(&format!(
+                    "  {name:<width$}{about}\n",
+                    width = DESCRIPTION_COLUMN - 2
+                ));
             }
         }
         text.push('\n');
@@ -182,13 +262,28 @@ mod tests {
         let command = super::super::Arguments::command();
         for known in command.get_subcommands().filter(|c| !c.is_hide_set()) {
             let name = known.get_name();
-            let groups = COMMAND_GROUPS.iter().flat_map(|(_, names)| names.iter()).filter(|n| **n == name).count();
+            let groups = COMMAND_GROUPS
+                .iter()
+                .flat_map(|(_, names)| names.iter())
+                .filter(|n| **n == name)
+                .count();
             assert_eq!(groups, 1, "{name}");
-            assert!(EXAMPLES.iter().any(|(n, lines)| *n == name && !lines.is_empty()), "{name}");
+            assert!(
+                EXAMPLES
+                    .iter()
+                    .any(|(n, lines)| *n == name && !lines.is_empty()),
+                "{name}"
+            );
         }
         let text = command_listing(&command);
-        assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
-        assert_eq!(text.lines().filter(|line| line.starts_with("  ")).count(), EXAMPLES.len());
+        assert!(
+            text.lines().all(|line| line.chars().count() <= 80),
+            "{text}"
+        );
+        assert_eq!(
+            text.lines().filter(|line| line.starts_with("  ")).count(),
+            EXAMPLES.len()
+        );
     }
 
     #[test]
@@ -207,9 +302,15 @@ mod tests {
         let mut texts = vec![all.render_long_help().to_string()];
         for command in all.get_subcommands_mut() {
             let mut command = command.clone().term_width(80);
-            texts.extend([command.render_help().to_string(), command.render_long_help().to_string()]);
+            texts.extend([
+                command.render_help().to_string(),
+                command.render_long_help().to_string(),
+            ]);
         }
-        let wide = texts.iter().flat_map(|text| text.lines()).find(|line| line.chars().count() > 80);
+        let wide = texts
+            .iter()
+            .flat_map(|text| text.lines())
+            .find(|line| line.chars().count() > 80);
         assert_eq!(wide, None);
     }
 }

@@ -8,7 +8,9 @@ use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 
 use super::default_paths::load_installation;
-use super::{Completion, Failure, TaskResult, batch, print_json, print_line, print_notes, progress_bar};
+use super::{
+    Completion, Failure, TaskResult, batch, print_json, print_line, print_notes, progress_bar,
+};
 use crate::clock::written_time::parse_offset;
 use crate::clock::{Clock, SystemClock};
 use crate::desk::image_files::ImageCollection;
@@ -65,29 +67,46 @@ fn parse_zone(text: &str) -> Result<Offset, String> {
 }
 
 fn parse_duration(text: &str) -> Result<Duration, String> {
-    let read = text.parse().ok().and_then(|read: jiff::SignedDuration| Duration::try_from(read).ok());
-    read.filter(|d| !d.is_zero()).ok_or_else(|| "give a duration above 0, for example 60s or 5m".to_owned())
+    let read = text
+        .parse()
+        .ok()
+        .and_then(|read: jiff::SignedDuration| Duration::try_from(read).ok());
+    read.filter(|d| !d.is_zero())
+        .ok_or_else(|| "give a duration above 0, for example 60s or 5m".to_owned())
 }
 
 /// Parses a duration, or a number of seconds.
 fn parse_offset_duration(text: &str) -> Result<SignedDuration, String> {
-    let seconds = || text.parse().ok().and_then(|s: f64| SignedDuration::try_from_secs_f64(s).ok());
+    let seconds = || {
+        text.parse()
+            .ok()
+            .and_then(|s: f64| SignedDuration::try_from_secs_f64(s).ok())
+    };
     // A calendar's day counts as 24 hours.
     let span = || {
         let hours = jiff::SpanRelativeTo::days_are_24_hours();
         text.parse::<jiff::Span>().ok()?.to_duration(hours).ok()
     };
-    seconds().or_else(span).ok_or_else(|| "give a duration or seconds, for example -42s, 1h, 3653d or 0.25".to_owned())
+    seconds()
+        .or_else(span)
+        .ok_or_else(|| "give a duration or seconds, for example -42s, 1h, 3653d or 0.25".to_owned())
 }
 
 fn parse_clock_sigma(text: &str) -> Result<f64, String> {
-    let read = text.parse().ok().filter(|s: &f64| *s > 0.0 && *s <= 86_400.0);
+    let read = text
+        .parse()
+        .ok()
+        .filter(|s: &f64| *s > 0.0 && *s <= 86_400.0);
     read.ok_or_else(|| "give seconds above 0, at most 86400".to_owned())
 }
 
 pub(super) fn run(args: &ImportArgs) -> TaskResult<Completion> {
     // Errors of the installation are reported before anything is copied.
-    let installation = args.installation.as_deref().map(load_installation).transpose()?;
+    let installation = args
+        .installation
+        .as_deref()
+        .map(load_installation)
+        .transpose()?;
     let files = installation.as_ref().map(|i| i.files()).transpose()?;
     let dating = DatingOptions {
         zone: args.zone,
@@ -100,16 +119,32 @@ pub(super) fn run(args: &ImportArgs) -> TaskResult<Completion> {
     };
     let card = batch::read_collection(&batch::expand_folders(&args.pictures)?, &dating)?;
     print_notes(card.duplicates.iter().map(|(file, known)| {
-        format!("{}: same image as {}; imported once", printable_path(file), printable_path(known))
+        format!(
+            "{}: same image as {}; imported once",
+            printable_path(file),
+            printable_path(known)
+        )
     }));
-    print_notes(card.refused.iter().map(|(file, why)| format!("{}: {why}", printable_path(file))));
-    print_notes(card.remarks.iter().map(|(what, remedy)| format!("{what}; {remedy}")));
+    print_notes(
+        card.refused
+            .iter()
+            .map(|(file, why)| format!("{}: {why}", printable_path(file))),
+    );
+    print_notes(
+        card.remarks
+            .iter()
+            .map(|(what, remedy)| format!("{what}; {remedy}")),
+    );
     if card.series.is_empty() {
-        return Err(Failure::Failed("none of the files is an image that can be imported".to_owned()));
+        return Err(Failure::Failed(
+            "none of the files is an image that can be imported".to_owned(),
+        ));
     }
     check_zone_known(args, &card)?;
     let (store, recovery) = stored_flights::open_store(&args.store)?;
-    let resumed = |series| format!("{series}: interrupted earlier; its images are kept, the others are imported now");
+    let resumed = |series| {
+        format!("{series}: interrupted earlier; its images are kept, the others are imported now")
+    };
     print_notes(recovery.series.iter().map(resumed));
     let oriented = installation.is_some_and(|i| i.orientation.is_some());
     match (&files, &args.installation) {
@@ -128,7 +163,9 @@ pub(super) fn run(args: &ImportArgs) -> TaskResult<Completion> {
     let outcome = import.import_all(card.series, &mut imported);
     bar.finish_and_clear();
     store.seal();
-    imported.iter().try_for_each(|series| print_series(args, series))?;
+    imported
+        .iter()
+        .try_for_each(|series| print_series(args, series))?;
     outcome?;
     if !args.json {
         print_line(&summary_text(args, &imported, oriented))?;
@@ -149,7 +186,13 @@ fn check_zone_known(args: &ImportArgs, card: &ImageCollection) -> TaskResult<()>
 }
 
 fn print_series(args: &ImportArgs, imported: &ImportedSeries) -> TaskResult<()> {
-    let ImportedSeries { pictures, flight, series, taken, already } = imported;
+    let ImportedSeries {
+        pictures,
+        flight,
+        series,
+        taken,
+        already,
+    } = imported;
     let name = |p: &DatedImage| p.name.clone();
     let time = |p: Option<&DatedImage>| p.and_then(|p| p.utc).map(|t| t.to_string());
     let (first, last) = (pictures.first(), pictures.last());
@@ -160,18 +203,33 @@ fn print_series(args: &ImportArgs, imported: &ImportedSeries) -> TaskResult<()> 
         }));
     }
     let when = time(first).map_or_else(|| "no time".to_owned(), |t| format!("from {t}"));
-    let already = if *already > 0 { format!(", {already} already there") } else { String::new() };
-    let place = series.as_ref().map_or_else(|| flight.clone(), |s| format!("{flight}/{s}"));
+    let already = if *already > 0 {
+        format!(", {already} already there")
+    } else {
+        String::new()
+    };
+    let place = series
+        .as_ref()
+        .map_or_else(|| flight.clone(), |s| format!("{flight}/{s}"));
     let [first, last] = [first, last].map(|p| p.map(name).unwrap_or_default());
-    print_line(&format!("{place}  {taken} imported{already}  {when}  {first} to {last}"))
+    print_line(&format!(
+        "{place}  {taken} imported{already}  {when}  {first} to {last}"
+    ))
 }
 
 fn summary_text(args: &ImportArgs, imported: &[ImportedSeries], kept: bool) -> String {
     let taken: usize = imported.iter().map(|series| series.taken).sum();
     let already: usize = imported.iter().map(|series| series.already).sum();
     let store = args.store.display();
-    let given = args.installation.as_ref().map_or_else(|| "DIR".to_owned(), |d| d.display().to_string());
-    let next = if kept { String::new() } else { format!(" --installation {given}") };
+    let given = args
+        .installation
+        .as_ref()
+        .map_or_else(|| "DIR".to_owned(), |d| d.display().to_string());
+    let next = if kept {
+        String::new()
+    } else {
+        format!(" --installation {given}")
+    };
     format!(
         "\n{taken} images imported into {store}, {already} already there\nNext: wingd solve {store}{next} --report report.html"
     )
@@ -184,7 +242,11 @@ mod tests {
     #[test]
     fn zones_and_durations_are_read_or_refused() {
         assert_eq!(parse_zone("+02:00").unwrap().seconds(), 7200);
-        assert!(parse_zone("Berlin").is_err() && parse_duration("0s").is_err() && parse_duration("-5s").is_err());
+        assert!(
+            parse_zone("Berlin").is_err()
+                && parse_duration("0s").is_err()
+                && parse_duration("-5s").is_err()
+        );
         assert_eq!(parse_duration("5m"), Ok(Duration::from_secs(300)));
     }
 }

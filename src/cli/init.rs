@@ -37,8 +37,10 @@ const NEXT_STEPS: &str = "Next (docs/tutorial.md; installation.svg shows the qua
 pub(super) fn run(args: &InitArgs) -> TaskResult<Completion> {
     let answers = args.answers.clone().ask_missing();
     // Without this line the recorder records but does not solve.
-    let configuration = CONFIGURATION_TEMPLATE
-        .replace("# installation = \"/var/lib/wingd/installation\"", "installation = \"installation\"");
+    let configuration = CONFIGURATION_TEMPLATE.replace(
+        "# installation = \"/var/lib/wingd/installation\"",
+        "installation = \"installation\"",
+    );
     let installation = answers.fill_template(INSTALLATION_TEMPLATE);
     let files = [
         ("wingd.toml", configuration.as_str()),
@@ -73,13 +75,23 @@ pub(super) fn run(args: &InitArgs) -> TaskResult<Completion> {
 /// Writes a file, unless it exists.
 fn write_new_file(path: &Path, text: &str) -> std::io::Result<()> {
     path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
-    OpenOptions::new().write(true).create_new(true).open(path)?.write_all(text.as_bytes())
+    OpenOptions::new()
+        .write(true)
+        .create_new(true)
+        .open(path)?
+        .write_all(text.as_bytes())
 }
 
 /// Finds cameras by their persistent device names; metadata devices are excluded.
 fn find_cameras(folder: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut found: Vec<PathBuf> = entries.filter(|path| path.to_string_lossy().ends_with("-video-index0")).collect();
+    let entries = std::fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path());
+    let mut found: Vec<PathBuf> = entries
+        .filter(|path| path.to_string_lossy().ends_with("-video-index0"))
+        .collect();
     found.sort();
     found
 }
@@ -91,10 +103,17 @@ mod tests {
     #[test]
     fn cameras_are_found_by_their_persistent_names() {
         let dir = tempfile::tempdir().unwrap();
-        for name in ["usb-Maker_Model_123-video-index0", "usb-Maker_Model_123-video-index1", "other"] {
+        for name in [
+            "usb-Maker_Model_123-video-index0",
+            "usb-Maker_Model_123-video-index1",
+            "other",
+        ] {
             std::fs::write(dir.path().join(name), "").unwrap();
         }
-        assert_eq!(find_cameras(dir.path()), [dir.path().join("usb-Maker_Model_123-video-index0")]);
+        assert_eq!(
+            find_cameras(dir.path()),
+            [dir.path().join("usb-Maker_Model_123-video-index0")]
+        );
         assert!(find_cameras(Path::new("/nonexistent")).is_empty());
     }
 }

@@ -50,8 +50,19 @@ struct FlightOutcome {
 
 impl FlightOutcome {
     fn new(candidate: &PriorCandidate, status: &'static str, reason: Option<String>) -> Self {
-        let PriorCandidate { store, flight, frames, .. } = candidate;
-        Self { store: store.clone(), flight: flight.clone(), frames: frames.len(), status, reason }
+        let PriorCandidate {
+            store,
+            flight,
+            frames,
+            ..
+        } = candidate;
+        Self {
+            store: store.clone(),
+            flight: flight.clone(),
+            frames: frames.len(),
+            status,
+            reason,
+        }
     }
 }
 
@@ -64,25 +75,41 @@ pub(super) fn run(args: &LearnArgs) -> TaskResult<Completion> {
     for root in &args.stores {
         gather_candidates(args, root, &installation, &mut outcomes, &mut candidates)?;
     }
-    let busy = |flight: &str, task: &mut dyn FnMut()| show_busy(&format!("estimating from {flight}"), task);
-    let (flights, refused) = learning::estimate_contributions(&mut candidates, &mut installation, busy)?;
-    let refused =
-        refused.iter().map(|(candidate, why)| FlightOutcome::new(candidate, "refused", Some(why.to_string())));
+    let busy = |flight: &str, task: &mut dyn FnMut()| {
+        show_busy(&format!("estimating from {flight}"), task)
+    };
+    let (flights, refused) =
+        learning::estimate_contributions(&mut candidates, &mut installation, busy)?;
+    let refused = refused
+        .iter()
+        .map(|(candidate, why)| FlightOutcome::new(candidate, "refused", Some(why.to_string())));
     outcomes.extend(refused);
-    outcomes.extend(candidates.iter().map(|candidate| FlightOutcome::new(candidate, "added", None)));
+    outcomes.extend(
+        candidates
+            .iter()
+            .map(|candidate| FlightOutcome::new(candidate, "added", None)),
+    );
     let count = flights.len();
     if !candidates.is_empty() {
         let prior = learning::combine_flights(flights, &installation)?;
         installation::write_flight_prior(&installation, &prior)
             .map_err(|error| Failure::from_write_error(&file, &error, CHECK_WRITE_ACCESS))?;
     }
-    let last = candidates.last().and_then(|candidate| candidate.contribution.as_ref());
+    let last = candidates
+        .last()
+        .and_then(|candidate| candidate.contribution.as_ref());
     let known = last.map_or(vec![], learning::estimated_differences);
     let contradictions = last.map_or(vec![], learning::list_contradictions);
     print_notes(contradictions.iter().map(|text| format!("warning: {text}")));
-    let output = if args.json { outcome_json } else { outcome_text };
+    let output = if args.json {
+        outcome_json
+    } else {
+        outcome_text
+    };
     print_line(&output(&file, &outcomes, count, &known))?;
-    Ok(Completion::from_success(outcomes.iter().all(|outcome| outcome.status != "refused")))
+    Ok(Completion::from_success(
+        outcomes.iter().all(|outcome| outcome.status != "refused"),
+    ))
 }
 
 /// Measures the frames of a store's flights; flights already in the prior are only listed.
@@ -96,11 +123,19 @@ fn gather_candidates(
     let store = catalogue::store_id(&RealDisk, root).unwrap_or_else(|| root.display().to_string());
     for flight in select_flights(root, args.flight.as_deref())? {
         let frames = flight_frames(&RealDisk, &flight, None)?;
-        let digests = frames.iter().map(|frame| frame.entry.sha256.clone()).collect();
+        let digests = frames
+            .iter()
+            .map(|frame| frame.entry.sha256.clone())
+            .collect();
         let candidate = PriorCandidate::new(store.clone(), flight.id.clone(), digests);
-        let mut learnt = installation.flight_prior.iter().flat_map(|prior| &prior.flights);
+        let mut learnt = installation
+            .flight_prior
+            .iter()
+            .flat_map(|prior| &prior.flights);
         if learnt.any(|known| candidate.is_same_flight(&known.store, &known.flight, &known.frames))
-            || candidates.iter().any(|known| candidate.is_same_flight(&known.store, &known.flight, &known.frames))
+            || candidates
+                .iter()
+                .any(|known| candidate.is_same_flight(&known.store, &known.flight, &known.frames))
         {
             let reason = "already included in flight_prior.json; skipped".to_owned();
             outcomes.push(FlightOutcome::new(&candidate, "known", Some(reason)));
@@ -109,11 +144,15 @@ fn gather_candidates(
         let processed = measure_frames(args, root, &flight, &frames, installation)?;
         if processed.iter().all(|frame| frame.failure.is_some()) {
             let first = processed.iter().find_map(|frame| frame.failure.as_ref());
-            let reason =
-                first.map_or("no frames".into(), |failure| format!("none of its frames can be processed: {failure}"));
+            let reason = first.map_or("no frames".into(), |failure| {
+                format!("none of its frames can be processed: {failure}")
+            });
             outcomes.push(FlightOutcome::new(&candidate, "refused", Some(reason)));
         } else {
-            candidates.push(PriorCandidate { processed, ..candidate });
+            candidates.push(PriorCandidate {
+                processed,
+                ..candidate
+            });
         }
     }
     Ok(())
@@ -134,15 +173,34 @@ fn measure_frames(
         mountings: stored_frames::frame_mountings(&RealDisk, flight)?,
     };
     print_notes(&known.aircraft.notes);
-    let process = |frame: &FrameRef, bytes: Result<&[u8], Reason>| known.process_frame(frame, bytes);
+    let process =
+        |frame: &FrameRef, bytes: Result<&[u8], Reason>| known.process_frame(frame, bytes);
     let mut processed = Vec::with_capacity(frames.len());
-    batch::for_each_stored_frame(frames, args.jobs, "measuring", process, batch::collect_into(&mut processed))?;
+    batch::for_each_stored_frame(
+        frames,
+        args.jobs,
+        "measuring",
+        process,
+        batch::collect_into(&mut processed),
+    )?;
     Ok(processed)
 }
 
-fn outcome_json(file: &Path, outcomes: &[FlightOutcome], sources: usize, known: &[NamedEstimate]) -> String {
-    let known: serde_json::Map<String, Value> =
-        known.iter().map(|(name, e)| ((*name).to_owned(), json!({"value": e.value, "sigma": e.sigma}))).collect();
+fn outcome_json(
+    file: &Path,
+    outcomes: &[FlightOutcome],
+    sources: usize,
+    known: &[NamedEstimate],
+) -> String {
+    let known: serde_json::Map<String, Value> = known
+        .iter()
+        .map(|(name, e)| {
+            (
+                (*name).to_owned(),
+                json!({"value": e.value, "sigma": e.sigma}),
+            )
+        })
+        .collect();
     json!({
         "file": file,
         "flights_in_prior": sources,
@@ -152,10 +210,27 @@ fn outcome_json(file: &Path, outcomes: &[FlightOutcome], sources: usize, known: 
     .to_string()
 }
 
-fn outcome_text(file: &Path, outcomes: &[FlightOutcome], sources: usize, known: &[NamedEstimate]) -> String {
+fn outcome_text(
+    file: &Path,
+    outcomes: &[FlightOutcome],
+    sources: usize,
+    known: &[NamedEstimate],
+) -> String {
     let flight = |t: &FlightOutcome| {
-        let why = t.reason.as_ref().map_or(String::new(), |reason| format!(": {reason}"));
-        format!("{}  {} frames  {}{why}\n", t.flight, t.frames, if t.status == "known" { "skipped" } else { t.status })
+        let why = t
+            .reason
+            .as_ref()
+            .map_or(String::new(), |reason| format!(": {reason}"));
+        format!(
+            "{}  {} frames  {}{why}\n",
+            t.flight,
+            t.frames,
+            if t.status == "known" {
+                "skipped"
+            } else {
+                t.status
+            }
+        )
     };
     let flights: String = outcomes.iter().map(flight).collect();
     let difference = |(name, e): &NamedEstimate| {
@@ -163,6 +238,14 @@ fn outcome_text(file: &Path, outcomes: &[FlightOutcome], sources: usize, known: 
         format!("\n{name:<24}{value} ± {sigma}")
     };
     let differences: String = known.iter().map(difference).collect();
-    let head = if known.is_empty() { "" } else { "\nEstimated minus specified value:" };
-    format!("{flights}{}: prior from {}{head}{differences}", file.display(), count_text(sources, "flight"))
+    let head = if known.is_empty() {
+        ""
+    } else {
+        "\nEstimated minus specified value:"
+    };
+    format!(
+        "{flights}{}: prior from {}{head}{differences}",
+        file.display(),
+        count_text(sources, "flight")
+    )
 }

@@ -8,7 +8,9 @@ use tracing_subscriber::util::SubscriberInitExt;
 
 /// Starts logging at the level of `WINGD_LOG` (for example `info` or `wingd::daemon=debug`), else at `level`.
 pub fn start_logging(level: LevelFilter) {
-    let requested = std::env::var("WINGD_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
+    let requested = std::env::var("WINGD_LOG")
+        .ok()
+        .and_then(|text| text.parse::<Targets>().ok());
     let filter = requested.unwrap_or_else(|| Targets::new().with_default(level));
     let registry = tracing_subscriber::registry().with(filter);
     let journal = std::env::var_os("JOURNAL_STREAM").and_then(|_| tracing_journald::layer().ok());

@@ -119,13 +119,22 @@ use board::BoardCommand;
 use desk::DeskCommand;
 #[cfg(not(feature = "desk"))]
 use on_board::AbsentCommand as DeskCommand;
-use output::{byte_progress, print_json, print_line, print_notes, progress_bar, show_busy, write_output};
+use output::{
+    byte_progress, print_json, print_line, print_notes, progress_bar, show_busy, write_output,
+};
 
 /// Measure the shape of a wing in flight with one camera at a cabin window.
 #[derive(Parser)]
-#[command(name = "wingd", version, propagate_version = true, arg_required_else_help = true)]
-#[command(after_help = "Exit status: 0 success, 1 failure or partial success, 2 wrong usage, \
-    78 errors in configuration or installation.")]
+#[command(
+    name = "wingd",
+    version,
+    propagate_version = true,
+    arg_required_else_help = true
+)]
+#[command(
+    after_help = "Exit status: 0 success, 1 failure or partial success, 2 wrong usage, \
+    78 errors in configuration or installation."
+)]
 struct Arguments {
     #[command(subcommand)]
     command: CliCommand,
@@ -163,8 +172,8 @@ impl Completion {
 
 /// Parses the arguments and runs the command; docs/reference/cli.md lists the exit statuses.
 pub fn main() -> ExitCode {
-    let matches =
-        help::with_groups_and_examples(Arguments::command()).get_matches_from(join_flight_option(std::env::args_os()));
+    let matches = help::with_groups_and_examples(Arguments::command())
+        .get_matches_from(join_flight_option(std::env::args_os()));
     let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     let done = match &arguments.command {
         CliCommand::Board(command) => command.run(REPORT_BUILDER),
@@ -184,7 +193,9 @@ pub fn main() -> ExitCode {
 fn join_flight_option(arguments: impl Iterator<Item = OsString>) -> Vec<OsString> {
     let mut all: Vec<OsString> = Vec::new();
     for argument in arguments {
-        let flight = argument.to_str().is_some_and(|text| layout::flight_number(text).is_some());
+        let flight = argument
+            .to_str()
+            .is_some_and(|text| layout::flight_number(text).is_some());
         match all.last_mut() {
             Some(last) if flight && last == "--flight" => {
                 last.push("=");
@@ -211,7 +222,10 @@ fn report_failure(failure: &Failure) -> ExitCode {
                 eprintln!("wingd: {fault}");
             }
             let plural = if faults.len() == 1 { "" } else { "s" };
-            eprintln!("wingd: {} error{plural} in the configuration or installation", faults.len());
+            eprintln!(
+                "wingd: {} error{plural} in the configuration or installation",
+                faults.len()
+            );
             ExitCode::from(78)
         }
     }
@@ -225,13 +239,19 @@ const REPORT_BUILDER: Option<ReportBuilder> = None;
 
 /// Creates the failure for a part of the program that the on-board build lacks.
 fn not_on_board(part: &str) -> Failure {
-    Failure::Usage(format!("{part} is not in the on-board build; use the package wingd-desk, on a copy of the store"))
+    Failure::Usage(format!(
+        "{part} is not in the on-board build; use the package wingd-desk, on a copy of the store"
+    ))
 }
 
 /// Prints to standard error that a prior from earlier flights is used.
 fn print_flight_prior(installation: &Installation) {
     if let Some(prior) = &installation.flight_prior {
-        eprintln!("wingd: using the prior from {} ({})", prior.flight_count_text(), installation::FLIGHT_PRIOR_FILE);
+        eprintln!(
+            "wingd: using the prior from {} ({})",
+            prior.flight_count_text(),
+            installation::FLIGHT_PRIOR_FILE
+        );
     }
 }
 

@@ -44,14 +44,25 @@ pub(super) fn run(args: &MountCheckArgs) -> TaskResult<Completion> {
     };
     let mut found = vec![];
     let files = batch::expand_folders(&args.images)?;
-    batch::for_each_image(&files, args.jobs, "detecting", process, batch::collect_into(&mut found))?;
+    batch::for_each_image(
+        &files,
+        args.jobs,
+        "detecting",
+        process,
+        batch::collect_into(&mut found),
+    )?;
     let mut found = found.into_iter();
-    let Some(first) = found.next().transpose()? else { return Ok(Completion::All) };
+    let Some(first) = found.next().transpose()? else {
+        return Ok(Completion::All);
+    };
     let mut complete = true;
     for other in found {
-        let outcome = other.and_then(|other| compare_frames(setup, &first, &other).map(|m| (other.name, m)));
+        let outcome =
+            other.and_then(|other| compare_frames(setup, &first, &other).map(|m| (other.name, m)));
         match outcome {
-            Ok((name, movement)) => print_line(&comparison_text(args, setup, &first.name, &name, &movement))?,
+            Ok((name, movement)) => {
+                print_line(&comparison_text(args, setup, &first.name, &name, &movement))?
+            }
             Err(reason) => {
                 complete = false;
                 if args.json {
@@ -69,10 +80,19 @@ pub(super) fn run(args: &MountCheckArgs) -> TaskResult<Completion> {
 const STABILISED: &str = "\nthe image shifted without a rotation of the camera: stabilisation of lens or sensor. Switch it off, or \
     set camera.stabilised_px";
 
-fn comparison_text(args: &MountCheckArgs, setup: &Setup, before: &str, after: &str, m: &CameraMovement) -> String {
+fn comparison_text(
+    args: &MountCheckArgs,
+    setup: &Setup,
+    before: &str,
+    after: &str,
+    m: &CameraMovement,
+) -> String {
     let priors = &setup.uncertainty;
     let (verdict, meaning) = match MountVerdict::new(m, setup) {
-        MountVerdict::OneMounting => ("one mounting", "the camera moved by no more than mount_drift_mrad"),
+        MountVerdict::OneMounting => (
+            "one mounting",
+            "the camera moved by no more than mount_drift_mrad",
+        ),
         MountVerdict::Remounted => (
             "remounted",
             "more than the drift within one mounting (mount_drift_mrad), but within the tolerance between two mountings \

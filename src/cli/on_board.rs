@@ -19,8 +19,11 @@ impl AbsentCommand {
 
 impl FromArgMatches for AbsentCommand {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
-        let name = matches.subcommand_name().filter(|name| Self::has_subcommand(name));
-        name.map(|name| Self(name.to_owned())).ok_or_else(|| clap::Error::new(ErrorKind::InvalidSubcommand))
+        let name = matches
+            .subcommand_name()
+            .filter(|name| Self::has_subcommand(name));
+        name.map(|name| Self(name.to_owned()))
+            .ok_or_else(|| clap::Error::new(ErrorKind::InvalidSubcommand))
     }
 
     fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
@@ -31,11 +34,17 @@ impl FromArgMatches for AbsentCommand {
 
 impl Subcommand for AbsentCommand {
     fn augment_subcommands(command: Command) -> Command {
-        let any = Arg::new("given").num_args(0..).trailing_var_arg(true).allow_hyphen_values(true);
+        let any = Arg::new("given")
+            .num_args(0..)
+            .trailing_var_arg(true)
+            .allow_hyphen_values(true);
         let any = any.value_parser(value_parser!(OsString)).hide(true);
-        command.subcommands(
-            DESK_COMMANDS.map(|name| Command::new(name).hide(true).disable_help_flag(true).arg(any.clone())),
-        )
+        command.subcommands(DESK_COMMANDS.map(|name| {
+            Command::new(name)
+                .hide(true)
+                .disable_help_flag(true)
+                .arg(any.clone())
+        }))
     }
 
     fn augment_subcommands_for_update(command: Command) -> Command {

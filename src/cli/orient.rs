@@ -41,37 +41,58 @@ pub struct OrientArgs {
 }
 
 pub(super) fn run(args: &OrientArgs) -> Result<Completion, Failure> {
-    let installation = load_without_orientation(&resolve_installation(args.installation.as_deref())?)?;
-    let mut frames = read_frames(&args.images, args.observations.as_deref(), args.jobs, &installation)?;
+    let installation =
+        load_without_orientation(&resolve_installation(args.installation.as_deref())?)?;
+    let mut frames = read_frames(
+        &args.images,
+        args.observations.as_deref(),
+        args.jobs,
+        &installation,
+    )?;
     let setup = &installation.setup;
-    let mut fit = orienting::orient_frames(setup, &mut frames)
-        .map_err(|e| Failure::Failed(format!("no orientation: {}", failure_text(setup, &frames, &e))))?;
+    let mut fit = orienting::orient_frames(setup, &mut frames).map_err(|e| {
+        Failure::Failed(format!(
+            "no orientation: {}",
+            failure_text(setup, &frames, &e)
+        ))
+    })?;
     let detected = orienting::detected_markers(&frames);
     let mut refusal = fit.refusal(setup);
     let found = match refusal {
         Some(_) => identify::diagnose_ground(setup, &detected),
         None => identify::diagnose_ground_fit(setup, &detected, &fit),
     };
-    let is_bent = found.as_ref().map_or(fit.is_bent(), |found| found.is_bent_on_ground(setup));
+    let is_bent = found
+        .as_ref()
+        .map_or(fit.is_bent(), |found| found.is_bent_on_ground(setup));
     // The diagnosis allows for the calibration's covariance and the stated bend.
-    let fits = found.as_ref().is_some_and(|found| found.global_test == Some(GlobalTest::Passed));
+    let fits = found
+        .as_ref()
+        .is_some_and(|found| found.global_test == Some(GlobalTest::Passed));
     let wrong = found.as_ref().and_then(|found| found.wrong_marker());
     let cause = found.and_then(|found| found.text()).filter(|_| !is_bent);
     refusal = refusal.filter(|_| !is_bent && !fits).map(|refusal| {
-        let why = cause.as_deref().unwrap_or("no single cause explains it; check survey, lens and frame");
+        let why = cause
+            .as_deref()
+            .unwrap_or("no single cause explains it; check survey, lens and frame");
         format!("{refusal}: {why}")
     });
     let refusal = axes_refusal(setup, &fit).or(refusal);
     if let (Some(refusal), None) = (&refusal, &args.accept) {
-        return Err(Failure::Failed(format!("no orientation: {refusal}; --accept \"REASON\" writes it nevertheless")));
+        return Err(Failure::Failed(format!(
+            "no orientation: {refusal}; --accept \"REASON\" writes it nevertheless"
+        )));
     }
-    let images: Vec<(String, String)> =
-        frames.iter().map(|f| (f.processed.image.clone(), f.processed.digest.clone())).collect();
+    let images: Vec<(String, String)> = frames
+        .iter()
+        .map(|f| (f.processed.image.clone(), f.processed.digest.clone()))
+        .collect();
     let file = installation.directory.join(installation::ORIENTATION_FILE);
     let accepted = refusal.as_ref().and(args.accept.as_deref());
     let written = installation::write_orientation(&installation, &fit, &images, accepted);
     written.map_err(|error| Failure::from_write_error(&file, &error, CHECK_WRITE_ACCESS))?;
-    let cause = cause.filter(|cause| !wrong.is_some_and(|marker| fit.explain_unused(marker, cause)));
+    let cause =
+        cause.filter(|cause| !wrong.is_some_and(|marker| fit.explain_unused(marker, cause)));
     let remarks = orientation_remarks(&fit, refusal, cause);
     print_line(&if args.json {
         fit_json(&installation, &fit, &remarks)
@@ -119,7 +140,11 @@ pub(super) fn read_frames(
 
 /// Describes a failure with the frame concerned, and its cause if it can be diagnosed.
 fn failure_text(setup: &Setup, frames: &[GroundFrame], error: &IdentifyError) -> String {
-    let name = |frame: usize| frames.get(frame).map_or("a frame", |f| f.processed.image.as_str());
+    let name = |frame: usize| {
+        frames
+            .get(frame)
+            .map_or("a frame", |f| f.processed.image.as_str())
+    };
     match error {
         IdentifyError::Misfit(misfit) => format!("{}: {misfit}", name(misfit.frame)),
         error if error.names_cause() => error.to_string(),
@@ -129,8 +154,13 @@ fn failure_text(setup: &Setup, frames: &[GroundFrame], error: &IdentifyError) ->
                 IdentifyError::NoConsensus { .. } => format!("{error}: {OTHER_AIRCRAFT}"),
                 _ => error.to_string(),
             };
-            let text = found.and_then(|found| found.text()).unwrap_or_else(unexplained);
-            let names: Vec<&str> = frames.iter().map(|frame| frame.processed.image.as_str()).collect();
+            let text = found
+                .and_then(|found| found.text())
+                .unwrap_or_else(unexplained);
+            let names: Vec<&str> = frames
+                .iter()
+                .map(|frame| frame.processed.image.as_str())
+                .collect();
             format!("{}: {text}", names.join(", "))
         }
     }
@@ -151,12 +181,24 @@ fn is_upside_down(fit: &OrientationFit) -> bool {
 }
 
 /// Returns remarks on an accepted refusal, an image taken upside down, and the diagnosis or a bend since the survey.
-fn orientation_remarks(fit: &OrientationFit, refusal: Option<String>, cause: Option<String>) -> Vec<String> {
+fn orientation_remarks(
+    fit: &OrientationFit,
+    refusal: Option<String>,
+    cause: Option<String>,
+) -> Vec<String> {
     let turned = "the image is upside down; unless the camera was, rotate the images back: camera.toml is valid only for images as \
                 the camera took them";
     let accepted = refusal.map(|refusal| format!("accepted although {refusal}"));
-    let found = if accepted.is_some() { None } else { cause.or_else(|| bend_remark(fit)) };
-    accepted.into_iter().chain(is_upside_down(fit).then(|| turned.to_owned())).chain(found).collect()
+    let found = if accepted.is_some() {
+        None
+    } else {
+        cause.or_else(|| bend_remark(fit))
+    };
+    accepted
+        .into_iter()
+        .chain(is_upside_down(fit).then(|| turned.to_owned()))
+        .chain(found)
+        .collect()
 }
 
 /// Remark on bending between survey and ground frame, if significant.
@@ -176,8 +218,17 @@ const UPSIDE_DOWN_COSINE: f64 = 0.5;
 
 /// Returns id and reason of each marker that was not used.
 fn unused_markers(installation: &Installation, fit: &OrientationFit) -> Vec<(String, String)> {
-    let id = |k: usize| installation.setup.markers.get(k).map_or_else(String::new, |m| m.id.clone());
-    fit.unused_markers(&installation.setup).into_iter().map(|(k, reason)| (id(k), reason)).collect()
+    let id = |k: usize| {
+        installation
+            .setup
+            .markers
+            .get(k)
+            .map_or_else(String::new, |m| m.id.clone())
+    };
+    fit.unused_markers(&installation.setup)
+        .into_iter()
+        .map(|(k, reason)| (id(k), reason))
+        .collect()
 }
 
 /// Returns the root mean square of the residuals, px, and their number.
@@ -188,7 +239,9 @@ fn residual_rms(fit: &OrientationFit) -> (f64, usize) {
 }
 
 fn rotation_sigmas_mrad(fit: &OrientationFit) -> Option<[f64; 3]> {
-    fit.orientation.covariance_rad2.map(|c| [0, 1, 2].map(|k| 1e3 * c[(k, k)].max(0.0).sqrt()))
+    fit.orientation
+        .covariance_rad2
+        .map(|c| [0, 1, 2].map(|k| 1e3 * c[(k, k)].max(0.0).sqrt()))
 }
 
 fn fit_json(installation: &Installation, fit: &OrientationFit, remarks: &[String]) -> String {
@@ -221,16 +274,25 @@ fn fit_text(installation: &Installation, fit: &OrientationFit, remarks: &[String
     let (rms_px, markers) = residual_rms(fit);
     let file = installation.directory.join(installation::ORIENTATION_FILE);
     let sigma = rotation_sigmas_mrad(fit).map_or(String::new(), |s| {
-        format!("\nstandard deviations about camera x, y, z: {:.3}, {:.3}, {:.3} mrad", s[0], s[1], s[2])
+        format!(
+            "\nstandard deviations about camera x, y, z: {:.3}, {:.3}, {:.3} mrad",
+            s[0], s[1], s[2]
+        )
     });
     let bend = fit.bend.map_or(String::new(), |bend| {
         let (mm, sigma) = format_rounded(Some(1e3 * bend.value), bend.sigma.map(|s| 1e3 * s), 0);
-        let verdict = if fit.is_bent() { "significant" } else { "not significant" };
+        let verdict = if fit.is_bent() {
+            "significant"
+        } else {
+            "not significant"
+        };
         format!("\nbending since the survey, at the tip: {mm} ± {sigma} mm, {verdict}")
     });
     let remarks: String = remarks.iter().map(|remark| format!("\n{remark}")).collect();
-    let not_used: String =
-        unused_markers(installation, fit).iter().map(|(id, reason)| format!("\nnot used: {id}: {reason}")).collect();
+    let not_used: String = unused_markers(installation, fit)
+        .iter()
+        .map(|(id, reason)| format!("\nnot used: {id}: {reason}"))
+        .collect();
     format!(
         "{}\n{markers} marker images, rms {rms_px:.3} px, variance factor {:.2} at redundancy {}{sigma}{bend}{not_used}{remarks}",
         file.display(),

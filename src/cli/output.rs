@@ -21,7 +21,11 @@ pub fn print_line(text: &str) -> TaskResult<()> {
     let mut output = std::io::stdout().lock();
     let text = installation::printable_text(text);
     // Standard output is a terminal, and NO_COLOR is not set.
-    let text = if console::colors_enabled() { mark_verdicts(text) } else { text };
+    let text = if console::colors_enabled() {
+        mark_verdicts(text)
+    } else {
+        text
+    };
     match writeln!(output, "{text}").and_then(|()| output.flush()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::Failed(format!(
             "the results cannot be written to standard output ({error}); free space, or redirect them elsewhere"
@@ -34,13 +38,18 @@ pub fn print_line(text: &str) -> TaskResult<()> {
 fn mark_verdicts(text: Cow<'_, str>) -> Cow<'_, str> {
     let red = |word: &str| format!("  {}", style(word).red().bold().force_styling(true));
     let mark = |text: String, word: &&str| text.replace(&format!("  {word}"), &red(word));
-    ["rejected", "failed", "doubtful"].iter().fold(text.into_owned(), mark).into()
+    ["rejected", "failed", "doubtful"]
+        .iter()
+        .fold(text.into_owned(), mark)
+        .into()
 }
 
 /// Prints a result as a line of JSON.
 pub fn print_json(result: &impl Serialize) -> TaskResult<()> {
     let line = serde_json::to_string(result);
-    print_line(&line.map_err(|error| Failure::Failed(format!("the result cannot be written as JSON: {error}")))?)
+    print_line(&line.map_err(|error| {
+        Failure::Failed(format!("the result cannot be written as JSON: {error}"))
+    })?)
 }
 
 /// Prints notes to standard error, a line each.
@@ -65,12 +74,20 @@ pub fn write_output(file: &Path, content: impl AsRef<[u8]>, remedy: &str) -> Tas
 
 /// Creates a progress bar on standard error; invisible unless that is a terminal.
 pub fn progress_bar(total: usize, what: &str) -> ProgressBar {
-    styled_bar(ProgressBar::new(total as u64), "{msg} [{bar:30}] {pos}/{len} {eta}", what)
+    styled_bar(
+        ProgressBar::new(total as u64),
+        "{msg} [{bar:30}] {pos}/{len} {eta}",
+        what,
+    )
 }
 
 /// Creates a progress bar in bytes.
 pub fn byte_progress(bytes: u64, what: &str) -> ProgressBar {
-    styled_bar(ProgressBar::new(bytes), "{msg} [{bar:30}] {bytes}/{total_bytes} {eta}", what)
+    styled_bar(
+        ProgressBar::new(bytes),
+        "{msg} [{bar:30}] {bytes}/{total_bytes} {eta}",
+        what,
+    )
 }
 
 /// Runs a task and meanwhile shows it with its elapsed time on standard error.
@@ -83,7 +100,8 @@ pub fn show_busy<T>(what: &str, task: impl FnOnce() -> T) -> T {
 }
 
 fn styled_bar(bar: ProgressBar, template: &str, what: &str) -> ProgressBar {
-    let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    let style =
+        ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
     bar.with_style(style).with_message(what.to_owned())
 }
 
@@ -95,7 +113,10 @@ mod tests {
     fn only_cells_of_verdicts_are_coloured() {
         let table = "image  test\na.jpg  rejected\nb.jpg  passed\n1 rejected of 2";
         let marked = mark_verdicts(table.into());
-        assert_eq!(marked.replace("\u{1b}[31m\u{1b}[1mrejected\u{1b}[0m", "rejected"), table);
+        assert_eq!(
+            marked.replace("\u{1b}[31m\u{1b}[1mrejected\u{1b}[0m", "rejected"),
+            table
+        );
         assert_eq!(marked.matches('\u{1b}').count(), 3);
     }
 }

@@ -31,11 +31,15 @@ pub(super) fn write_completions(args: &CompletionsArgs) -> TaskResult<Completion
 pub(super) fn write_man_pages(args: &ManArgs) -> TaskResult<Completion> {
     let mut command = help::with_groups_and_examples(Arguments::command());
     command.build();
-    let visible: Vec<&Command> =
-        command.get_subcommands().filter(|c| !c.is_hide_set() && c.get_name() != "help").collect();
+    let visible: Vec<&Command> = command
+        .get_subcommands()
+        .filter(|c| !c.is_hide_set() && c.get_name() != "help")
+        .collect();
     write_man_page(&args.directory, "wingd", &command)
         .and_then(|()| {
-            visible.iter().try_for_each(|c| write_man_page(&args.directory, &format!("wingd-{}", c.get_name()), c))
+            visible.iter().try_for_each(|c| {
+                write_man_page(&args.directory, &format!("wingd-{}", c.get_name()), c)
+            })
         })
         .map_err(|error| {
             let directory = args.directory.display();

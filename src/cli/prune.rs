@@ -34,7 +34,11 @@ pub struct PruneArgs {
 
 pub(super) fn run(args: &PruneArgs) -> TaskResult<Completion> {
     let mut flights = select_flights(&args.store, args.flight.as_deref())?;
-    let newest = if args.flight.is_none() { args.keep.min(flights.len()) } else { 0 };
+    let newest = if args.flight.is_none() {
+        args.keep.min(flights.len())
+    } else {
+        0
+    };
     flights.truncate(flights.len() - newest);
     let store = match args.dry_run {
         true => None,
@@ -58,13 +62,24 @@ pub(super) fn run(args: &PruneArgs) -> TaskResult<Completion> {
     if args.json {
         return Ok(Completion::from_success(stay == 0));
     }
-    let free = if args.dry_run { "would be freed" } else { "freed" };
+    let free = if args.dry_run {
+        "would be freed"
+    } else {
+        "freed"
+    };
     let mut line = format!("{:.1} MB {free}", freed as f64 / 1e6);
     if stay > 0 {
-        line.push_str(&format!("; {} kept: the copy could not be verified", count_text(stay, "flight")));
+        line.push_str(&format!(
+            "; {} kept: the copy could not be verified",
+            count_text(stay, "flight")
+        ));
     }
     if newest > 0 {
-        line.push_str(&format!("; {} kept as the newest (--keep {})", count_text(newest, "flight"), args.keep));
+        line.push_str(&format!(
+            "; {} kept as the newest (--keep {})",
+            count_text(newest, "flight"),
+            args.keep
+        ));
     }
     print_line(&line)?;
     Ok(Completion::from_success(stay == 0))
@@ -74,7 +89,8 @@ pub(super) fn run(args: &PruneArgs) -> TaskResult<Completion> {
 fn outcome_line(args: &PruneArgs, flight: &str, bytes: u64, why: Option<String>) -> String {
     if args.json {
         let deleted = why.is_none() && !args.dry_run;
-        return json!({"flight": flight, "deleted": deleted, "bytes": bytes, "reason": why}).to_string();
+        return json!({"flight": flight, "deleted": deleted, "bytes": bytes, "reason": why})
+            .to_string();
     }
     match why {
         Some(why) => format!("{flight}  kept: {why}"),

@@ -8,8 +8,8 @@ use super::{Failure, TaskResult, stop_signal};
 use crate::clock::Clock;
 use crate::config::{Config, SolveConfig};
 use crate::daemon::{
-    self, DaemonParts, DaemonStatus, FrameTrackerFactory, Observer, PAGE_PART, SOLVER_PART, Solver, SolverSource,
-    StatusBoard,
+    self, DaemonParts, DaemonStatus, FrameTrackerFactory, Observer, PAGE_PART, SOLVER_PART, Solver,
+    SolverSource, StatusBoard,
 };
 use crate::http::access::Access;
 use crate::http::section::ServeConfig;
@@ -30,31 +30,55 @@ pub struct OpenedStore {
 /// Opens the store; creates it if there is none.
 pub fn open_store(config: &Config) -> TaskResult<OpenedStore> {
     let begin = Instant::now();
-    let (store, recovery) =
-        Store::open(Arc::new(RealDisk), config.store.clone()).map_err(|error| Failure::Failed(error.to_string()))?;
+    let (store, recovery) = Store::open(Arc::new(RealDisk), config.store.clone())
+        .map_err(|error| Failure::Failed(error.to_string()))?;
     let took_ms = begin.elapsed().as_millis() as u64;
     if let Ok(Some(signer)) = store.signer() {
         tracing::info!(key = %signer.path().display(), public = signer.public_key_hex(), "flights are signed");
     }
-    tracing::info!(recovered = recovery.series.len(), set_aside = recovery.set_aside.len(), took_ms, "store is open");
-    Ok(OpenedStore { store: Arc::new(store), recovery })
+    tracing::info!(
+        recovered = recovery.series.len(),
+        set_aside = recovery.set_aside.len(),
+        took_ms,
+        "store is open"
+    );
+    Ok(OpenedStore {
+        store: Arc::new(store),
+        recovery,
+    })
 }
 
 /// Returns the source of the solver of an installation, which is read again each time: an installation that has appeared or
 /// changed is taken up as soon as two readings agree, so that no half-written one is. Errors are in the status; recording goes
 /// on, and so does solving with the installation before.
-fn watch_installation(directory: PathBuf, config: SolveConfig, store: Arc<Store>, board: StatusBoard) -> SolverSource {
+fn watch_installation(
+    directory: PathBuf,
+    config: SolveConfig,
+    store: Arc<Store>,
+    board: StatusBoard,
+) -> SolverSource {
     let mut last = None;
     Box::new(move |current| {
-        let read = installation::load(&directory)
-            .and_then(|read| build_solver(&read, &config).map(|solver| (read, solver)).map_err(|fault| vec![fault]));
+        let read = installation::load(&directory).and_then(|read| {
+            build_solver(&read, &config)
+                .map(|solver| (read, solver))
+                .map_err(|fault| vec![fault])
+        });
         let fault = read.as_ref().err().map(|faults| {
-            let means =
-                if current.is_some() { "solved with the installation before" } else { "recorded but not solved" };
-            format!("frames are {means} until this error is fixed: {}", join_faults(faults))
+            let means = if current.is_some() {
+                "solved with the installation before"
+            } else {
+                "recorded but not solved"
+            };
+            format!(
+                "frames are {means} until this error is fixed: {}",
+                join_faults(faults)
+            )
         });
         board.set_fault(SOLVER_PART, fault);
-        let key = read.as_ref().map_or(String::new(), |(_, solver)| solver.inputs.key(""));
+        let key = read
+            .as_ref()
+            .map_or(String::new(), |(_, solver)| solver.inputs.key(""));
         let settled = last.replace(key.clone()).is_none_or(|before| before == key);
         let (installation, solver) = read.ok()?;
         if !settled || current.is_some_and(|current| current.inputs.key("") == key) {
@@ -64,7 +88,11 @@ fn watch_installation(directory: PathBuf, config: SolveConfig, store: Arc<Store>
             tracing::warn!(%doubt, "warning of the installation");
         }
         let kept = installation.files().map_err(|fault| fault.to_string());
-        if let Err(error) = kept.and_then(|files| store.keep_installation(&files).map_err(|error| error.to_string())) {
+        if let Err(error) = kept.and_then(|files| {
+            store
+                .keep_installation(&files)
+                .map_err(|error| error.to_string())
+        }) {
             tracing::error!(error, "the installation is not kept in the store");
         }
         tracing::info!(directory = %directory.display(), "installation is read");
@@ -73,7 +101,11 @@ fn watch_installation(directory: PathBuf, config: SolveConfig, store: Arc<Store>
 }
 
 fn join_faults(faults: &[Fault]) -> String {
-    faults.iter().map(Fault::to_string).collect::<Vec<_>>().join("; ")
+    faults
+        .iter()
+        .map(Fault::to_string)
+        .collect::<Vec<_>>()
+        .join("; ")
 }
 
 /// Creates the on-board solver of an installation with an orientation.
@@ -86,7 +118,12 @@ fn build_solver(installation: &Installation, config: &SolveConfig) -> Result<Sol
     let solve = move |name: &str, bytes: &[u8], format: &crate::camera::Format| {
         pipeline::solve_frame(name, bytes, Some(format), &installation, &orientation, &job)
     };
-    Ok(Solver { inputs, solve: Arc::new(solve), deadline: config.deadline, track: Some(track) })
+    Ok(Solver {
+        inputs,
+        solve: Arc::new(solve),
+        deadline: config.deadline,
+        track: Some(track),
+    })
 }
 
 /// Creates the tracker of live mode, which always uses the spatial method.
@@ -95,10 +132,14 @@ fn build_tracker(
     orientation: Orientation,
     job: pipeline::SolveJob,
 ) -> FrameTrackerFactory {
-    let job = pipeline::SolveJob { method: AdjustmentMethod::Spatial, ..job };
+    let job = pipeline::SolveJob {
+        method: AdjustmentMethod::Spatial,
+        ..job
+    };
     Arc::new(move || {
         let begun = Tracker::new(installation.clone(), orientation.clone(), job.clone());
-        let mut tracker = begun.inspect_err(|why| tracing::error!(%why, "live frames are not solved"))?;
+        let mut tracker =
+            begun.inspect_err(|why| tracing::error!(%why, "live frames are not solved"))?;
         let track = move |name: &str, bytes: &[u8], format: &crate::camera::Format, at_s: f64| {
             tracker.track_frame(name, bytes, Some(format), at_s)
         };
@@ -117,9 +158,19 @@ pub fn run_recorder(
 ) -> TaskResult<DaemonStatus> {
     let OpenedStore { store, recovery } = opened;
     let board = StatusBoard::new(clock.clone());
-    let watch = |directory| watch_installation(directory, config.solve.clone(), store.clone(), board.clone());
+    let watch = |directory| {
+        watch_installation(
+            directory,
+            config.solve.clone(),
+            store.clone(),
+            board.clone(),
+        )
+    };
     let solver = config.installation.clone().map(watch);
-    let page = config.serve.as_ref().and_then(|serve| RecorderPage::start(serve, config, &board, reports));
+    let page = config
+        .serve
+        .as_ref()
+        .and_then(|serve| RecorderPage::start(serve, config, &board, reports));
     let parts = DaemonParts {
         series: config.series.clone(),
         power: config.power.clone(),
@@ -161,7 +212,10 @@ impl PageSource {
     /// Opens the page: reads its secrets and the installation, and binds its address. The error is for the status.
     fn open(mut self) -> Result<(http::Site, Access, std::net::TcpListener), String> {
         let place = |key: &str| ("wingd.toml".into(), format!("serve.{key}"));
-        let (address, access) = self.serve.resolve(place).map_err(|faults| join_faults(&faults))?;
+        let (address, access) = self
+            .serve
+            .resolve(place)
+            .map_err(|faults| join_faults(&faults))?;
         for warning in self.serve.exposure_warnings() {
             tracing::warn!(warning, "web page");
         }
@@ -170,25 +224,41 @@ impl PageSource {
             Ok(listener)
         });
         let listener = bound.map_err(|error| format!("{address}: {error}"))?;
-        let setup = self.installation.as_deref().map(installation::load_without_orientation);
-        self.site.setup = setup.and_then(Result::ok).map(|installation| installation.setup);
+        let setup = self
+            .installation
+            .as_deref()
+            .map(installation::load_without_orientation);
+        self.site.setup = setup
+            .and_then(Result::ok)
+            .map(|installation| installation.setup);
         Ok((self.site, access, listener))
     }
 
     /// Serves the page until `end`, retrying while it cannot be opened.
     async fn serve_until(self, end: impl Future<Output = ()>) -> std::io::Result<()> {
         let board = self.site.board.clone();
-        let report = |fault: Option<String>| board.iter().for_each(|board| board.set_fault(PAGE_PART, fault.clone()));
+        let report = |fault: Option<String>| {
+            board
+                .iter()
+                .for_each(|board| board.set_fault(PAGE_PART, fault.clone()))
+        };
         tokio::pin!(end);
         loop {
             let source = self.clone();
             let opening = tokio::task::spawn_blocking(move || source.open());
-            let opened = tokio::select! { opened = opening => opened?, () = &mut end => return Ok(()) };
+            let opened =
+                tokio::select! { opened = opening => opened?, () = &mut end => return Ok(()) };
             match opened {
                 Ok((site, access, listener)) => {
                     report(None);
                     tracing::info!(address = self.serve.listen, "web page");
-                    return http::serve(site, access, tokio::net::TcpListener::from_std(listener)?, end).await;
+                    return http::serve(
+                        site,
+                        access,
+                        tokio::net::TcpListener::from_std(listener)?,
+                        end,
+                    )
+                    .await;
                 }
                 Err(why) => report(Some(why)),
             }
@@ -211,7 +281,11 @@ impl RecorderPage {
             live: config.live.socket.clone(),
             reports,
         };
-        let source = PageSource { serve: serve.clone(), installation: config.installation.clone(), site };
+        let source = PageSource {
+            serve: serve.clone(),
+            installation: config.installation.clone(),
+            site,
+        };
         let (stop, stopped) = tokio::sync::oneshot::channel();
         // The page ends with the recorder, or at the signal that stops it.
         let end = async {
@@ -221,16 +295,21 @@ impl RecorderPage {
             board.set_fault(PAGE_PART, Some(format!("{error}; restart wingd")));
         };
         let page_board = board.clone();
-        let thread = std::thread::Builder::new().name("page".to_owned()).spawn(move || {
-            let served = http::page_runtime().and_then(|runtime| {
-                let served = runtime.block_on(source.serve_until(end));
-                runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);
-                served
+        let thread = std::thread::Builder::new()
+            .name("page".to_owned())
+            .spawn(move || {
+                let served = http::page_runtime().and_then(|runtime| {
+                    let served = runtime.block_on(source.serve_until(end));
+                    runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);
+                    served
+                });
+                served.unwrap_or_else(|error| report(&page_board, error));
             });
-            served.unwrap_or_else(|error| report(&page_board, error));
-        });
         let thread = thread.map_err(|error| report(board, error)).ok()?;
-        Some(Self { stop: Some(stop), thread: Some(thread) })
+        Some(Self {
+            stop: Some(stop),
+            thread: Some(thread),
+        })
     }
 }
 
@@ -250,7 +329,8 @@ mod tests {
     #[test]
     fn a_frame_that_crashes_the_decoder_has_a_record_on_the_recorder() {
         let directory = tempfile::tempdir().unwrap();
-        let fixture = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation");
+        let fixture =
+            std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation");
         for name in ["installation.toml", "camera.toml", "survey.csv"] {
             std::fs::copy(fixture.join(name), directory.path().join(name)).unwrap();
         }

@@ -53,14 +53,20 @@ pub(super) fn run(args: &ReportArgs) -> TaskResult<Completion> {
         return report_all_flights(args);
     }
     let setup = load_setup(args.installation.as_deref())?;
-    let choice = ResultChoice { flight: args.flight.as_deref(), inputs: args.inputs.as_deref() };
+    let choice = ResultChoice {
+        flight: args.flight.as_deref(),
+        inputs: args.inputs.as_deref(),
+    };
     let mut data = show_busy("reading the store", || {
         source::read_flight_with_pictures(&args.store, choice, setup.as_ref(), args.pictures)
     })?;
     data.fields.clone_from(&args.field);
     if let Some(file) = &args.against {
         let flight = data.series.first().map_or("", |series| &series.flight);
-        let within = args.against_frames.as_ref().map_or(String::new(), |within| format!("/{within}"));
+        let within = args
+            .against_frames
+            .as_ref()
+            .map_or(String::new(), |within| format!("/{within}"));
         let frames = format!("{}:{flight}{within}", args.store.display());
         let (comparison, notes) = compare_with_computation(&frames, args.inputs.as_deref(), file)?;
         data.comparison = Some(comparison);
@@ -83,10 +89,18 @@ const OTHER_OUTPUT: &str = "choose another file with --output";
 
 fn report_all_flights(args: &ReportArgs) -> TaskResult<Completion> {
     let flights = source::selected_flights(&args.store, None)?;
-    let read = flights.iter().map(|flight| overview::read_overview(&RealDisk, flight));
+    let read = flights
+        .iter()
+        .map(|flight| overview::read_overview(&RealDisk, flight));
     let all = read.collect::<Result<Vec<_>, _>>()?;
     print_notes(all.iter().flat_map(|f| f.warning.iter().chain(&f.notes)));
     write_output(&args.output, html::flights_page(&all), OTHER_OUTPUT)?;
-    print_line(&format!("Report of {}: {}", count_text(all.len(), "flight"), args.output.display()))?;
-    Ok(Completion::from_success(all.iter().all(|f| f.notes.is_empty())))
+    print_line(&format!(
+        "Report of {}: {}",
+        count_text(all.len(), "flight"),
+        args.output.display()
+    ))?;
+    Ok(Completion::from_success(
+        all.iter().all(|f| f.notes.is_empty()),
+    ))
 }

@@ -20,7 +20,9 @@ pub struct RunArgs {
 
 pub(super) fn run(args: &RunArgs, reports: Option<ReportBuilder>) -> TaskResult<Completion> {
     super::logging::start_logging(LevelFilter::INFO);
-    let config = config::load_configuration(&super::default_paths::resolve_configuration(args.config.as_deref())?)?;
+    let config = config::load_configuration(&super::default_paths::resolve_configuration(
+        args.config.as_deref(),
+    )?)?;
     let clock: Arc<dyn Clock> = Arc::new(SystemClock::new());
     let opened = recorder::open_store(&config)?;
     let origin = clock.since_boot();

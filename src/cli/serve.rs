@@ -46,10 +46,19 @@ pub(super) fn run(args: &ServeArgs, reports: Option<ReportBuilder>) -> TaskResul
     super::logging::start_logging(LevelFilter::WARN);
     let (address, access) = open_access(args)?;
     catalogue::check_format(&RealDisk, &args.store).map_err(|e| Failure::Failed(e.to_string()))?;
-    let installation = args.installation.as_deref().map(installation::load_without_orientation);
+    let installation = args
+        .installation
+        .as_deref()
+        .map(installation::load_without_orientation);
     let setup = installation.transpose()?.map(|i| i.setup);
     let live = Some(args.live_socket.clone());
-    let site = http::Site { root: args.store.clone(), setup, board: None, live, reports };
+    let site = http::Site {
+        root: args.store.clone(),
+        setup,
+        board: None,
+        live,
+        reports,
+    };
     let runtime = http::page_runtime();
     let runtime = runtime.map_err(|e| Failure::Failed(format!("could not start: {e}")))?;
     let done = runtime.block_on(serve_store(site, access, address));
@@ -79,20 +88,40 @@ fn open_access(args: &ServeArgs) -> TaskResult<(SocketAddr, Access)> {
         certificate: args.certificate.clone(),
         key: args.key.clone(),
     };
-    let option = |key: &str| (PathBuf::from(format!("--{}", key.replace('_', "-"))), "value".to_owned());
+    let option = |key: &str| {
+        (
+            PathBuf::from(format!("--{}", key.replace('_', "-"))),
+            "value".to_owned(),
+        )
+    };
     for warning in config.exposure_warnings() {
         eprintln!("wingd: warning: {warning}");
     }
     Ok(config.resolve(option)?)
 }
 
-async fn serve_store(site: http::Site, access: Access, address: SocketAddr) -> TaskResult<Completion> {
-    let listener = tokio::net::TcpListener::bind(address)
-        .await
-        .map_err(|e| Failure::Failed(format!("could not listen on {address}: {e}; choose another --listen")))?;
+async fn serve_store(
+    site: http::Site,
+    access: Access,
+    address: SocketAddr,
+) -> TaskResult<Completion> {
+    let listener = tokio::net::TcpListener::bind(address).await.map_err(|e| {
+        Failure::Failed(format!(
+            "could not listen on {address}: {e}; choose another --listen"
+        ))
+    })?;
     let bound = listener.local_addr().unwrap_or(address);
-    let scheme = if access.tls().is_some() { "https" } else { "http" };
-    eprintln!("wingd: serving {} at {scheme}://{bound}/ (stop with Ctrl-C)", site.root.display());
-    http::serve(site, access, listener, stop_signal()).await.map_err(|e| Failure::Failed(e.to_string()))?;
+    let scheme = if access.tls().is_some() {
+        "https"
+    } else {
+        "http"
+    };
+    eprintln!(
+        "wingd: serving {} at {scheme}://{bound}/ (stop with Ctrl-C)",
+        site.root.display()
+    );
+    http::serve(site, access, listener, stop_signal())
+        .await
+        .map_err(|e| Failure::Failed(e.to_string()))?;
     Ok(Completion::All)
 }

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use super::{Completion, Failure, TaskResult, print_line};
 use crate::config;
-use crate::daemon::{self, AircraftStatus, DaemonStatus, Health, LiveStatus, RecentShares, StatusConfig, format_span};
+use crate::daemon::{
+    self, AircraftStatus, DaemonStatus, Health, LiveStatus, RecentShares, StatusConfig, format_span,
+};
 use crate::record::variant_name;
 use crate::report::number::count_text;
 
@@ -55,8 +57,8 @@ impl SocketArgs {
 
 /// Prints the status; exit status 1 if the recorder's health is not `ok`.
 pub(super) fn print_status(args: &StatusArgs) -> TaskResult<Completion> {
-    let value =
-        daemon::query_daemon(&args.socket.socket_path()?, "status").map_err(|why| Failure::Failed(why.to_string()))?;
+    let value = daemon::query_daemon(&args.socket.socket_path()?, "status")
+        .map_err(|why| Failure::Failed(why.to_string()))?;
     if args.json {
         print_line(&value.to_string())?;
     }
@@ -69,10 +71,19 @@ pub(super) fn print_status(args: &StatusArgs) -> TaskResult<Completion> {
 }
 
 pub(super) fn trigger_series(args: &TriggerArgs) -> TaskResult<Completion> {
-    let command = if args.new_flight { "new-flight" } else { "trigger" };
-    let answer =
-        daemon::query_daemon(&args.socket.socket_path()?, command).map_err(|why| Failure::Failed(why.to_string()))?;
-    print_line(answer.get("answer").and_then(|answer| answer.as_str()).unwrap_or("done"))?;
+    let command = if args.new_flight {
+        "new-flight"
+    } else {
+        "trigger"
+    };
+    let answer = daemon::query_daemon(&args.socket.socket_path()?, command)
+        .map_err(|why| Failure::Failed(why.to_string()))?;
+    print_line(
+        answer
+            .get("answer")
+            .and_then(|answer| answer.as_str())
+            .unwrap_or("done"),
+    )?;
     Ok(Completion::All)
 }
 
@@ -80,15 +91,32 @@ pub(super) fn trigger_series(args: &TriggerArgs) -> TaskResult<Completion> {
 fn status_text(status: &DaemonStatus) -> String {
     let counts = &status.counts;
     let or_none = |text: &Option<String>| text.clone().unwrap_or_else(|| "none yet".to_owned());
-    let free = status.store.free_mb.map_or("unknown".to_owned(), |mb| format!("{mb} MB"));
+    let free = status
+        .store
+        .free_mb
+        .map_or("unknown".to_owned(), |mb| format!("{mb} MB"));
     let mut lines = vec![
-        format!("wingd {}: {}", status.version, variant_name(status.activity)),
+        format!(
+            "wingd {}: {}",
+            status.version,
+            variant_name(status.activity)
+        ),
         health_text(status),
         format!("flight       {}", or_none(&status.flight)),
-        format!("series       {}, shot {} of {}", or_none(&status.series), status.shot, status.shots_per_series),
+        format!(
+            "series       {}, shot {} of {}",
+            or_none(&status.series),
+            status.shot,
+            status.shots_per_series
+        ),
         format!(
             "next series  {}",
-            status.next_series_s.map_or("none planned".to_owned(), |s| format!("in {}", format_span(s)))
+            status
+                .next_series_s
+                .map_or("none planned".to_owned(), |s| format!(
+                    "in {}",
+                    format_span(s)
+                ))
         ),
         format!(
             "since start  {}, {} failed, {} series complete, {} interrupted, {} refused",
@@ -103,19 +131,42 @@ fn status_text(status: &DaemonStatus) -> String {
             counts.solved, counts.unsolvable, status.to_solve
         ),
         format!("camera       {}", or_none(&status.camera.name)),
-        format!("store        {}, {free} free, {} MB reserve", status.store.path, status.store.reserve_mb),
+        format!(
+            "store        {}, {free} free, {} MB reserve",
+            status.store.path, status.store.reserve_mb
+        ),
     ];
     lines.extend(recent_text(&status.recent).map(|text| format!("solving      {text}")));
     lines.extend(status.live.iter().flat_map(live_status_lines));
     if let Some(aircraft) = &status.aircraft {
-        let last = aircraft.last.as_ref().map_or("none yet".to_owned(), |stamp| stamp.utc.to_string());
-        let AircraftStatus { recorded, read, impossible, lost, .. } = aircraft;
+        let last = aircraft
+            .last
+            .as_ref()
+            .map_or("none yet".to_owned(), |stamp| stamp.utc.to_string());
+        let AircraftStatus {
+            recorded,
+            read,
+            impossible,
+            lost,
+            ..
+        } = aircraft;
         lines.push(format!(
             "aircraft     {recorded} lines, {read} read, {impossible} impossible, {lost} lost, last {last}"
         ));
-        lines.extend(aircraft.fault.iter().map(|fault| format!("warning      aircraft data: {fault}")));
+        lines.extend(
+            aircraft
+                .fault
+                .iter()
+                .map(|fault| format!("warning      aircraft data: {fault}")),
+        );
     }
-    lines.extend(status.camera.warnings.iter().map(|warning| format!("warning      camera: {warning}")));
+    lines.extend(
+        status
+            .camera
+            .warnings
+            .iter()
+            .map(|warning| format!("warning      camera: {warning}")),
+    );
     if let Some(fault) = &status.last_fault {
         lines.push(format!("last error   {} ({})", fault.what, fault.stamp.utc));
     }
@@ -143,32 +194,58 @@ fn live_status_lines(live: &LiveStatus) -> Vec<String> {
     ];
     lines.extend(recent_text(&live.recent).map(|text| format!("live         {text}")));
     if live.allowed_hz < live.wanted_hz {
-        let heat = live.temperature_c.map_or(String::new(), |c| format!(" at {c:.0} C"));
+        let heat = live
+            .temperature_c
+            .map_or(String::new(), |c| format!(" at {c:.0} C"));
         lines.push(format!(
             "warning      live: limited to {:.1} frames per second by temperature{heat}",
             live.allowed_hz
         ));
     }
-    lines.extend(live.fault.iter().map(|fault| format!("warning      live: {fault}")));
+    lines.extend(
+        live.fault
+            .iter()
+            .map(|fault| format!("warning      live: {fault}")),
+    );
     lines
 }
 
 /// Health with its reasons, a line each, and the age of the last result and the last frame.
 fn health_text(status: &DaemonStatus) -> String {
-    let ago = |what: &str, age_s: Option<f64>| age_s.map(|s| format!("{what} {} ago", format_span(s)));
-    let ages = [ago("last result", status.age_s), ago("last frame", status.last_frame_age_s)];
+    let ago =
+        |what: &str, age_s: Option<f64>| age_s.map(|s| format!("{what} {} ago", format_span(s)));
+    let ages = [
+        ago("last result", status.age_s),
+        ago("last frame", status.last_frame_age_s),
+    ];
     let ages: Vec<String> = ages.into_iter().flatten().collect();
-    let ages = if ages.is_empty() { "no frame due yet".to_owned() } else { ages.join(", ") };
-    let mut lines = vec![format!("health       {}, {ages}", variant_name(status.health))];
-    lines.extend(status.reasons.iter().map(|reason| format!("             {reason}")));
+    let ages = if ages.is_empty() {
+        "no frame due yet".to_owned()
+    } else {
+        ages.join(", ")
+    };
+    let mut lines = vec![format!(
+        "health       {}, {ages}",
+        variant_name(status.health)
+    )];
+    lines.extend(
+        status
+            .reasons
+            .iter()
+            .map(|reason| format!("             {reason}")),
+    );
     lines.join("\n")
 }
 
 /// Percentages of recent results with numbers and rejected.
 fn recent_text(recent: &RecentShares) -> Option<String> {
-    let percent = |share: Option<f64>| share.map_or("unknown".to_owned(), |s| format!("{:.0} %", 100.0 * s));
+    let percent =
+        |share: Option<f64>| share.map_or("unknown".to_owned(), |s| format!("{:.0} %", 100.0 * s));
     (recent.results > 0).then(|| {
         let (solved, rejected) = (percent(recent.solved), percent(recent.rejected));
-        format!("of the last {}: {solved} with numbers, {rejected} rejected", recent.results)
+        format!(
+            "of the last {}: {solved} with numbers, {rejected} rejected",
+            recent.results
+        )
     })
 }

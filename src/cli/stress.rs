@@ -63,7 +63,11 @@ pub(super) fn run(args: &StressArgs) -> TaskResult<Completion> {
     check_stress_options(args)?;
     let request = StressRequest {
         installation: args.installation.clone(),
-        sections: args.structure.as_deref().map(installation::read_stiffness).transpose()?,
+        sections: args
+            .structure
+            .as_deref()
+            .map(installation::read_stiffness)
+            .transpose()?,
         bending_hz: args.bending_hz,
         slopes: args.slopes.clone(),
         goodman: args.goodman,
@@ -72,13 +76,17 @@ pub(super) fn run(args: &StressArgs) -> TaskResult<Completion> {
     let (mut answered, mut complete, mut table) = (0, true, MOMENTS_HEADER.to_owned());
     for flight in select_flights(&args.store, args.flight.as_deref())? {
         let found = ResultOrigin::find(&args.store, &flight, args.live, args.inputs.as_deref())?;
-        let Some((from, warning)) = found else { continue };
+        let Some((from, warning)) = found else {
+            continue;
+        };
         print_notes(warning);
         let (query, line) = request.to_query(&args.store, &flight, from.provenance())?;
         let (frames, excluded) = from.read_frames(&args.store, &flight, &line)?;
         print_notes(excluded.iter().map(|why| format!("{}: {why}", flight.id)));
         complete &= excluded.is_empty();
-        let Some(load) = stress::flight_load(&frames, &query) else { continue };
+        let Some(load) = stress::flight_load(&frames, &query) else {
+            continue;
+        };
         answered += 1;
         if args.moments.is_some() {
             append_moment_rows(&mut table, &flight, &frames, &query.sections);
@@ -87,9 +95,13 @@ pub(super) fn run(args: &StressArgs) -> TaskResult<Completion> {
     }
     if answered == 0 {
         let why = if args.live {
-            "no flight has live results with a curvature; omit --live to use the results of series".to_owned()
+            "no flight has live results with a curvature; omit --live to use the results of series"
+                .to_owned()
         } else {
-            format!("no flight has a solved bending line; run `wingd solve {}` first", args.store.display())
+            format!(
+                "no flight has a solved bending line; run `wingd solve {}` first",
+                args.store.display()
+            )
         };
         return Err(Failure::from_path_error(&args.store, why));
     }
@@ -102,10 +114,14 @@ pub(super) fn run(args: &StressArgs) -> TaskResult<Completion> {
 fn check_stress_options(args: &StressArgs) -> TaskResult<()> {
     let positive = |value: f64| value.is_finite() && value > 0.0;
     if args.bending_hz.is_some_and(|hz| !positive(hz)) {
-        return Err(Failure::Usage("--bending-hz: give a frequency above 0 Hz".into()));
+        return Err(Failure::Usage(
+            "--bending-hz: give a frequency above 0 Hz".into(),
+        ));
     }
     if args.slopes.is_empty() || !args.slopes.iter().all(|m| (1.0..=30.0).contains(m)) {
-        return Err(Failure::Usage("--slopes: give slopes of S-N curves from 1 to 30, such as 3,5,10".into()));
+        return Err(Failure::Usage(
+            "--slopes: give slopes of S-N curves from 1 to 30, such as 3,5,10".into(),
+        ));
     }
     if !(1..=1000).contains(&args.levels) {
         return Err(Failure::Usage("--levels: give 1 to 1000".into()));
@@ -113,41 +129,76 @@ fn check_stress_options(args: &StressArgs) -> TaskResult<()> {
     Ok(())
 }
 
-const MOMENTS_HEADER: &str =
-    "flight,series,image,utc,s_m,moment_n_m,sigma_moment_n_m,sigma_by_curvature_n_m,sigma_by_stiffness_n_m\n";
+const MOMENTS_HEADER: &str = "flight,series,image,utc,s_m,moment_n_m,sigma_moment_n_m,sigma_by_curvature_n_m,sigma_by_stiffness_n_m\n";
 
-fn append_moment_rows(table: &mut String, flight: &FlightRef, frames: &[StressFrame], sections: &[StiffnessSection]) {
+fn append_moment_rows(
+    table: &mut String,
+    flight: &FlightRef,
+    frames: &[StressFrame],
+    sections: &[StiffnessSection],
+) {
     for frame in frames {
         for section in sections {
             let m = frame.curvature.bending_moment(section);
-            let head = format!("{},{},{},{}", flight.id, frame.series, frame.image, frame.stamp.utc);
-            let tail = format!("{},{},{},{}", m.value, m.sigma, m.sigma_by_curvature, m.sigma_by_stiffness);
+            let head = format!(
+                "{},{},{},{}",
+                flight.id, frame.series, frame.image, frame.stamp.utc
+            );
+            let tail = format!(
+                "{},{},{},{}",
+                m.value, m.sigma, m.sigma_by_curvature, m.sigma_by_stiffness
+            );
             table.push_str(&format!("{head},{},{tail}\n", section.s_m));
         }
     }
 }
 
-fn print_load(args: &StressArgs, flight: &FlightRef, inputs: Option<&str>, load: &FlightLoad) -> TaskResult<()> {
+fn print_load(
+    args: &StressArgs,
+    flight: &FlightRef,
+    inputs: Option<&str>,
+    load: &FlightLoad,
+) -> TaskResult<()> {
     if args.json {
-        let mut line = json_fields(&json!({"flight": flight.id, "inputs": inputs, "live": args.live}));
+        let mut line =
+            json_fields(&json!({"flight": flight.id, "inputs": inputs, "live": args.live}));
         line.extend(json_fields(load));
         return print_json(&line);
     }
     let rate = load.rate_hz.map_or(NONE.to_owned(), format_general);
     let frames = count_text(load.frames, "frame");
-    print_line(&format!("Flight {}: {frames}, {rate} per second; moments relative to the ground", flight.id))?;
+    print_line(&format!(
+        "Flight {}: {frames}, {rate} per second; moments relative to the ground",
+        flight.id
+    ))?;
     print_line(station_table(load).text().trim_end())?;
     if let Some(text) = load.gaps.message() {
         print_line(&format!("Gaps: {text}"))?;
     }
-    load.no_cycles_because.as_ref().map_or(Ok(()), |why| print_line(&format!("No cycles: {why}")))
+    load.no_cycles_because
+        .as_ref()
+        .map_or(Ok(()), |why| print_line(&format!("No cycles: {why}")))
 }
 
 fn station_table(load: &FlightLoad) -> Grid {
-    let slopes: Vec<f64> =
-        load.stations.first().and_then(|s| s.damage.as_ref()).into_iter().flatten().map(|d| d.slope).collect();
-    let mut titles =
-        ["s / m", "greatest / kN m", "sigma", "<in", "smallest / kN m", "sigma"].map(str::to_owned).to_vec();
+    let slopes: Vec<f64> = load
+        .stations
+        .first()
+        .and_then(|s| s.damage.as_ref())
+        .into_iter()
+        .flatten()
+        .map(|d| d.slope)
+        .collect();
+    let mut titles = [
+        "s / m",
+        "greatest / kN m",
+        "sigma",
+        "<in",
+        "smallest / kN m",
+        "sigma",
+    ]
+    .map(str::to_owned)
+    .to_vec();
     titles.extend(["ground-air-ground / kN m", "sigma"].map(str::to_owned));
     if !slopes.is_empty() {
         titles.push("cycles".to_owned());
@@ -155,24 +206,39 @@ fn station_table(load: &FlightLoad) -> Grid {
     }
     let titles: Vec<&str> = titles.iter().map(String::as_str).collect();
     let mut grid = Grid::new(&titles);
-    load.stations.iter().for_each(|station| grid.push(station_row(station)));
+    load.stations
+        .iter()
+        .for_each(|station| grid.push(station_row(station)));
     grid
 }
 
 fn station_row(station: &StationLoad) -> Vec<String> {
     let kilo = |value: f64, sigma: f64| format_rounded(Some(1e-3 * value), Some(1e-3 * sigma), 1);
-    let (high, low, cycle) = (&station.greatest, &station.smallest, &station.ground_air_ground);
+    let (high, low, cycle) = (
+        &station.greatest,
+        &station.smallest,
+        &station.ground_air_ground,
+    );
     let (greatest, sigma_greatest) = kilo(high.moment_n_m, high.sigma_moment_n_m);
     let (smallest, sigma_smallest) = kilo(low.moment_n_m, low.sigma_moment_n_m);
     let (range, sigma_range) = kilo(cycle.range_n_m, cycle.sigma_range_n_m);
     let place = format!("{}/{}", high.series, high.image);
-    let mut cells = vec![format!("{:.2}", station.s_m), greatest, sigma_greatest, place];
+    let mut cells = vec![
+        format!("{:.2}", station.s_m),
+        greatest,
+        sigma_greatest,
+        place,
+    ];
     cells.extend([smallest, sigma_smallest, range, sigma_range]);
     if let (Some(cycles), Some(damage)) = (&station.cycles, &station.damage) {
         cells.push(format_fixed(Some(cycles.iter().map(|c| c.count).sum()), 1));
         cells.extend(damage.iter().map(|d| {
             let (value, sigma) = format_rounded(Some(d.relative), Some(d.sigma_relative), 2);
-            if sigma == NONE { value } else { format!("{value} ± {sigma}") }
+            if sigma == NONE {
+                value
+            } else {
+                format!("{value} ± {sigma}")
+            }
         }));
     }
     cells

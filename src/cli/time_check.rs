@@ -6,7 +6,9 @@ use serde_json::{Value, json};
 
 use super::{Completion, Failure, TaskResult, batch, print_json, print_line, write_output};
 use crate::desk::stored_flights::{self, frame_name};
-use crate::desk::time_check::{ConfigurationLines, NoConfiguration, ScreenReading, TimeCheckSummary};
+use crate::desk::time_check::{
+    ConfigurationLines, NoConfiguration, ScreenReading, TimeCheckSummary,
+};
 use crate::desk::{CHECK_WRITE_ACCESS, clock_page};
 use crate::measure::time_code::{DelayEstimate, ExposureTest, Screen};
 use crate::record::Reason;
@@ -55,14 +57,19 @@ const LATENCY_RANGE_MS: f64 = 40.0;
 pub(super) fn run(args: &TimeCheckArgs) -> TaskResult<Completion> {
     if let Some(file) = &args.page {
         write_output(file, clock_page::clock_page(), CHECK_WRITE_ACCESS)?;
-        print_line(&format!("{}: open it on the recorder's computer, full screen", file.display()))?;
+        print_line(&format!(
+            "{}: open it on the recorder's computer, full screen",
+            file.display()
+        ))?;
         return Ok(Completion::All);
     }
     let screen = screen_from_args(args)?;
     let chosen = select_frames(args)?;
     let mut readings = Vec::new();
     let work = |frame: &FrameRef, bytes: Result<&[u8], Reason>| {
-        bytes.and_then(|bytes| ScreenReading::read(frame, bytes, &screen)).map_err(|why| (frame_name(frame), why))
+        bytes
+            .and_then(|bytes| ScreenReading::read(frame, bytes, &screen))
+            .map_err(|why| (frame_name(frame), why))
     };
     batch::for_each_stored_frame(&chosen, args.jobs, "reading", work, |read| {
         if args.json {
@@ -93,7 +100,8 @@ fn screen_from_args(args: &TimeCheckArgs) -> TaskResult<Screen> {
         && (0.0..=1000.0).contains(&args.latency_ms)
         && (0.0..=1000.0).contains(&args.latency_sigma_ms);
     if !sound {
-        let text = "--refresh-hz must be in 1 to 1000, --latency-ms and --latency-sigma-ms in 0 to 1000";
+        let text =
+            "--refresh-hz must be in 1 to 1000, --latency-ms and --latency-sigma-ms in 0 to 1000";
         return Err(Failure::Usage(text.into()));
     }
     Ok(Screen {
@@ -105,10 +113,16 @@ fn screen_from_args(args: &TimeCheckArgs) -> TaskResult<Screen> {
 
 /// Selects the frames to read, in order.
 fn select_frames(args: &TimeCheckArgs) -> TaskResult<Vec<FrameRef>> {
-    let Some(root) = &args.store else { return Ok(Vec::new()) };
+    let Some(root) = &args.store else {
+        return Ok(Vec::new());
+    };
     let mut all = Vec::new();
     for flight in stored_flights::select_flights(root, args.flight.as_deref())? {
-        all.extend(stored_flights::flight_frames(&RealDisk, &flight, args.series.as_deref())?);
+        all.extend(stored_flights::flight_frames(
+            &RealDisk,
+            &flight,
+            args.series.as_deref(),
+        )?);
     }
     if all.is_empty() {
         let what = "no frame of that flight and series; list them with `ls flights/*` in the store";
@@ -153,7 +167,12 @@ fn summary_text(summary: &TimeCheckSummary, readings: &[ScreenReading], screen: 
         summary.pictures,
         ms(screen.latency_sigma_s)
     ));
-    out.push_str(&summary.command.as_ref().map_or(String::new(), |d| describe("command minus screen", d)));
+    out.push_str(
+        &summary
+            .command
+            .as_ref()
+            .map_or(String::new(), |d| describe("command minus screen", d)),
+    );
     if let Some(test) = &summary.exposure {
         out.push_str(&describe("exposure minus screen", &test.difference));
         out.push_str(&format!(
@@ -163,12 +182,16 @@ fn summary_text(summary: &TimeCheckSummary, readings: &[ScreenReading], screen: 
             test.normalised
         ));
     }
-    out.push_str(
-        &summary.delay.as_ref().map_or(String::new(), |d| describe("delay from stamp or edge to exposure", d)),
-    );
+    out.push_str(&summary.delay.as_ref().map_or(String::new(), |d| {
+        describe("delay from stamp or edge to exposure", d)
+    }));
     match &summary.lines {
-        Ok(ConfigurationLines { text, section }) => out.push_str(&format!("\nFor {section}:\n{text}")),
-        Err(reason) => out.push_str(&format!("\nNo delay to enter in the configuration: {reason}\n")),
+        Ok(ConfigurationLines { text, section }) => {
+            out.push_str(&format!("\nFor {section}:\n{text}"))
+        }
+        Err(reason) => out.push_str(&format!(
+            "\nNo delay to enter in the configuration: {reason}\n"
+        )),
     }
     out
 }
@@ -186,10 +209,16 @@ fn delay_json(d: &DelayEstimate) -> Value {
 
 fn reading_table(readings: &[ScreenReading]) -> Grid {
     let ms = |seconds: Option<f64>| format_fixed(seconds.map(|s| 1e3 * s), 1);
-    let recorded = |r: &ScreenReading| r.exposure.as_ref().map(|e| e.exposure_sigma_s.hypot(r.sigma_s));
+    let recorded = |r: &ScreenReading| {
+        r.exposure
+            .as_ref()
+            .map(|e| e.exposure_sigma_s.hypot(r.sigma_s))
+    };
     Grid::for_rows(readings).columns(&[
         One("<image", &|r| r.image.clone()),
-        One("<exposure on the screen (UTC)", &|r| r.shown.strftime("%m-%d %H:%M:%S%.3f").to_string()),
+        One("<exposure on the screen (UTC)", &|r| {
+            r.shown.strftime("%m-%d %H:%M:%S%.3f").to_string()
+        }),
         One("sigma / ms", &|r| ms(Some(r.sigma_s))),
         One("ticks", &|r| r.ticks.to_string()),
         One("command minus screen / ms", &|r| ms(Some(r.command_s))),
@@ -201,7 +230,9 @@ fn reading_table(readings: &[ScreenReading]) -> Grid {
 /// Returns the JSON of an image; its standard deviations include the screen's latency.
 fn reading_json(read: &Result<ScreenReading, (String, Reason)>, screen: &Screen) -> Value {
     match read {
-        Err((image, reason)) => json!({ "image": image, "status": "failed", "reason": reason.text() }),
+        Err((image, reason)) => {
+            json!({ "image": image, "status": "failed", "reason": reason.text() })
+        }
         Ok(r) => {
             let sigma_s = r.sigma_s.hypot(screen.latency_sigma_s);
             let recorded_s = r.exposure.as_ref().map(|e| e.exposure_sigma_s);

@@ -23,11 +23,24 @@ macro_rules! stand_in {
 
             pub fn run(_: &$args) -> Result<Completion, Failure> {
                 let how = concat!("cargo build --release --locked --features ", $feature);
-                Err(Failure::Usage(format!("this wingd was built without {}; build it with `{how}`", $part)))
+                Err(Failure::Usage(format!(
+                    "this wingd was built without {}; build it with `{how}`",
+                    $part
+                )))
             }
         }
     };
 }
 
-stand_in!(calibrate, CalibrateArgs, "calibrate, like the demonstration build", "boards");
-stand_in!(upload, UploadArgs, "upload, like the on-board build", "upload");
+stand_in!(
+    calibrate,
+    CalibrateArgs,
+    "calibrate, like the demonstration build",
+    "boards"
+);
+stand_in!(
+    upload,
+    UploadArgs,
+    "upload, like the on-board build",
+    "upload"
+);

@@ -64,27 +64,46 @@ fn parse_rate(text: &str) -> Result<u64, String> {
         Some('g') => 1_000_000_000,
         _ => 1,
     };
-    let digits = if factor == 1 { text } else { text.get(..text.len() - 1).unwrap_or_default() };
+    let digits = if factor == 1 {
+        text
+    } else {
+        text.get(..text.len() - 1).unwrap_or_default()
+    };
     let number: u64 = digits.parse().map_err(|_| wrong())?;
-    number.checked_mul(factor).filter(|rate| *rate >= 1_000).ok_or_else(wrong)
+    number
+        .checked_mul(factor)
+        .filter(|rate| *rate >= 1_000)
+        .ok_or_else(wrong)
 }
 
 /// Uploads the flights of a store, or the requested one, to an object store or a directory.
 pub(super) fn run(args: &UploadArgs) -> TaskResult<Completion> {
     let flights = select_flights(&args.store, args.flight.as_deref())?;
-    let settings = UploadSettings { jobs: args.jobs.into(), retries: args.retries, limit: args.limit_rate };
+    let settings = UploadSettings {
+        jobs: args.jobs.into(),
+        retries: args.retries,
+        limit: args.limit_rate,
+    };
     let target = UploadTarget::open(&args.to, settings)?;
     let about = WingLabels {
         aircraft: args.aircraft.clone(),
         aircraft_type: args.aircraft_type.clone(),
         wing: args.wing.clone(),
     };
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build();
     let runtime = runtime.map_err(|e| Failure::Failed(format!("could not start: {e}")))?;
     let bar = byte_progress(0, "upload");
     let progress = |length| bar.inc(length);
-    let upload =
-        Upload { target: &target, root: &args.store, labels: &about, repair: args.repair, progress: &progress };
+    let upload = Upload {
+        target: &target,
+        root: &args.store,
+        labels: &about,
+        repair: args.repair,
+        progress: &progress,
+    };
     let outcomes = runtime.block_on(upload.upload_flights(&flights));
     bar.finish_and_clear();
     for (flight, outcome) in flights.iter().zip(&outcomes) {
@@ -93,7 +112,12 @@ pub(super) fn run(args: &UploadArgs) -> TaskResult<Completion> {
     Ok(Completion::from_success(outcomes.iter().all(Result::is_ok)))
 }
 
-fn print_outcome(args: &UploadArgs, id: &str, target: &UploadTarget, outcome: &UploadOutcome) -> TaskResult<()> {
+fn print_outcome(
+    args: &UploadArgs,
+    id: &str,
+    target: &UploadTarget,
+    outcome: &UploadOutcome,
+) -> TaskResult<()> {
     let line = match (outcome, args.json) {
         (Ok((sent, manifest)), true) => serde_json::json!({
             "flight": id, "status": "ok", "recorder": manifest.recorder, "aircraft": manifest.aircraft,

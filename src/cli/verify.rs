@@ -33,12 +33,20 @@ pub struct VerifyArgs {
 
 pub(super) fn run(args: &VerifyArgs) -> TaskResult<Completion> {
     if !args.store.is_dir() {
-        return Err(Failure::from_path_error(&args.store, "is not a directory; name a store"));
+        return Err(Failure::from_path_error(
+            &args.store,
+            "is not a directory; name a store",
+        ));
     }
     if args.upgrade {
         upgrade_store(args)?;
     }
-    let key = args.key.as_deref().map(PublicKey::read).transpose().map_err(Failure::from_error)?;
+    let key = args
+        .key
+        .as_deref()
+        .map(PublicKey::read)
+        .transpose()
+        .map_err(Failure::from_error)?;
     let report = show_busy("verifying", || match &key {
         Some(key) => verify_with_key(&RealDisk, &args.store, key),
         None => verify_path(&RealDisk, &args.store),
@@ -56,23 +64,48 @@ pub(super) fn run(args: &VerifyArgs) -> TaskResult<Completion> {
 
 fn upgrade_store(args: &VerifyArgs) -> TaskResult<()> {
     catalogue::check_format(&RealDisk, &args.store)?;
-    let installation = args.installation.as_deref().map(installation::load).transpose()?;
+    let installation = args
+        .installation
+        .as_deref()
+        .map(installation::load)
+        .transpose()?;
     let files = installation.map(|i| i.files()).transpose()?;
-    Ok(store::upgrade_store(Arc::new(RealDisk), &args.store, files.as_deref())?)
+    Ok(store::upgrade_store(
+        Arc::new(RealDisk),
+        &args.store,
+        files.as_deref(),
+    )?)
 }
 
 fn report_text(report: &VerifyReport) -> String {
-    let faults: String = report.faults.iter().map(|fault| format!("{fault}\n")).collect();
+    let faults: String = report
+        .faults
+        .iter()
+        .map(|fault| format!("{fault}\n"))
+        .collect();
     let verdict = match report.faults.len() {
         0 => "all invariants hold".to_owned(),
-        n => format!("{} (docs/store.md explains each invariant and its remedy)", count_text(n, "error")),
+        n => format!(
+            "{} (docs/store.md explains each invariant and its remedy)",
+            count_text(n, "error")
+        ),
     };
     let results = count_text(report.results, "result");
-    format!("{faults}{} with their checksums, {results}: {verdict}", content_text(report))
+    format!(
+        "{faults}{} with their checksums, {results}: {verdict}",
+        content_text(report)
+    )
 }
 
 /// Counts flights, series and frames.
 pub(super) fn content_text(report: &VerifyReport) -> String {
-    let (flights, frames) = (count_text(report.flights, "flight"), count_text(report.frames, "frame"));
-    format!("{flights}, {} series, {frames} ({:.1} MB)", report.series, report.bytes as f64 / 1e6)
+    let (flights, frames) = (
+        count_text(report.flights, "flight"),
+        count_text(report.frames, "frame"),
+    );
+    format!(
+        "{flights}, {} series, {frames} ({:.1} MB)",
+        report.series,
+        report.bytes as f64 / 1e6
+    )
 }

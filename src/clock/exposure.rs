@@ -17,7 +17,10 @@ pub struct MeasuredDelay {
 impl MeasuredDelay {
     /// Builds the delay from the two keys of a configuration; `None` unless both are given.
     pub fn from_config(seconds: Option<f64>, sigma_s: Option<f64>) -> Option<Self> {
-        Some(Self { seconds: seconds?, sigma_s: sigma_s? })
+        Some(Self {
+            seconds: seconds?,
+            sigma_s: sigma_s?,
+        })
     }
 }
 
@@ -116,33 +119,63 @@ fn uniform_sigma(length: f64) -> f64 {
 /// nor the readout of a frame is longer than a period.
 pub fn exposure_instant(evidence: &ExposureEvidence) -> ExposureInstant {
     let (event_s, delay_s, sigma_s, source) = match *evidence {
-        ExposureEvidence::StartOfExposure { at_s, exposure_s, period_s, delay } => {
+        ExposureEvidence::StartOfExposure {
+            at_s,
+            exposure_s,
+            period_s,
+            delay,
+        } => {
             let (half, sigma) = measured_delay_or(delay, || half_exposure(exposure_s, period_s));
             (at_s, half, sigma, ExposureSource::StartOfExposure)
         }
-        ExposureEvidence::EndOfFrame { at_s, exposure_s, period_s, delay } => {
+        ExposureEvidence::EndOfFrame {
+            at_s,
+            exposure_s,
+            period_s,
+            delay,
+        } => {
             let (delay, sigma) = measured_delay_or(delay, || {
                 let (half, sigma) = half_exposure(exposure_s, period_s);
                 (-half - 0.5 * period_s, sigma.hypot(uniform_sigma(period_s)))
             });
             (at_s, delay, sigma, ExposureSource::EndOfFrame)
         }
-        ExposureEvidence::Edge { from_s, to_s, delay } => {
+        ExposureEvidence::Edge {
+            from_s,
+            to_s,
+            delay,
+        } => {
             let sigma = uniform_sigma(to_s - from_s).hypot(delay.sigma_s);
-            (0.5 * (from_s + to_s), delay.seconds, sigma, ExposureSource::ReleaseEdge)
+            (
+                0.5 * (from_s + to_s),
+                delay.seconds,
+                sigma,
+                ExposureSource::ReleaseEdge,
+            )
         }
-        ExposureEvidence::Between { from_s, to_s } => {
-            (from_s, 0.5 * (to_s - from_s), uniform_sigma(to_s - from_s), ExposureSource::TriggerAndEvent)
-        }
+        ExposureEvidence::Between { from_s, to_s } => (
+            from_s,
+            0.5 * (to_s - from_s),
+            uniform_sigma(to_s - from_s),
+            ExposureSource::TriggerAndEvent,
+        ),
     };
-    ExposureInstant { since_boot_s: event_s + delay_s, sigma_s, delay_s, source }
+    ExposureInstant {
+        since_boot_s: event_s + delay_s,
+        sigma_s,
+        delay_s,
+        source,
+    }
 }
 
 /// Standard deviation of the time from the event to a driver's stamp if it was not measured, s: an assumption that covers
 /// interrupts and USB's frames of 1 ms.
 const STAMP_SIGMA_S: f64 = 0.001;
 
-fn measured_delay_or(delay: Option<MeasuredDelay>, otherwise: impl FnOnce() -> (f64, f64)) -> (f64, f64) {
+fn measured_delay_or(
+    delay: Option<MeasuredDelay>,
+    otherwise: impl FnOnce() -> (f64, f64),
+) -> (f64, f64) {
     let unmeasured = || {
         let (seconds, sigma) = otherwise();
         (seconds, sigma.hypot(STAMP_SIGMA_S))
@@ -152,7 +185,10 @@ fn measured_delay_or(delay: Option<MeasuredDelay>, otherwise: impl FnOnce() -> (
 
 /// Returns half of the exposure, s, with its standard deviation.
 fn half_exposure(exposure_s: Option<f64>, period_s: f64) -> (f64, f64) {
-    exposure_s.map_or((0.25 * period_s, uniform_sigma(0.5 * period_s)), |exposure| (0.5 * exposure, 0.0))
+    exposure_s.map_or(
+        (0.25 * period_s, uniform_sigma(0.5 * period_s)),
+        |exposure| (0.5 * exposure, 0.0),
+    )
 }
 
 /// Instant of exposure as stored with a shot.
@@ -196,8 +232,14 @@ impl Exposure {
 
     /// Builds the exposure without evidence from the camera: between request and delivery.
     pub fn from_request(asked: &Stamp, delivered_since_boot_s: f64, clock: ClockQuality) -> Self {
-        let between = ExposureEvidence::Between { from_s: asked.since_boot_s, to_s: delivered_since_boot_s };
-        let instant = ExposureInstant { source: ExposureSource::AskedAndDelivered, ..exposure_instant(&between) };
+        let between = ExposureEvidence::Between {
+            from_s: asked.since_boot_s,
+            to_s: delivered_since_boot_s,
+        };
+        let instant = ExposureInstant {
+            source: ExposureSource::AskedAndDelivered,
+            ..exposure_instant(&between)
+        };
         Self::new(&instant, asked, clock)
     }
 
@@ -210,13 +252,20 @@ impl Exposure {
             delay_s: 0.0,
             source: ExposureSource::CameraClock,
         };
-        let clock = ClockQuality { sigma_s: clock_sigma_s, ..ClockQuality::without_kernel_values(false) };
-        Self { exposure_delay_s: None, ..Self::new(&instant, stamp, clock) }
+        let clock = ClockQuality {
+            sigma_s: clock_sigma_s,
+            ..ClockQuality::without_kernel_values(false)
+        };
+        Self {
+            exposure_delay_s: None,
+            ..Self::new(&instant, stamp, clock)
+        }
     }
 
     /// Returns the standard deviation of the exposure in UTC, s.
     pub fn utc_sigma_s(&self) -> Option<f64> {
-        self.clock_sigma_s.map(|clock| clock.hypot(self.exposure_sigma_s))
+        self.clock_sigma_s
+            .map(|clock| clock.hypot(self.exposure_sigma_s))
     }
 }
 
@@ -227,36 +276,84 @@ mod tests {
 
     fn close(instant: &ExposureInstant, at_s: f64, sigma_s: f64) {
         let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
-        assert!(near(instant.since_boot_s, at_s) && near(instant.sigma_s, sigma_s), "{instant:?}");
+        assert!(
+            near(instant.since_boot_s, at_s) && near(instant.sigma_s, sigma_s),
+            "{instant:?}"
+        );
     }
 
     #[test]
     fn a_stamp_at_the_start_is_half_an_exposure_early() {
-        let stamp =
-            |exposure_s, delay| ExposureEvidence::StartOfExposure { at_s: 100.0, exposure_s, period_s: 0.1, delay };
-        close(&exposure_instant(&stamp(Some(0.004), None)), 100.002, STAMP_SIGMA_S);
-        close(&exposure_instant(&stamp(None, None)), 100.025, (0.05 / 12f64.sqrt()).hypot(STAMP_SIGMA_S));
-        let measured = Some(MeasuredDelay { seconds: 0.01, sigma_s: 0.001 });
-        close(&exposure_instant(&stamp(Some(0.004), measured)), 100.01, 0.001);
+        let stamp = |exposure_s, delay| ExposureEvidence::StartOfExposure {
+            at_s: 100.0,
+            exposure_s,
+            period_s: 0.1,
+            delay,
+        };
+        close(
+            &exposure_instant(&stamp(Some(0.004), None)),
+            100.002,
+            STAMP_SIGMA_S,
+        );
+        close(
+            &exposure_instant(&stamp(None, None)),
+            100.025,
+            (0.05 / 12f64.sqrt()).hypot(STAMP_SIGMA_S),
+        );
+        let measured = Some(MeasuredDelay {
+            seconds: 0.01,
+            sigma_s: 0.001,
+        });
+        close(
+            &exposure_instant(&stamp(Some(0.004), measured)),
+            100.01,
+            0.001,
+        );
     }
 
     #[test]
     fn a_stamp_at_the_end_is_late_by_an_unknown_readout() {
-        let stamp = |exposure_s, delay| ExposureEvidence::EndOfFrame { at_s: 100.0, exposure_s, period_s: 0.1, delay };
-        close(&exposure_instant(&stamp(Some(0.004), None)), 99.948, (0.1 / 12f64.sqrt()).hypot(STAMP_SIGMA_S));
-        let measured = Some(MeasuredDelay { seconds: -0.035, sigma_s: 0.0005 });
+        let stamp = |exposure_s, delay| ExposureEvidence::EndOfFrame {
+            at_s: 100.0,
+            exposure_s,
+            period_s: 0.1,
+            delay,
+        };
+        close(
+            &exposure_instant(&stamp(Some(0.004), None)),
+            99.948,
+            (0.1 / 12f64.sqrt()).hypot(STAMP_SIGMA_S),
+        );
+        let measured = Some(MeasuredDelay {
+            seconds: -0.035,
+            sigma_s: 0.0005,
+        });
         close(&exposure_instant(&stamp(None, measured)), 99.965, 0.0005);
     }
 
     #[test]
     fn an_edge_has_its_delay_and_a_trigger_its_interval() {
-        let delay = MeasuredDelay { seconds: 0.055, sigma_s: 0.003 };
+        let delay = MeasuredDelay {
+            seconds: 0.055,
+            sigma_s: 0.003,
+        };
         close(
-            &exposure_instant(&ExposureEvidence::Edge { from_s: 10.0, to_s: 10.0012, delay }),
+            &exposure_instant(&ExposureEvidence::Edge {
+                from_s: 10.0,
+                to_s: 10.0012,
+                delay,
+            }),
             10.0556,
             0.003_019_933_774,
         );
-        close(&exposure_instant(&ExposureEvidence::Between { from_s: 10.0, to_s: 11.2 }), 10.6, 0.346_410_161_514);
+        close(
+            &exposure_instant(&ExposureEvidence::Between {
+                from_s: 10.0,
+                to_s: 11.2,
+            }),
+            10.6,
+            0.346_410_161_514,
+        );
     }
 
     #[test]
@@ -268,17 +365,30 @@ mod tests {
             since_boot_s: 50.0,
         };
         let clock = ClockQuality::from_kernel_values(true, 0.01, 0.003);
-        let instant =
-            ExposureInstant { since_boot_s: 51.25, sigma_s: 0.004, delay_s: -0.05, source: ExposureSource::EndOfFrame };
+        let instant = ExposureInstant {
+            since_boot_s: 51.25,
+            sigma_s: 0.004,
+            delay_s: -0.05,
+            source: ExposureSource::EndOfFrame,
+        };
         let exposure = Exposure::new(&instant, &stamp, clock);
-        assert_eq!(exposure.exposure_time, "2026-03-01T06:00:01.25Z".parse().unwrap());
+        assert_eq!(
+            exposure.exposure_time,
+            "2026-03-01T06:00:01.25Z".parse().unwrap()
+        );
         assert!((exposure.utc_sigma_s().unwrap() - 0.005).abs() < 1e-12);
         let unknown = Exposure::new(&instant, &stamp, ClockQuality::without_kernel_values(false));
         assert_eq!(unknown.utc_sigma_s(), None);
         let asked = Exposure::from_request(&stamp, 52.0, clock);
-        assert_eq!((asked.exposure_since_boot_s, asked.exposure_source), (51.0, ExposureSource::AskedAndDelivered));
+        assert_eq!(
+            (asked.exposure_since_boot_s, asked.exposure_source),
+            (51.0, ExposureSource::AskedAndDelivered)
+        );
         // Delays that `wingd time-check` replaces by measured ones.
-        assert_eq!((exposure.exposure_delay_s, asked.exposure_delay_s), (Some(-0.05), Some(1.0)));
+        assert_eq!(
+            (exposure.exposure_delay_s, asked.exposure_delay_s),
+            (Some(-0.05), Some(1.0))
+        );
     }
 
     proptest! {

@@ -24,11 +24,19 @@ pub struct ClockQuality {
 impl ClockQuality {
     /// Derives the standard deviation from the kernel's values. An estimated error above the maximum is the kernel's
     /// initial value, which nobody has set (`phc2sys` sets the maximum only): then the error is uniform up to the maximum.
-    pub fn from_kernel_values(synchronised: bool, max_error_s: f64, estimated_error_s: f64) -> Self {
+    pub fn from_kernel_values(
+        synchronised: bool,
+        max_error_s: f64,
+        estimated_error_s: f64,
+    ) -> Self {
         let sigma = if estimated_error_s > 0.0 && estimated_error_s <= max_error_s {
             estimated_error_s
         } else {
-            let unstated = if estimated_error_s > 0.0 { 0.0 } else { UNSTATED_SIGMA_S };
+            let unstated = if estimated_error_s > 0.0 {
+                0.0
+            } else {
+                UNSTATED_SIGMA_S
+            };
             (max_error_s / 3f64.sqrt()).hypot(unstated)
         };
         let known = synchronised && max_error_s < UNSYNCHRONISED_S;
@@ -42,12 +50,20 @@ impl ClockQuality {
 
     /// Returns the quality of a clock that is exact by definition.
     pub fn exact() -> Self {
-        Self { synchronised: true, max_error_s: Some(0.0), estimated_error_s: Some(0.0), sigma_s: Some(0.0) }
+        Self {
+            synchronised: true,
+            max_error_s: Some(0.0),
+            estimated_error_s: Some(0.0),
+            sigma_s: Some(0.0),
+        }
     }
 
     /// Returns the quality if the kernel cannot be queried: only whether a service has set the clock.
     pub fn without_kernel_values(synchronised: bool) -> Self {
-        Self { synchronised, ..Self::default() }
+        Self {
+            synchronised,
+            ..Self::default()
+        }
     }
 }
 
@@ -63,7 +79,11 @@ pub(super) fn read_kernel_quality() -> Option<ClockQuality> {
     };
     let synchronised = state != libc::TIME_ERROR && timex.status & libc::STA_UNSYNC == 0;
     (state >= 0).then(|| {
-        ClockQuality::from_kernel_values(synchronised, timex.maxerror as f64 * UNIT_S, timex.esterror as f64 * UNIT_S)
+        ClockQuality::from_kernel_values(
+            synchronised,
+            timex.maxerror as f64 * UNIT_S,
+            timex.esterror as f64 * UNIT_S,
+        )
     })
 }
 
@@ -85,7 +105,10 @@ mod tests {
 
     #[test]
     fn an_undisciplined_clock_has_no_sigma() {
-        assert_eq!(ClockQuality::from_kernel_values(false, 0.01, 0.001).sigma_s, None);
+        assert_eq!(
+            ClockQuality::from_kernel_values(false, 0.01, 0.001).sigma_s,
+            None
+        );
         let lost = ClockQuality::from_kernel_values(true, 16.0, 16.0);
         assert!(!lost.synchronised && lost.sigma_s.is_none());
         assert_eq!(ClockQuality::without_kernel_values(true).sigma_s, None);
@@ -94,7 +117,9 @@ mod tests {
     #[test]
     fn this_machine_answers_or_refuses() {
         if let Some(quality) = read_kernel_quality() {
-            assert!(quality.max_error_s.unwrap() >= 0.0 && quality.estimated_error_s.unwrap() >= 0.0);
+            assert!(
+                quality.max_error_s.unwrap() >= 0.0 && quality.estimated_error_s.unwrap() >= 0.0
+            );
             assert_eq!(quality.synchronised, quality.sigma_s.is_some());
         }
     }

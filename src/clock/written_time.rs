@@ -25,7 +25,8 @@ impl WrittenTime {
     /// that count from 1970 in seconds to nanoseconds.
     pub fn find(text: &str, first_year: i16) -> Option<Self> {
         let bytes = text.as_bytes();
-        let begins = |k: &usize| bytes[*k].is_ascii_digit() && (*k == 0 || !bytes[*k - 1].is_ascii_digit());
+        let begins =
+            |k: &usize| bytes[*k].is_ascii_digit() && (*k == 0 || !bytes[*k - 1].is_ascii_digit());
         (0..bytes.len()).filter(begins).find_map(|k| {
             let rest = text.get(k..)?;
             read_calendar(rest, first_year).or_else(|| read_unix(rest))
@@ -40,9 +41,14 @@ impl WrittenTime {
     /// Adds a fraction of a second given by its digits, unless the time has one.
     pub fn with_fraction(self, digits: &str) -> Self {
         let count = digits.len().min(MAX_DIGITS);
-        let finer = nanoseconds(digits).and_then(|n| self.local.with().subsec_nanosecond(n).build().ok());
+        let finer =
+            nanoseconds(digits).and_then(|n| self.local.with().subsec_nanosecond(n).build().ok());
         match finer {
-            Some(local) if self.digits == 0 => Self { local, digits: count as u32, ..self },
+            Some(local) if self.digits == 0 => Self {
+                local,
+                digits: count as u32,
+                ..self
+            },
             _ => self,
         }
     }
@@ -55,14 +61,19 @@ fn leading_digits(text: &str) -> &str {
 
 /// Converts digits after the decimal point of a second.
 fn nanoseconds(digits: &str) -> Option<i32> {
-    let digits = digits.get(..digits.len().min(MAX_DIGITS)).filter(|d| !d.is_empty() && leading_digits(d) == *d)?;
+    let digits = digits
+        .get(..digits.len().min(MAX_DIGITS))
+        .filter(|d| !d.is_empty() && leading_digits(d) == *d)?;
     format!("{digits:0<MAX_DIGITS$}").parse().ok()
 }
 
 /// Removes a number of this many digits from the beginning of a text.
 fn take_number<T: std::str::FromStr>(rest: &mut &str, digits: usize) -> Option<T> {
     let (number, behind) = rest.split_at_checked(digits)?;
-    let number = Some(number).filter(|n| leading_digits(n) == *n)?.parse().ok()?;
+    let number = Some(number)
+        .filter(|n| leading_digits(n) == *n)?
+        .parse()
+        .ok()?;
     *rest = behind;
     Some(number)
 }
@@ -92,7 +103,8 @@ fn read_calendar(text: &str, first_year: i16) -> Option<WrittenTime> {
         return None;
     }
     let second = take_number(&mut rest, 2)?;
-    let point = take_sign(&mut { rest }, ".,").filter(|_| rest[1..].starts_with(|c: char| c.is_ascii_digit()));
+    let point = take_sign(&mut { rest }, ".,")
+        .filter(|_| rest[1..].starts_with(|c: char| c.is_ascii_digit()));
     let fraction = leading_digits(&rest[usize::from(point.is_some())..]);
     // A counter without a point between it and the seconds would be far longer.
     if point.is_none() && fraction.len() > MAX_DIGITS {
@@ -100,14 +112,20 @@ fn read_calendar(text: &str, first_year: i16) -> Option<WrittenTime> {
     }
     let rest = &rest[usize::from(point.is_some()) + fraction.len()..];
     let local = DateTime::new(year, month, day, hour, minute, second, 0).ok()?;
-    let time = WrittenTime { local, digits: 0, offset: zone_at(rest, iso) };
+    let time = WrittenTime {
+        local,
+        digits: 0,
+        offset: zone_at(rest, iso),
+    };
     Some(time.with_fraction(fraction))
 }
 
 /// Reads the zone behind a time. A counter may follow the time of a name: without `T` the zone needs its colon.
 fn zone_at(text: &str, iso: bool) -> Option<Offset> {
     let text = text.trim_start();
-    let length = text.find(|c: char| !c.is_ascii_alphanumeric() && !"+-:".contains(c)).unwrap_or(text.len());
+    let length = text
+        .find(|c: char| !c.is_ascii_alphanumeric() && !"+-:".contains(c))
+        .unwrap_or(text.len());
     let zone = &text[..length];
     let offset = parse_offset(zone)?;
     (iso || zone.contains(':') || !zone.starts_with('-')).then_some(offset)
@@ -122,45 +140,80 @@ fn read_unix(text: &str) -> Option<WrittenTime> {
         0 => {
             let behind = leading_digits(text[10..].trim_start_matches(['.', ',', '_', '-']));
             let pointed = text[10..].starts_with(['.', ',']);
-            fraction = if pointed || [6, MAX_DIGITS].contains(&behind.len()) { behind } else { "" };
+            fraction = if pointed || [6, MAX_DIGITS].contains(&behind.len()) {
+                behind
+            } else {
+                ""
+            };
         }
         3 | 6 | MAX_DIGITS => {}
         _ => return None,
     }
-    let local = Timestamp::from_second(seconds).ok()?.to_zoned(TimeZone::UTC).datetime();
-    Some(WrittenTime { local, digits: 0, offset: Some(Offset::UTC) }.with_fraction(fraction))
+    let local = Timestamp::from_second(seconds)
+        .ok()?
+        .to_zoned(TimeZone::UTC)
+        .datetime();
+    Some(
+        WrittenTime {
+            local,
+            digits: 0,
+            offset: Some(Offset::UTC),
+        }
+        .with_fraction(fraction),
+    )
 }
 
 /// Parses a zone as written in metadata, names and by people: `+02:00`, `-0330`, `+2`, `Z`, `UTC+2`.
 pub fn parse_offset(text: &str) -> Option<Offset> {
     let text = text.trim();
-    let bare = ["UTC", "GMT"].iter().find_map(|name| text.strip_prefix(name));
+    let bare = ["UTC", "GMT"]
+        .iter()
+        .find_map(|name| text.strip_prefix(name));
     let text = bare.unwrap_or(text).trim_start();
     if text.eq_ignore_ascii_case("z") || bare == Some("") {
         return Some(Offset::UTC);
     }
     let sign = text.chars().next()?;
     let rest = text.strip_prefix(['+', '-', '\u{2212}'])?;
-    let compact = if rest.len() == 4 { rest.split_at_checked(2) } else { None };
+    let compact = if rest.len() == 4 {
+        rest.split_at_checked(2)
+    } else {
+        None
+    };
     let (hours, minutes) = rest.split_once(':').or(compact).unwrap_or((rest, "0"));
-    let number = |t: &str| t.parse::<i32>().ok().filter(|_| t.len() <= 2 && leading_digits(t) == t);
+    let number = |t: &str| {
+        t.parse::<i32>()
+            .ok()
+            .filter(|_| t.len() <= 2 && leading_digits(t) == t)
+    };
     let (hours, minutes) = (number(hours)?, number(minutes)?);
     let seconds = 3600 * hours + 60 * minutes;
     let sound = hours <= 14 && minutes < 60;
-    Offset::from_seconds(if sign == '+' { seconds } else { -seconds }).ok().filter(|_| sound)
+    Offset::from_seconds(if sign == '+' { seconds } else { -seconds })
+        .ok()
+        .filter(|_| sound)
 }
 
 /// Formats an offset from UTC as `+02:00`.
 pub fn offset_text(offset: Offset) -> String {
     let minutes = offset.seconds() / 60;
-    format!("{}{:02}:{:02}", if minutes < 0 { '-' } else { '+' }, minutes.abs() / 60, minutes.abs() % 60)
+    format!(
+        "{}{:02}:{:02}",
+        if minutes < 0 { '-' } else { '+' },
+        minutes.abs() / 60,
+        minutes.abs() % 60
+    )
 }
 
 /// Formats a duration for messages, such as `5h` or `3653d 2h 10s`.
 pub fn duration_text(seconds: f64) -> String {
-    let span = jiff::SignedDuration::try_from_secs_f64(seconds.abs()).and_then(jiff::Span::try_from);
+    let span =
+        jiff::SignedDuration::try_from_secs_f64(seconds.abs()).and_then(jiff::Span::try_from);
     let rounded = span.and_then(|span| {
-        let options = SpanRound::new().largest(Unit::Day).smallest(Unit::Millisecond).days_are_24_hours();
+        let options = SpanRound::new()
+            .largest(Unit::Day)
+            .smallest(Unit::Millisecond)
+            .days_are_24_hours();
         span.round(options)
     });
     rounded.map_or_else(|_| format!("{seconds} s"), |span| format!("{span:#}"))
@@ -174,7 +227,11 @@ mod tests {
     fn times_of_metadata_names_and_lists_are_found() {
         for (text, utc, digits) in [
             ("2026:06:01 10:00:00", "2026-06-01T10:00:00Z", 0),
-            ("2026-06-01 10:00:00.250+02:00", "2026-06-01T08:00:00.25Z", 3),
+            (
+                "2026-06-01 10:00:00.250+02:00",
+                "2026-06-01T08:00:00.25Z",
+                3,
+            ),
             ("2026/06/01 10:00:00Z", "2026-06-01T10:00:00Z", 0),
             ("cam_20260601T080000.250Z", "2026-06-01T08:00:00.25Z", 3),
             ("20260601T030000-0500", "2026-06-01T08:00:00Z", 0),
@@ -188,11 +245,21 @@ mod tests {
             ("1780300800-250000000", "2026-06-01T08:00:00.25Z", 9),
         ] {
             let found = WrittenTime::find(text, 1990).unwrap();
-            assert_eq!(found.timestamp(Offset::UTC), Some(utc.parse().unwrap()), "{text}");
+            assert_eq!(
+                found.timestamp(Offset::UTC),
+                Some(utc.parse().unwrap()),
+                "{text}"
+            );
             assert_eq!(found.digits, digits, "{text}");
         }
-        for text in ["IMG_0001", "IMG-20260601-WA0001", "0000:00:00 00:00:00", "20261301_080000", "99999999999999", ""]
-        {
+        for text in [
+            "IMG_0001",
+            "IMG-20260601-WA0001",
+            "0000:00:00 00:00:00",
+            "20261301_080000",
+            "99999999999999",
+            "",
+        ] {
             assert_eq!(WrittenTime::find(text, 1990), None, "{text}");
         }
     }
@@ -210,11 +277,16 @@ mod tests {
         ] {
             assert_eq!(parse_offset(text).map(Offset::seconds), seconds, "{text}");
         }
-        for odd in ["", "02:00", "+aa:00", "+02:75", "+99:00", "   :  ", "+-1:00"] {
+        for odd in [
+            "", "02:00", "+aa:00", "+02:75", "+99:00", "   :  ", "+-1:00",
+        ] {
             assert_eq!(parse_offset(odd), None, "{odd}");
         }
         assert_eq!(
-            (offset_text(Offset::from_seconds(-12_600).unwrap()), duration_text(-3600.0)),
+            (
+                offset_text(Offset::from_seconds(-12_600).unwrap()),
+                duration_text(-3600.0)
+            ),
             ("-03:30".into(), "1h".into())
         );
     }

@@ -17,12 +17,19 @@ pub(crate) struct RateBudget {
 impl RateBudget {
     /// Creates a full budget.
     pub fn new(per_s: f64, burst: f64) -> Self {
-        Self { per_s, burst, left: burst, at_s: 0.0 }
+        Self {
+            per_s,
+            burst,
+            left: burst,
+            at_s: 0.0,
+        }
     }
 
     /// Takes `amount` at the time `now_s`, s, if that leaves at least the share `floor` of the burst.
     pub fn take(&mut self, amount: f64, floor: f64, now_s: f64) -> bool {
-        self.left = self.burst.min(self.left + self.per_s * (now_s - self.at_s).max(0.0));
+        self.left = self
+            .burst
+            .min(self.left + self.per_s * (now_s - self.at_s).max(0.0));
         self.at_s = now_s;
         let enough = self.left - amount >= floor * self.burst;
         if enough {
@@ -61,7 +68,9 @@ impl DiskShare {
         }
         if written as f64 > self.share * (above + self.written as f64) {
             let percent = 100.0 * self.share;
-            return Err(format!("{percent:.0} % of the disk are used for them, which is their share; {remedy}"));
+            return Err(format!(
+                "{percent:.0} % of the disk are used for them, which is their share; {remedy}"
+            ));
         }
         self.written = written;
         Ok(())
@@ -81,14 +90,20 @@ mod tests {
         assert_eq!((0..50).filter(|_| budget.take(10.0, 0.5, 0.0)).count(), 5);
         assert_eq!((0..50).filter(|_| budget.take(10.0, 0.0, 0.0)).count(), 5);
         assert_eq!((0..50).filter(|_| budget.take(10.0, 0.0, 3.0)).count(), 3);
-        assert!(!budget.take(10.0, 0.0, 2.0), "time that goes back adds nothing");
+        assert!(
+            !budget.take(10.0, 0.0, 2.0),
+            "time that goes back adds nothing"
+        );
     }
 
     #[test]
     fn a_share_ends_and_nothing_is_taken_near_the_reserve() {
         let dir = tempfile::tempdir().unwrap();
         let open = |reserve_mb| {
-            let config = StoreConfig { reserve_mb, ..StoreConfig::new(dir.path()) };
+            let config = StoreConfig {
+                reserve_mb,
+                ..StoreConfig::new(dir.path())
+            };
             Store::open(Arc::new(RealDisk), config).unwrap().0
         };
         let free_mb = {
@@ -99,7 +114,9 @@ mod tests {
             assert!(share.take(&store, free / 10).unwrap_err().contains("share"));
             free / 1_000_000
         };
-        let refused = DiskShare::new(0.1).take(&open(free_mb * 3 / 4), 1).unwrap_err();
+        let refused = DiskShare::new(0.1)
+            .take(&open(free_mb * 3 / 4), 1)
+            .unwrap_err();
         assert!(refused.contains("reserve"), "{refused}");
     }
 }

@@ -64,18 +64,52 @@ impl SeriesConfig {
         let too_short = "is shorter than the sum of a series' gaps";
         let positive = "must be longer than 0";
         let rules = [
-            (!self.interval.is_zero(), "interval", positive, "for example \"1h\""),
-            ((1..=9999).contains(&self.shots), "shots", "must be 1 to 9999", "correct it"),
-            (!self.shot_deadline.is_zero(), "shot_deadline", positive, "for example \"20s\""),
-            (!self.open_deadline.is_zero(), "open_deadline", positive, "for example \"30s\""),
-            (self.retries <= 10, "retries", "must be at most 10", "correct it"),
-            (fits, "interval", too_short, "lengthen it, or lower shots or gap"),
+            (
+                !self.interval.is_zero(),
+                "interval",
+                positive,
+                "for example \"1h\"",
+            ),
+            (
+                (1..=9999).contains(&self.shots),
+                "shots",
+                "must be 1 to 9999",
+                "correct it",
+            ),
+            (
+                !self.shot_deadline.is_zero(),
+                "shot_deadline",
+                positive,
+                "for example \"20s\"",
+            ),
+            (
+                !self.open_deadline.is_zero(),
+                "open_deadline",
+                positive,
+                "for example \"30s\"",
+            ),
+            (
+                self.retries <= 10,
+                "retries",
+                "must be at most 10",
+                "correct it",
+            ),
+            (
+                fits,
+                "interval",
+                too_short,
+                "lengthen it, or lower shots or gap",
+            ),
         ];
         KeyFault::from_rules("series", &rules)
     }
 
     /// Returns the timetable of the series.
     pub(crate) fn timetable(&self) -> Timetable {
-        Timetable { interval: self.interval, align: self.align, until: self.until }
+        Timetable {
+            interval: self.interval,
+            align: self.align,
+            until: self.until,
+        }
     }
 }

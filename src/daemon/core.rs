@@ -32,7 +32,9 @@ impl Core {
         name: &str,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> std::io::Result<std::thread::JoinHandle<T>> {
-        std::thread::Builder::new().name(name.to_owned()).spawn(work)
+        std::thread::Builder::new()
+            .name(name.to_owned())
+            .spawn(work)
     }
 }
 
@@ -47,11 +49,19 @@ impl DrainedThreads {
     /// Creates an empty set of threads, whose end is waited for at most for `timeout`.
     pub fn new(timeout: Duration) -> Self {
         let (running, ended) = channel();
-        Self { timeout, running: Some(running), ended }
+        Self {
+            timeout,
+            running: Some(running),
+            ended,
+        }
     }
 
     /// Spawns a thread of the set.
-    pub fn spawn(&mut self, name: &str, work: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
+    pub fn spawn(
+        &mut self,
+        name: &str,
+        work: impl FnOnce() + Send + 'static,
+    ) -> std::io::Result<()> {
         let running = self.running.clone();
         Core::spawn_thread(name, move || {
             work();

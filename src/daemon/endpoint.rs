@@ -60,11 +60,18 @@ async fn bind_socket(path: &Path) -> io::Result<BoundSocket> {
         }
         std::fs::remove_file(path)?;
     }
-    if let Some(parent) = path.parent().filter(|parent| !parent.as_os_str().is_empty()) {
+    if let Some(parent) = path
+        .parent()
+        .filter(|parent| !parent.as_os_str().is_empty())
+    {
         std::fs::create_dir_all(parent)?;
     }
     let listener = UnixListener::bind(path)?;
-    Ok(BoundSocket { listener, path: path.to_owned(), file: socket_file(path) })
+    Ok(BoundSocket {
+        listener,
+        path: path.to_owned(),
+        file: socket_file(path),
+    })
 }
 
 /// Serves a socket forever; one that cannot be bound is reported and tried again. At most `max_clients` are served at a
@@ -92,7 +99,10 @@ pub(crate) async fn serve_socket(
                 }
             }
             Err(error) => {
-                report(Some(format!("{}: cannot accept a client: {error}", path.display())));
+                report(Some(format!(
+                    "{}: cannot accept a client: {error}",
+                    path.display()
+                )));
                 tokio::time::sleep(RETRY_PAUSE).await;
                 report(None);
             }
@@ -109,7 +119,11 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("wingd.sock");
         let first = bind_socket(&path).await.unwrap();
-        assert!(bind_socket(&path).await.is_err_and(|error| error.kind() == io::ErrorKind::AddrInUse));
+        assert!(
+            bind_socket(&path)
+                .await
+                .is_err_and(|error| error.kind() == io::ErrorKind::AddrInUse)
+        );
         assert!(path.exists(), "the second one removes nothing");
         std::fs::remove_file(&path).unwrap();
         let other = bind_socket(&path).await.unwrap();
@@ -118,7 +132,11 @@ mod tests {
         drop(other);
         assert!(!path.exists());
         std::fs::write(&path, "notes").unwrap();
-        assert!(bind_socket(&path).await.is_err_and(|error| error.to_string().contains("not a socket")));
+        assert!(
+            bind_socket(&path)
+                .await
+                .is_err_and(|error| error.to_string().contains("not a socket"))
+        );
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "notes");
     }
 }

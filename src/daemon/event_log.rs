@@ -32,7 +32,9 @@ impl Core {
             status.store.refuses = Some(error.to_string());
             status.store.free_mb = self.store.free_mb().ok();
         });
-        (self.observer)(&Event::Refused { reason: error.to_string() });
+        (self.observer)(&Event::Refused {
+            reason: error.to_string(),
+        });
     }
 
     /// Reports that a series was closed or interrupted. `complete`: every planned shot was attempted.
@@ -46,12 +48,17 @@ impl Core {
             }
         }
         let stranded = self.store.stranded_series();
-        self.board.set_fault(SIGNING_PART, self.store.signing_fault());
+        self.board
+            .set_fault(SIGNING_PART, self.store.signing_fault());
         self.board.update(|status| {
             status.store.unclosed = closed.as_ref().err().map(StoreError::to_string);
             status.store.stranded = stranded;
             let counts = &mut status.counts;
-            *(if complete { &mut counts.series_complete } else { &mut counts.series_interrupted }) += 1;
+            *(if complete {
+                &mut counts.series_complete
+            } else {
+                &mut counts.series_interrupted
+            }) += 1;
             status.store.free_mb = self.store.free_mb().ok();
         });
         (self.observer)(&Event::SeriesClosed { series, complete });
@@ -76,12 +83,20 @@ impl Core {
                 // This line acknowledges the frame: tests and people may rely on it.
                 tracing::info!(series, file, sha256, "frame is durable");
                 self.board.note_stored_frame(&shot.stamp);
-                (self.observer)(&Event::FrameStored { series: id, shot: number, file, sha256 });
+                (self.observer)(&Event::FrameStored {
+                    series: id,
+                    shot: number,
+                    file,
+                    sha256,
+                });
             }
             None => {
                 tracing::error!(series, shot = number, "shot without a frame");
                 self.board.update(|status| status.counts.failed_shots += 1);
-                (self.observer)(&Event::ShotFailed { series: id, shot: number });
+                (self.observer)(&Event::ShotFailed {
+                    series: id,
+                    shot: number,
+                });
             }
         }
     }
@@ -96,14 +111,23 @@ impl Core {
         }
         let ok = record.status == RecordStatus::Ok;
         if new {
-            self.board.add_series_result(ok, record.global_test == Some(GlobalTest::Rejected));
+            self.board
+                .add_series_result(ok, record.global_test == Some(GlobalTest::Rejected));
         }
         let waiting = self.board.update(|status| {
-            let count = if ok { &mut status.counts.solved } else { &mut status.counts.unsolvable };
+            let count = if ok {
+                &mut status.counts.solved
+            } else {
+                &mut status.counts.unsolvable
+            };
             *count += u64::from(new);
             status.to_solve.saturating_sub(1)
         });
         self.board.note_unsolved(waiting, true);
-        (self.observer)(&Event::Solved { series: series.to_owned(), file: file.to_owned(), ok });
+        (self.observer)(&Event::Solved {
+            series: series.to_owned(),
+            file: file.to_owned(),
+            ok,
+        });
     }
 }

@@ -11,7 +11,8 @@ use crate::store::{NewFrame, OpenSeries, Recovery, SeriesPlan, StoreResult};
 pub(crate) fn begin_series(core: &Core, plan: SeriesPlan) -> StoreResult<OpenSeries> {
     let (series, recovery) = core.store.begin_series(plan, &core.clock.stamp())?;
     log_recovery(&recovery);
-    core.board.update(|status| status.flight = Some(series.flight().to_owned()));
+    core.board
+        .update(|status| status.flight = Some(series.flight().to_owned()));
     Ok(series)
 }
 

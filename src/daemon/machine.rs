@@ -27,14 +27,21 @@ pub struct PowerSupply {
 
 /// Lists names and folders of the devices of a class, sorted.
 fn list_class(sys: &Path, name: &str) -> Vec<(String, std::path::PathBuf)> {
-    let entries = std::fs::read_dir(sys.join("class").join(name)).into_iter().flatten().flatten();
-    let mut all: Vec<_> = entries.map(|e| (e.file_name().to_string_lossy().into_owned(), e.path())).collect();
+    let entries = std::fs::read_dir(sys.join("class").join(name))
+        .into_iter()
+        .flatten()
+        .flatten();
+    let mut all: Vec<_> = entries
+        .map(|e| (e.file_name().to_string_lossy().into_owned(), e.path()))
+        .collect();
     all.sort();
     all
 }
 
 fn read_attribute(folder: &Path, file: &str) -> Option<String> {
-    std::fs::read_to_string(folder.join(file)).ok().map(|text| text.trim().to_owned())
+    std::fs::read_to_string(folder.join(file))
+        .ok()
+        .map(|text| text.trim().to_owned())
 }
 
 /// Lists the transmitters that the kernel can block.
@@ -43,17 +50,29 @@ pub fn list_radios(sys: &Path) -> Vec<Radio> {
         let is = |file: &str| read_attribute(&folder, file).as_deref() == Some("1");
         let blocked = is("soft") || is("hard");
         let name = read_attribute(&folder, "name").unwrap_or(name);
-        Some(Radio { name, kind: read_attribute(&folder, "type")?, blocked })
+        Some(Radio {
+            name,
+            kind: read_attribute(&folder, "type")?,
+            blocked,
+        })
     };
-    list_class(sys, "rfkill").into_iter().filter_map(radio).collect()
+    list_class(sys, "rfkill")
+        .into_iter()
+        .filter_map(radio)
+        .collect()
 }
 
 /// Reads the temperatures, degrees Celsius, with the names of the sensors.
 pub fn read_temperatures_c(sys: &Path) -> Vec<(String, f64)> {
-    let zones = list_class(sys, "thermal").into_iter().filter(|(name, _)| name.starts_with("thermal_zone"));
+    let zones = list_class(sys, "thermal")
+        .into_iter()
+        .filter(|(name, _)| name.starts_with("thermal_zone"));
     let zone = |(name, folder): (String, std::path::PathBuf)| {
         let millidegrees: f64 = read_attribute(&folder, "temp")?.parse().ok()?;
-        Some((read_attribute(&folder, "type").unwrap_or(name), 1e-3 * millidegrees))
+        Some((
+            read_attribute(&folder, "type").unwrap_or(name),
+            1e-3 * millidegrees,
+        ))
     };
     zones.filter_map(zone).collect()
 }
@@ -61,18 +80,32 @@ pub fn read_temperatures_c(sys: &Path) -> Vec<(String, f64)> {
 /// Lists mains adapters, batteries and USB supplies.
 pub fn list_supplies(sys: &Path) -> Vec<PowerSupply> {
     let supply = |(name, folder): (String, std::path::PathBuf)| {
-        let online = read_attribute(&folder, "online").map(|o| if o == "0" { "off" } else { "on" }.to_owned());
+        let online = read_attribute(&folder, "online")
+            .map(|o| if o == "0" { "off" } else { "on" }.to_owned());
         let charge = read_attribute(&folder, "capacity").map(|percent| format!("{percent} %"));
-        let states: Vec<String> = [online, read_attribute(&folder, "status"), charge].into_iter().flatten().collect();
-        PowerSupply { name, description: states.join(", ") }
+        let states: Vec<String> = [online, read_attribute(&folder, "status"), charge]
+            .into_iter()
+            .flatten()
+            .collect();
+        PowerSupply {
+            name,
+            description: states.join(", "),
+        }
     };
-    list_class(sys, "power_supply").into_iter().map(supply).collect()
+    list_class(sys, "power_supply")
+        .into_iter()
+        .map(supply)
+        .collect()
 }
 
 /// Describes temperatures and supplies in one line for the log; `None` if the kernel reports neither.
 pub fn describe_machine(sys: &Path) -> Option<String> {
-    let heat = read_temperatures_c(sys).into_iter().map(|(place, celsius)| format!("{place} {celsius:.0} C"));
-    let supply = list_supplies(sys).into_iter().map(|supply| format!("{} {}", supply.name, supply.description));
+    let heat = read_temperatures_c(sys)
+        .into_iter()
+        .map(|(place, celsius)| format!("{place} {celsius:.0} C"));
+    let supply = list_supplies(sys)
+        .into_iter()
+        .map(|supply| format!("{} {}", supply.name, supply.description));
     let all: Vec<String> = heat.chain(supply).collect();
     (!all.is_empty()).then(|| all.join("; "))
 }
@@ -103,9 +136,15 @@ mod tests {
             ("rfkill/rfkill1/soft", "1"),
             ("rfkill/rfkill1/hard", "0"),
         ]);
-        let found: Vec<_> = list_radios(dir.path()).into_iter().map(|r| (r.name, r.kind, r.blocked)).collect();
+        let found: Vec<_> = list_radios(dir.path())
+            .into_iter()
+            .map(|r| (r.name, r.kind, r.blocked))
+            .collect();
         let expected = [("phy0", "wlan", false), ("hci0", "bluetooth", true)];
-        assert_eq!(found, expected.map(|(n, k, b)| (n.to_owned(), k.to_owned(), b)));
+        assert_eq!(
+            found,
+            expected.map(|(n, k, b)| (n.to_owned(), k.to_owned(), b))
+        );
     }
 
     #[test]
@@ -121,6 +160,9 @@ mod tests {
         let text = describe_machine(dir.path()).unwrap();
         assert_eq!(text, "cpu-thermal 61 C; AC on; BAT0 Discharging, 83 %");
         let empty = sys(&[]);
-        assert_eq!((describe_machine(empty.path()), list_radios(empty.path())), (None, vec![]));
+        assert_eq!(
+            (describe_machine(empty.path()), list_radios(empty.path())),
+            (None, vec![])
+        );
     }
 }

@@ -62,8 +62,8 @@ pub use schedule::Align;
 pub use socket::{StatusConfig, query_daemon};
 pub use solver::{FrameSolver, FrameTracker, FrameTrackerFactory, Solver, SolverSource};
 pub use status::{
-    Activity, AircraftStatus, CameraStatus, Counts, DaemonStatus, FaultNote, Health, LiveStatus, RecentShares,
-    StatusBoard, StoreStatus, format_span,
+    Activity, AircraftStatus, CameraStatus, Counts, DaemonStatus, FaultNote, Health, LiveStatus,
+    RecentShares, StatusBoard, StoreStatus, format_span,
 };
 pub(crate) use status::{PAGE_PART, SOLVER_PART};
 pub use tcp_keepalive::keep_alive;

@@ -49,17 +49,29 @@ impl PowerConfig {
         for (key, time) in [("stop_within", self.stop_within), ("hold_up", self.hold_up)] {
             if time < Duration::from_millis(200) {
                 let remedy = "give at least \"200ms\", or remove it";
-                faults.push(KeyFault::new(format!("power.{key}"), format!("is {time:?}"), remedy));
+                faults.push(KeyFault::new(
+                    format!("power.{key}"),
+                    format!("is {time:?}"),
+                    remedy,
+                ));
             }
         }
         #[cfg(feature = "gpio")]
         if let Some(line) = &self.line {
             if !line.is_clear() {
                 let remedy = "give either name, or chip and offset";
-                faults.push(KeyFault::new("power.line", "does not name a single GPIO line", remedy));
+                faults.push(KeyFault::new(
+                    "power.line",
+                    "does not name a single GPIO line",
+                    remedy,
+                ));
             }
             if self.file.is_some() {
-                faults.push(KeyFault::new("power.line", "is given together with file", "remove one of the two"));
+                faults.push(KeyFault::new(
+                    "power.line",
+                    "is given together with file",
+                    "remove one of the two",
+                ));
             }
         }
         faults
@@ -119,8 +131,14 @@ pub(crate) fn watch_supply(core: &Core, config: &PowerConfig, commands: Sender<C
     match config.open_sensor() {
         Ok(None) => {}
         Ok(Some(supply)) => {
-            let watcher = SupplyWatcher { core: core.clone(), supply, hold_up: config.hold_up, commands };
-            if let Err(error) = Core::spawn_thread("power", move || watcher.watch_until_shutdown()) {
+            let watcher = SupplyWatcher {
+                core: core.clone(),
+                supply,
+                hold_up: config.hold_up,
+                commands,
+            };
+            if let Err(error) = Core::spawn_thread("power", move || watcher.watch_until_shutdown())
+            {
                 report_unwatched_supply(core, &error);
             }
         }
@@ -165,7 +183,10 @@ impl SupplyWatcher {
 
     fn pause_or_resume_daemon(&self, fails: bool) {
         if fails {
-            tracing::warn!(hold_up_s = self.hold_up.as_secs_f64(), "the power fails: everything is made durable");
+            tracing::warn!(
+                hold_up_s = self.hold_up.as_secs_f64(),
+                "the power fails: everything is made durable"
+            );
             self.core.halt.pause(self.hold_up);
         } else {
             tracing::info!("the power is back");

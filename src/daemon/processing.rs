@@ -37,11 +37,23 @@ pub(crate) struct Processing {
 
 impl Processing {
     /// Creates the processing of frames and sets the current solver; `gives_way`: it yields to the live solver.
-    pub fn start(core: &Core, mut source: SolverSource, current: CurrentSolver, gives_way: bool) -> Self {
+    pub fn start(
+        core: &Core,
+        mut source: SolverSource,
+        current: CurrentSolver,
+        gives_way: bool,
+    ) -> Self {
         let worker = Worker::new("solver", MAX_HANGING, core.halt.clone());
         current.renew(&mut source);
         let next_renewal = Instant::now() + RENEWAL_INTERVAL;
-        Self { core: core.clone(), source, current, next_renewal, worker, gives_way }
+        Self {
+            core: core.clone(),
+            source,
+            current,
+            next_renewal,
+            worker,
+            gives_way,
+        }
     }
 
     /// Takes up a newer solver if it is time to ask for one; returns whether there is one.
@@ -71,7 +83,9 @@ impl Processing {
         loop {
             let solved = self.solve_all();
             self.core.store.seal();
-            let fault = solved.err().map(|why| format!("{why}; trying again after the next series"));
+            let fault = solved
+                .err()
+                .map(|why| format!("{why}; trying again after the next series"));
             self.core.board.set_fault(RESULTS_PART, fault);
             self.core.board.beat_processing(false);
             if self.core.halt.is_ending() || !self.wait(wake) {
@@ -79,7 +93,9 @@ impl Processing {
             }
         }
         if !self.core.halt.is_requested() {
-            self.core.board.update(|status| status.activity = Activity::Finishing);
+            self.core
+                .board
+                .update(|status| status.activity = Activity::Finishing);
             let _ = self.solve_all();
             self.core.store.seal();
         }
@@ -90,8 +106,14 @@ impl Processing {
         loop {
             self.core.board.beat_processing(true);
             self.renew_solver();
-            let Some(solver) = self.current.get() else { return Ok(()) };
-            let frames = self.core.store.unsolved_frames(&solver.inputs).map_err(|error| error.to_string())?;
+            let Some(solver) = self.current.get() else {
+                return Ok(());
+            };
+            let frames = self
+                .core
+                .store
+                .unsolved_frames(&solver.inputs)
+                .map_err(|error| error.to_string())?;
             self.core.board.note_unsolved(frames.len(), false);
             if frames.is_empty() {
                 return Ok(());
@@ -106,7 +128,8 @@ impl Processing {
                         "solvers hang; frames are only recorded until you restart wingd, then solved".to_owned()
                     );
                 }
-                self.solve_frame(&solver, &frame).map_err(|error| format!("results cannot be stored: {error}"))?;
+                self.solve_frame(&solver, &frame)
+                    .map_err(|error| format!("results cannot be stored: {error}"))?;
                 if self.renew_solver() {
                     break;
                 }
@@ -132,7 +155,8 @@ impl Processing {
         };
         let value = serde_json::to_value(&record).unwrap_or_else(|error| {
             let reason = format!("the result cannot be written as JSON: {error}");
-            serde_json::to_value(ImageRecord::failed(&frame.entry.file, reason)).unwrap_or(Value::Null)
+            serde_json::to_value(ImageRecord::failed(&frame.entry.file, reason))
+                .unwrap_or(Value::Null)
         });
         let new = self.core.store.add_result(frame, &solver.inputs, value)?;
         self.core.log_frame_solved(frame, &record, new);
@@ -140,9 +164,19 @@ impl Processing {
     }
 
     /// Computes the result of a frame; `None` if it was abandoned because wingd stops or the power fails.
-    fn compute_result(&mut self, solver: &Arc<Solver>, frame: &FrameRef, bytes: Vec<u8>) -> Option<ImageRecord> {
+    fn compute_result(
+        &mut self,
+        solver: &Arc<Solver>,
+        frame: &FrameRef,
+        bytes: Vec<u8>,
+    ) -> Option<ImageRecord> {
         let file = frame.entry.file.clone();
-        let why = match self.solve_within_deadline(solver.clone(), file.clone(), bytes, &frame.entry.format) {
+        let why = match self.solve_within_deadline(
+            solver.clone(),
+            file.clone(),
+            bytes,
+            &frame.entry.format,
+        ) {
             Ok(record) => return Some(record),
             Err(why) => why?,
         };
@@ -167,7 +201,9 @@ impl Processing {
         };
         let board = &self.core.board;
         let beat = || board.beat_processing(true);
-        let answer = self.worker.call(deadline, &beat, make, move |()| (solver.solve)(&file, &bytes, &format));
+        let answer = self.worker.call(deadline, &beat, make, move |()| {
+            (solver.solve)(&file, &bytes, &format)
+        });
         board.update(|status| status.counts.solver_hangs = self.worker.given_up());
         answer.map_err(|why| {
             let reason = match why {

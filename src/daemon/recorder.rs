@@ -23,7 +23,10 @@ const WAIT_SLICE: Duration = Duration::from_secs(5);
 /// Maximum number of frames fetched from a camera's card before a series.
 const MAX_LEFT_OVER: u32 = 200;
 /// Plan of the series of fetched frames.
-const LEFT_OVER_SERIES: SeriesPlan = SeriesPlan { cause: SeriesCause::Recovered, shots: 0 };
+const LEFT_OVER_SERIES: SeriesPlan = SeriesPlan {
+    cause: SeriesCause::Recovered,
+    shots: 0,
+};
 /// Pause before a busy or lost camera is asked again.
 const RETRY_PAUSE: Duration = Duration::from_millis(500);
 
@@ -80,7 +83,10 @@ impl Recorder {
     /// Returns the schedule's progress to start with: after a restart within one boot the slots continue.
     fn initial_progress(&self) -> Progress {
         let (timetable, now) = (self.config.timetable(), self.current_moment());
-        let began = self.core.store.series_starts_in_boot(&self.core.clock.stamp().boot_id);
+        let began = self
+            .core
+            .store
+            .series_starts_in_boot(&self.core.clock.stamp().boot_id);
         match (began.first(), began.last()) {
             (Some(first), Some(last)) => Progress::resume(&timetable, *first, *last, now),
             _ => Progress::start(&timetable, now),
@@ -89,17 +95,24 @@ impl Recorder {
 
     fn current_moment(&self) -> Moment {
         let utc_s = self.core.clock.stamp().utc.as_millisecond() as f64 / 1e3;
-        Moment { since_boot: self.core.clock.since_boot(), utc_s }
+        Moment {
+            since_boot: self.core.clock.since_boot(),
+            utc_s,
+        }
     }
 
     /// Waits on the clock and handles commands. Returns early on a stop request and, if `until_triggered`, on a trigger.
     fn wait(&mut self, duration: Duration, until_triggered: bool) {
         let end = self.core.clock.since_boot() + duration;
         let paused = self.core.halt.is_paused();
-        while !(self.core.halt.is_ending() || self.core.halt.is_paused() != paused || until_triggered && self.triggered)
+        while !(self.core.halt.is_ending()
+            || self.core.halt.is_paused() != paused
+            || until_triggered && self.triggered)
         {
             self.core.board.beat();
-            let slice = end.saturating_sub(self.core.clock.since_boot()).min(WAIT_SLICE);
+            let slice = end
+                .saturating_sub(self.core.clock.since_boot())
+                .min(WAIT_SLICE);
             if slice.is_zero() {
                 return;
             }
@@ -122,7 +135,9 @@ impl Recorder {
                 self.triggered = true;
             }
             Command::HaltChanged if self.core.halt.is_ending() => {
-                self.core.board.update(|status| status.activity = Activity::Stopping);
+                self.core
+                    .board
+                    .update(|status| status.activity = Activity::Stopping);
             }
             Command::HaltChanged => {}
         }
@@ -131,7 +146,9 @@ impl Recorder {
     /// Begins nothing until the power is back or the daemon ends.
     fn wait_for_power(&mut self) {
         self.capture.close();
-        self.core.board.update(|status| status.activity = Activity::PowerFailing);
+        self.core
+            .board
+            .update(|status| status.activity = Activity::PowerFailing);
         self.core.board.set_next_series(None);
         self.wait(WAIT_SLICE, false);
         if !self.core.halt.is_requested() {
@@ -142,7 +159,11 @@ impl Recorder {
 
     /// Waits between the series for `duration`, taking live frames. Returns early on a stop request and on a trigger.
     fn wait_for_series(&mut self, duration: Duration) {
-        let activity = if self.live.is_some() { Activity::Live } else { Activity::Waiting };
+        let activity = if self.live.is_some() {
+            Activity::Live
+        } else {
+            Activity::Waiting
+        };
         self.core.board.update(|status| status.activity = activity);
         let end = self.core.clock.since_boot() + duration;
         while !(self.core.halt.is_requested() || self.triggered) {
@@ -180,7 +201,10 @@ impl Recorder {
         if self.core.halt.is_requested() {
             return self.capture.close();
         }
-        let plan = SeriesPlan { cause, shots: self.config.shots };
+        let plan = SeriesPlan {
+            cause,
+            shots: self.config.shots,
+        };
         let mut series = match self.store(|core| frame_storage::begin_series(core, plan)) {
             Ok(begun) => begun,
             Err(error) => {
@@ -194,14 +218,18 @@ impl Recorder {
             tracing::info!(machine, "temperatures and supply");
         }
         self.core.log_series_began(&series, cause, plan.shots);
-        self.live.iter().for_each(|live| live.expect_results(self.config.gap));
+        self.live
+            .iter()
+            .for_each(|live| live.expect_results(self.config.gap));
         let id = series.id().to_owned();
         let taken = self.take_shots(&mut series, plan.shots);
         let complete = series.shots().len() == plan.shots as usize;
         // Before the camera is closed: that may take long, and the power may be about to fail.
         let closed = taken.and_then(|()| self.close_series(series, complete));
         self.close_idle_camera();
-        self.live.iter().for_each(|live| live.expect_results(Duration::ZERO));
+        self.live
+            .iter()
+            .for_each(|live| live.expect_results(Duration::ZERO));
         self.core.log_series_ended(id, complete, &closed);
         let _ = self.wake.send(());
     }
@@ -216,7 +244,9 @@ impl Recorder {
     /// Runs `work`, which waits for the disk; meanwhile live frames are taken if the camera streams.
     fn store<T>(&mut self, work: impl FnOnce(&Core) -> T) -> T {
         let core = self.core.clone();
-        let Some(live) = self.live.as_mut().filter(|_| self.capture.is_streaming()) else { return work(&core) };
+        let Some(live) = self.live.as_mut().filter(|_| self.capture.is_streaming()) else {
+            return work(&core);
+        };
         let (storing, stored) = channel();
         std::thread::scope(|scope| {
             live.spawn_while(scope, stored, &mut self.capture);
@@ -227,10 +257,25 @@ impl Recorder {
     }
 
     fn close_series(&mut self, series: OpenSeries, complete: bool) -> StoreResult<()> {
-        let state = if complete { SeriesState::Complete } else { SeriesState::Interrupted };
-        let remark = if self.core.halt.is_paused() { "the power failed" } else { "the daemon was asked to stop" };
-        let remarks = if complete { Vec::new() } else { vec![remark.to_owned()] };
-        self.store(|core| core.store.close_series(series, state, &core.clock.stamp(), remarks))
+        let state = if complete {
+            SeriesState::Complete
+        } else {
+            SeriesState::Interrupted
+        };
+        let remark = if self.core.halt.is_paused() {
+            "the power failed"
+        } else {
+            "the daemon was asked to stop"
+        };
+        let remarks = if complete {
+            Vec::new()
+        } else {
+            vec![remark.to_owned()]
+        };
+        self.store(|core| {
+            core.store
+                .close_series(series, state, &core.clock.stamp(), remarks)
+        })
     }
 
     fn take_shots(&mut self, series: &mut OpenSeries, count: u32) -> StoreResult<()> {
@@ -259,7 +304,9 @@ impl Recorder {
             if self.core.halt.is_requested() {
                 break;
             }
-            let Some(frame) = self.capture.take_left_over() else { break };
+            let Some(frame) = self.capture.take_left_over() else {
+                break;
+            };
             if self.core.store.contains_frame(&frame.bytes) {
                 self.capture.release_last_frame();
                 continue;
@@ -270,14 +317,26 @@ impl Recorder {
             };
             let stamp = self.core.clock.stamp();
             let failures = Vec::new();
-            let shot = Shot { shot: number, stamp, duration_s: None, exposure: None, frame: None, failures };
+            let shot = Shot {
+                shot: number,
+                stamp,
+                duration_s: None,
+                exposure: None,
+                frame: None,
+                failures,
+            };
             let entry = frame_storage::add_shot(open, shot.clone(), Some(&frame))?;
             self.core.log_shot_stored(open.id(), &shot, entry);
             self.capture.release_last_frame();
         }
         let Some(series) = series else { return Ok(()) };
         let remark = "found on the camera's card; the times are those of the transfer".to_owned();
-        self.core.store.close_series(series, SeriesState::Interrupted, &self.core.clock.stamp(), vec![remark])
+        self.core.store.close_series(
+            series,
+            SeriesState::Interrupted,
+            &self.core.clock.stamp(),
+            vec![remark],
+        )
     }
 
     fn handle_pending_commands(&mut self) {
@@ -302,13 +361,24 @@ impl Recorder {
             };
             if let Some(delivered) = failed.delivered.filter(|frame| !stored(frame)) {
                 let attempt = failures.len() + 1;
-                failure.kept_as = Some(self.store(|_| series.set_aside(number, attempt, &delivered.bytes))?);
+                failure.kept_as =
+                    Some(self.store(|_| series.set_aside(number, attempt, &delivered.bytes))?);
             }
             self.core.log_attempt_failed(series.id(), number, &failure);
             failures.push(failure);
-            if !failed.retry || failures.len() > self.config.retries as usize || self.core.halt.is_requested() {
+            if !failed.retry
+                || failures.len() > self.config.retries as usize
+                || self.core.halt.is_requested()
+            {
                 let duration_s = Some(self.core.clock.stamp().since_boot_s - stamp.since_boot_s);
-                let shot = Shot { shot: number, stamp, duration_s, exposure: None, frame: None, failures };
+                let shot = Shot {
+                    shot: number,
+                    stamp,
+                    duration_s,
+                    exposure: None,
+                    frame: None,
+                    failures,
+                };
                 self.store(|_| frame_storage::add_shot(series, shot.clone(), None))?;
                 self.core.log_shot_stored(series.id(), &shot, None);
                 return Ok(());
@@ -340,7 +410,8 @@ impl Recorder {
         failures: Vec<ShotFailure>,
     ) -> StoreResult<()> {
         let shot = taken.to_shot(number, failures);
-        let entry = self.store(|_| frame_storage::add_shot(series, shot.clone(), Some(&taken.frame)))?;
+        let entry =
+            self.store(|_| frame_storage::add_shot(series, shot.clone(), Some(&taken.frame)))?;
         self.core.log_shot_stored(series.id(), &shot, entry);
         self.capture.release_last_frame();
         if let Some(live) = &mut self.live {

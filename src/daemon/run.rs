@@ -56,7 +56,9 @@ pub enum DaemonError {
     #[error("the daemon cannot start: {0}; free memory or raise the thread limit")]
     Machine(#[from] std::io::Error),
     /// A thread panicked.
-    #[error("the {0} thread crashed; stored data are safe; restart wingd and report this to the developers")]
+    #[error(
+        "the {0} thread crashed; stored data are safe; restart wingd and report this to the developers"
+    )]
     Broken(&'static str),
     /// The threads did not end in time.
     #[error(
@@ -79,8 +81,10 @@ pub fn run(parts: DaemonParts, board: &StatusBoard) -> Result<DaemonStatus, Daem
         status.flight = parts.store.current_flight();
         status.shots_per_series = parts.series.shots;
     });
-    let runtime =
-        tokio::runtime::Builder::new_current_thread().max_blocking_threads(MAX_BLOCKING).enable_all().build()?;
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .max_blocking_threads(MAX_BLOCKING)
+        .enable_all()
+        .build()?;
     let core = Core {
         store: parts.store,
         clock: parts.clock,
@@ -90,12 +94,19 @@ pub fn run(parts: DaemonParts, board: &StatusBoard) -> Result<DaemonStatus, Daem
     };
     let (commands, inbox) = channel();
     let (wake, woken) = channel();
-    let feed = parts.live.aircraft_data.as_ref().map(|config| aircraft::start_feed(&core, config));
+    let feed = parts
+        .live
+        .aircraft_data
+        .as_ref()
+        .map(|config| aircraft::start_feed(&core, config));
     let solver = CurrentSolver::default();
-    let processing =
-        parts.solver.map(|source| Processing::start(&core, source, solver.clone(), parts.live.is_enabled()));
+    let processing = parts
+        .solver
+        .map(|source| Processing::start(&core, source, solver.clone(), parts.live.is_enabled()));
     let (feeder, live, publisher) = live::start_live(&core, &parts.live, solver)
-        .map_or((None, None, None), |(feeder, live, publisher)| (Some(feeder), Some(live), Some(publisher)));
+        .map_or((None, None, None), |(feeder, live, publisher)| {
+            (Some(feeder), Some(live), Some(publisher))
+        });
     power::watch_supply(&core, &parts.power, commands.clone());
     let recorder = Recorder {
         core: core.clone(),
@@ -114,25 +125,42 @@ pub fn run(parts: DaemonParts, board: &StatusBoard) -> Result<DaemonStatus, Daem
         let _ = done.send(());
         result
     })?;
-    let stopped = runtime.block_on(serve_until_done((parts.status, publisher), &core, commands, stop_within, finished));
+    let stopped = runtime.block_on(serve_until_done(
+        (parts.status, publisher),
+        &core,
+        commands,
+        stop_within,
+        finished,
+    ));
     // The timetable may be over without a stop request.
     core.halt.end(stop_within);
     drop((feed, live));
     runtime.shutdown_background();
     if !stopped {
-        return Err(DaemonError::StopTimeout { within_s: stop_within.as_secs_f64() });
+        return Err(DaemonError::StopTimeout {
+            within_s: stop_within.as_secs_f64(),
+        });
     }
     join_thread(threads, "main")??;
     Ok(board.snapshot())
 }
 
 /// Runs the recorder and the processing until both have ended.
-fn run_threads(recorder: Recorder, processing: Option<Processing>, woken: Receiver<()>) -> Result<(), DaemonError> {
+fn run_threads(
+    recorder: Recorder,
+    processing: Option<Processing>,
+    woken: Receiver<()>,
+) -> Result<(), DaemonError> {
     let board = recorder.core.board.clone();
     let report = {
         let board = board.clone();
         move |what: String| {
-            board.set_fault(RESULTS_PART, Some(format!("frames are recorded but not solved: {what}; restart wingd")));
+            board.set_fault(
+                RESULTS_PART,
+                Some(format!(
+                    "frames are recorded but not solved: {what}; restart wingd"
+                )),
+            );
             board.beat_processing(false);
         }
     };
@@ -147,10 +175,16 @@ fn run_threads(recorder: Recorder, processing: Option<Processing>, woken: Receiv
             }
         })
     });
-    let solving = solving.transpose().map_err(|error| report(error.to_string())).ok().flatten();
+    let solving = solving
+        .transpose()
+        .map_err(|error| report(error.to_string()))
+        .ok()
+        .flatten();
     let capturing = Core::spawn_thread("recorder", move || recorder.run())?;
     let captured = join_thread(capturing, "recorder");
-    solving.map_or(Ok(()), |thread| join_thread(thread, "processing")).and(captured)
+    solving
+        .map_or(Ok(()), |thread| join_thread(thread, "processing"))
+        .and(captured)
 }
 
 fn join_thread<T>(thread: JoinHandle<T>, name: &'static str) -> Result<T, DaemonError> {
@@ -167,7 +201,13 @@ async fn serve_until_done(
     mut finished: tokio::sync::oneshot::Receiver<()>,
 ) -> bool {
     let mut in_time = true;
-    let status = socket.map(|config| tokio::spawn(socket::serve_status(config, core.board.clone(), commands.clone())));
+    let status = socket.map(|config| {
+        tokio::spawn(socket::serve_status(
+            config,
+            core.board.clone(),
+            commands.clone(),
+        ))
+    });
     if let Some(publisher) = publisher {
         tokio::spawn(publisher.serve());
     }
@@ -192,7 +232,10 @@ async fn serve_until_done(
 
 async fn wait_for_stop_signal() {
     use tokio::signal::unix::{SignalKind, signal};
-    match (signal(SignalKind::terminate()), signal(SignalKind::interrupt())) {
+    match (
+        signal(SignalKind::terminate()),
+        signal(SignalKind::interrupt()),
+    ) {
         (Ok(mut terminate), Ok(mut interrupt)) => {
             tokio::select! { _ = terminate.recv() => {}, _ = interrupt.recv() => {} }
         }
@@ -203,7 +246,9 @@ async fn wait_for_stop_signal() {
 /// Sends READY once the threads run, and WATCHDOG while every thread that has work makes progress.
 async fn notify_service_manager(board: StatusBoard) {
     let _ = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
-    let Some(watchdog) = sd_notify::watchdog_enabled() else { return };
+    let Some(watchdog) = sd_notify::watchdog_enabled() else {
+        return;
+    };
     let mut pulse = ProgressCheck::default();
     loop {
         if pulse.has_progressed(board.beats()) {

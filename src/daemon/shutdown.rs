@@ -32,7 +32,12 @@ pub(crate) struct Halt {
 
 impl Default for Halt {
     fn default() -> Self {
-        Self { state: Arc::new(Mutex::new(HaltState { order: Order::Work, give_up: None })) }
+        Self {
+            state: Arc::new(Mutex::new(HaltState {
+                order: Order::Work,
+                give_up: None,
+            })),
+        }
     }
 }
 
@@ -53,7 +58,10 @@ impl Halt {
     pub fn resume(&self) {
         let mut state = self.lock_state();
         if state.order == Order::Pause {
-            *state = HaltState { order: Order::Work, give_up: None };
+            *state = HaltState {
+                order: Order::Work,
+                give_up: None,
+            };
         }
     }
 
@@ -81,7 +89,9 @@ impl Halt {
 
     /// Returns whether current work must be abandoned now.
     pub fn is_expired(&self) -> bool {
-        self.lock_state().give_up.is_some_and(|limit| Instant::now() >= limit)
+        self.lock_state()
+            .give_up
+            .is_some_and(|limit| Instant::now() >= limit)
     }
 
     fn lock_state(&self) -> MutexGuard<'_, HaltState> {

@@ -24,7 +24,9 @@ pub struct StatusConfig {
 
 impl Default for StatusConfig {
     fn default() -> Self {
-        Self { socket: "/run/wingd/wingd.sock".into() }
+        Self {
+            socket: "/run/wingd/wingd.sock".into(),
+        }
     }
 }
 
@@ -38,22 +40,33 @@ const MAX_CLIENTS: usize = 64;
 
 /// Answers clients forever, each in its own task. Recording matters more than reporting: a socket that cannot be bound is
 /// a fault in the status.
-pub(crate) async fn serve_status(config: StatusConfig, board: StatusBoard, recorder: Sender<Command>) {
+pub(crate) async fn serve_status(
+    config: StatusConfig,
+    board: StatusBoard,
+    recorder: Sender<Command>,
+) {
     let report = |fault| board.set_fault(STATUS_PART, fault);
     let client = |stream, permit| {
         let (board, recorder) = (board.clone(), recorder.clone());
         tokio::spawn(async move {
             let _permit = permit;
-            let _ = tokio::time::timeout(CLIENT_TIMEOUT, answer_client(stream, &board, &recorder)).await;
+            let _ = tokio::time::timeout(CLIENT_TIMEOUT, answer_client(stream, &board, &recorder))
+                .await;
         });
     };
     endpoint::serve_socket(&config.socket, MAX_CLIENTS, report, client).await;
 }
 
-async fn answer_client(mut stream: UnixStream, board: &StatusBoard, recorder: &Sender<Command>) -> io::Result<()> {
+async fn answer_client(
+    mut stream: UnixStream,
+    board: &StatusBoard,
+    recorder: &Sender<Command>,
+) -> io::Result<()> {
     let (read, mut write) = stream.split();
     let mut line = String::new();
-    AsyncBufReader::new(tokio::io::AsyncReadExt::take(read, MAX_LINE)).read_line(&mut line).await?;
+    AsyncBufReader::new(tokio::io::AsyncReadExt::take(read, MAX_LINE))
+        .read_line(&mut line)
+        .await?;
     let mut reply = reply_to_command(line.trim(), board, recorder);
     reply.push('\n');
     write.write_all(reply.as_bytes()).await
@@ -63,10 +76,15 @@ fn reply_to_command(command: &str, board: &StatusBoard, recorder: &Sender<Comman
     let sent = match command {
         "status" => return serde_json::to_string(&board.snapshot()).unwrap_or_default(),
         "metrics" => return prometheus_text(&board.snapshot()),
-        "trigger" => recorder.send(Command::Trigger).map(|()| "an extra series begins"),
-        "new-flight" => recorder.send(Command::NewFlight).map(|()| "an extra series begins a new flight"),
+        "trigger" => recorder
+            .send(Command::Trigger)
+            .map(|()| "an extra series begins"),
+        "new-flight" => recorder
+            .send(Command::NewFlight)
+            .map(|()| "an extra series begins a new flight"),
         _ => {
-            let error = format!("unknown command {command:?}; known: status, metrics, trigger, new-flight");
+            let error =
+                format!("unknown command {command:?}; known: status, metrics, trigger, new-flight");
             return serde_json::json!({ "error": error }).to_string();
         }
     };
@@ -107,12 +125,16 @@ fn suggest_remedy(error: &io::Error) -> &'static str {
 pub fn query_daemon(socket: &Path, command: &str) -> Result<serde_json::Value, QueryError> {
     let fault = |error: io::Error| QueryError::Socket(socket.to_owned(), error);
     let mut stream = BlockingStream::connect(socket).map_err(fault)?;
-    stream.set_read_timeout(Some(CLIENT_TIMEOUT)).map_err(fault)?;
-    stream.write_all(format!("{command}\n").as_bytes()).map_err(fault)?;
+    stream
+        .set_read_timeout(Some(CLIENT_TIMEOUT))
+        .map_err(fault)?;
+    stream
+        .write_all(format!("{command}\n").as_bytes())
+        .map_err(fault)?;
     let mut line = String::new();
     BufReader::new(stream).read_line(&mut line).map_err(fault)?;
-    let value: serde_json::Value =
-        serde_json::from_str(&line).map_err(|error| QueryError::Foreign(socket.to_owned(), error))?;
+    let value: serde_json::Value = serde_json::from_str(&line)
+        .map_err(|error| QueryError::Foreign(socket.to_owned(), error))?;
     match value.get("error").and_then(|error| error.as_str()) {
         Some(error) => Err(QueryError::Refused(error.to_owned())),
         None => Ok(value),

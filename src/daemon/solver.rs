@@ -50,7 +50,10 @@ pub(crate) struct CurrentSolver(Arc<Mutex<Option<Arc<Solver>>>>);
 impl CurrentSolver {
     /// Returns the solver.
     pub fn get(&self) -> Option<Arc<Solver>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
     }
 
     /// Asks the source for a newer solver; returns whether there is one.

@@ -21,8 +21,10 @@ const MAX_UNACKNOWLEDGED: Duration = Duration::from_secs(20);
 /// Returns an error if the kernel rejects the options.
 pub fn keep_alive(connection: &impl AsFd) -> io::Result<()> {
     let socket = SockRef::from(connection);
-    let probes =
-        TcpKeepalive::new().with_time(IDLE_BEFORE_PROBES).with_interval(PROBE_INTERVAL).with_retries(MAX_PROBES);
+    let probes = TcpKeepalive::new()
+        .with_time(IDLE_BEFORE_PROBES)
+        .with_interval(PROBE_INTERVAL)
+        .with_retries(MAX_PROBES);
     socket.set_tcp_keepalive(&probes)?;
     socket.set_tcp_user_timeout(Some(MAX_UNACKNOWLEDGED))
 }

@@ -37,7 +37,11 @@ mod tests {
     use super::*;
 
     fn beats(recorder: u64, processing: u64, processing_busy: bool) -> Beats {
-        Beats { recorder, processing, processing_busy }
+        Beats {
+            recorder,
+            processing,
+            processing_busy,
+        }
     }
 
     #[test]
@@ -45,9 +49,18 @@ mod tests {
         let mut pulse = ProgressCheck::default();
         assert!(pulse.has_progressed(beats(1, 0, false)), "first check");
         assert!(pulse.has_progressed(beats(2, 0, false)), "nothing to solve");
-        assert!(!pulse.has_progressed(beats(2, 5, true)), "the recorder does not step");
-        assert!(pulse.has_progressed(beats(3, 5, true)), "the earlier step counts");
-        assert!(!pulse.has_progressed(beats(4, 5, true)), "the processing does not step");
+        assert!(
+            !pulse.has_progressed(beats(2, 5, true)),
+            "the recorder does not step"
+        );
+        assert!(
+            pulse.has_progressed(beats(3, 5, true)),
+            "the earlier step counts"
+        );
+        assert!(
+            !pulse.has_progressed(beats(4, 5, true)),
+            "the processing does not step"
+        );
         assert!(!pulse.has_progressed(beats(9, 5, true)));
         assert!(pulse.has_progressed(beats(10, 6, true)));
         assert!(pulse.has_progressed(beats(11, 6, false)), "all is solved");

@@ -41,7 +41,14 @@ pub(crate) struct Worker<S> {
 impl<S: 'static> Worker<S> {
     /// Creates a worker without a thread. At most `max_hanging` abandoned threads may run at a time.
     pub fn new(name: &'static str, max_hanging: usize, halt: Halt) -> Self {
-        Self { name, max_hanging, halt, thread: None, abandoned: Vec::new(), given_up: 0 }
+        Self {
+            name,
+            max_hanging,
+            halt,
+            thread: None,
+            abandoned: Vec::new(),
+            given_up: 0,
+        }
     }
 
     /// Returns the number of calls abandoned at their deadline.
@@ -51,7 +58,10 @@ impl<S: 'static> Worker<S> {
 
     /// Returns the number of abandoned threads that still run.
     pub fn hanging(&self) -> usize {
-        self.abandoned.iter().filter(|thread| !thread.is_finished()).count()
+        self.abandoned
+            .iter()
+            .filter(|thread| !thread.is_finished())
+            .count()
     }
 
     /// Dismisses the worker thread; the next call starts a new one.
@@ -86,7 +96,10 @@ impl<S: 'static> Worker<S> {
         make: impl FnOnce() -> Option<S> + Send + 'static,
         work: impl FnOnce(&mut S) -> T + Send + 'static,
     ) -> Result<T, CallError> {
-        let (calls, thread) = self.thread.take().map_or_else(|| self.start_thread(make), Ok)?;
+        let (calls, thread) = self
+            .thread
+            .take()
+            .map_or_else(|| self.start_thread(make), Ok)?;
         let (answer, answered) = channel();
         // Nobody waits for a call that was abandoned.
         let call: WorkerCall<S> = Box::new(move |state| drop(answer.send(work(state))));
@@ -140,10 +153,16 @@ mod tests {
     #[test]
     fn calls_share_a_state_and_a_panic_costs_only_its_thread() {
         let mut worker = worker(1);
-        assert!(matches!((count(&mut worker), count(&mut worker)), (Ok(8), Ok(9))));
+        assert!(matches!(
+            (count(&mut worker), count(&mut worker)),
+            (Ok(8), Ok(9))
+        ));
         let broken = worker.call(LONG, &|| {}, || None, |_| panic!("requested by the test"));
         assert!(matches!(broken, Err(CallError::Broken)));
-        assert!(matches!(worker.call(LONG, &|| {}, || None, |_| ()), Err(CallError::Broken)));
+        assert!(matches!(
+            worker.call(LONG, &|| {}, || None, |_| ()),
+            Err(CallError::Broken)
+        ));
         assert!(matches!(count(&mut worker), Ok(8)));
         assert_eq!((worker.given_up(), worker.hanging()), (0, 0));
     }
@@ -151,7 +170,10 @@ mod tests {
     #[test]
     fn hanging_calls_are_abandoned_and_counted_up_to_a_limit_and_a_halt_is_not_counted() {
         let mut worker = worker(2);
-        assert!(matches!(hang(&mut worker, Duration::from_millis(1)), Err(CallError::TimedOut)));
+        assert!(matches!(
+            hang(&mut worker, Duration::from_millis(1)),
+            Err(CallError::TimedOut)
+        ));
         assert_eq!((worker.given_up(), worker.hanging()), (1, 1));
         worker.halt.pause(Duration::ZERO);
         assert!(matches!(hang(&mut worker, LONG), Err(CallError::Halted(_))));

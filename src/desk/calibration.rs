@@ -3,8 +3,8 @@
 use crate::exchange::{DescribedBoard, ImageCorners};
 use crate::installation::CalibrationReport;
 use crate::measure::calibrate::{
-    self, Board, BoardMismatch, BoardPoint, BoardView, CalibrateError, Calibration, CalibrationOptions, ImageRejection,
-    Verdict,
+    self, Board, BoardMismatch, BoardPoint, BoardView, CalibrateError, Calibration,
+    CalibrationOptions, ImageRejection, Verdict,
 };
 use crate::pipeline::decode;
 use crate::record::Reason;
@@ -21,34 +21,59 @@ impl BoardImage {
     /// Finds the board in an image.
     pub fn detect(name: &str, bytes: Result<&[u8], Reason>, board: &Board) -> Self {
         let raster = bytes.and_then(|b| decode::decode_image(b, None).map_err(Reason::from_error));
-        let size = raster.as_ref().ok().map(|r| (r.width() as u32, r.height() as u32));
+        let size = raster
+            .as_ref()
+            .ok()
+            .map(|r| (r.width() as u32, r.height() as u32));
         let detection = raster.and_then(|r| board.find(&r).map_err(Reason::from_error));
         let misfit = detection.as_ref().ok().and_then(|s| s.mismatch);
-        Self { name: name.into(), size, view: detection.map(|s| s.view), misfit }
+        Self {
+            name: name.into(),
+            size,
+            view: detection.map(|s| s.view),
+            misfit,
+        }
     }
 }
 
 impl From<ImageCorners> for BoardImage {
     fn from(corners: ImageCorners) -> Self {
-        Self { name: corners.image, size: Some(corners.size), view: Ok(corners.view), misfit: None }
+        Self {
+            name: corners.image,
+            size: Some(corners.size),
+            view: Ok(corners.view),
+            misfit: None,
+        }
     }
 }
 
 /// Returns the corners of all images that show the board, after a calibration also which of them it used.
-pub fn board_corners(pictures: &[BoardImage], calibration: Option<&Calibration>) -> Vec<ImageCorners> {
+pub fn board_corners(
+    pictures: &[BoardImage],
+    calibration: Option<&Calibration>,
+) -> Vec<ImageCorners> {
     let corners = |(k, p): (usize, &BoardImage)| {
         let (size, view) = (p.size?, p.view.clone().ok()?);
         let used = calibration.map_or(vec![], |c| {
             let took_part = |q: &BoardPoint| c.residuals[k].iter().any(|(at, _)| *at == q.pixel);
             view.iter().map(took_part).collect()
         });
-        Some(ImageCorners { image: p.name.clone(), size, view, used })
+        Some(ImageCorners {
+            image: p.name.clone(),
+            size,
+            view,
+            used,
+        })
     };
     pictures.iter().enumerate().filter_map(corners).collect()
 }
 
 /// Returns the reason why an image was not used.
-pub fn exclusion_reason(calibration: &Calibration, k: usize, picture: &BoardImage) -> Option<String> {
+pub fn exclusion_reason(
+    calibration: &Calibration,
+    k: usize,
+    picture: &BoardImage,
+) -> Option<String> {
     match &picture.view {
         Err(reason) => Some(reason.to_string()),
         Ok(_) => calibration.rejections[k].map(|d| d.to_string()),
@@ -57,7 +82,11 @@ pub fn exclusion_reason(calibration: &Calibration, k: usize, picture: &BoardImag
 
 /// Returns the size of most images. Images of another size are excluded: they come from another camera or crop.
 fn common_size(pictures: &mut [BoardImage]) -> Result<(u32, u32), Reason> {
-    let sizes: Vec<(u32, u32)> = pictures.iter().filter(|p| p.view.is_ok()).filter_map(|p| p.size).collect();
+    let sizes: Vec<(u32, u32)> = pictures
+        .iter()
+        .filter(|p| p.view.is_ok())
+        .filter_map(|p| p.size)
+        .collect();
     let count = |s: &(u32, u32)| sizes.iter().filter(|o| *o == s).count();
     let size = sizes.iter().copied().max_by_key(|s| (count(s), *s));
     let Some(size) = size else {
@@ -66,7 +95,10 @@ fn common_size(pictures: &mut [BoardImage]) -> Result<(u32, u32), Reason> {
     for picture in pictures.iter_mut().filter(|p| p.view.is_ok()) {
         if let Some(own) = picture.size.filter(|own| *own != size) {
             let ((own_w, own_h), (w, h)) = (own, size);
-            picture.view = Err(format!("its size is {own_w} x {own_h} px, but the others have {w} x {h} px").into());
+            picture.view = Err(format!(
+                "its size is {own_w} x {own_h} px, but the others have {w} x {h} px"
+            )
+            .into());
         }
     }
     Ok(size)
@@ -76,7 +108,11 @@ fn common_size(pictures: &mut [BoardImage]) -> Result<(u32, u32), Reason> {
 fn list_failures(pictures: &[BoardImage], excluded: &[Option<ImageRejection>]) -> String {
     let reason = |(k, p): (usize, &BoardImage)| match &p.view {
         Err(reason) => Some(format!("\n  {}: {reason}", p.name)),
-        Ok(_) => excluded.get(k).copied().flatten().map(|d| format!("\n  {}: {d}", p.name)),
+        Ok(_) => excluded
+            .get(k)
+            .copied()
+            .flatten()
+            .map(|d| format!("\n  {}: {d}", p.name)),
     };
     pictures.iter().enumerate().filter_map(reason).collect()
 }
@@ -100,30 +136,60 @@ pub fn calibrate_and_judge(
     select: bool,
 ) -> Result<JudgedCalibration, Reason> {
     let size = common_size(pictures)?;
-    let views: Vec<BoardView> = pictures.iter().map(|p| p.view.clone().unwrap_or_default()).collect();
-    let misfits: Vec<Option<BoardMismatch>> = pictures.iter().filter(|p| p.view.is_ok()).map(|p| p.misfit).collect();
+    let views: Vec<BoardView> = pictures
+        .iter()
+        .map(|p| p.view.clone().unwrap_or_default())
+        .collect();
+    let misfits: Vec<Option<BoardMismatch>> = pictures
+        .iter()
+        .filter(|p| p.view.is_ok())
+        .map(|p| p.misfit)
+        .collect();
     let board_reason = calibrate::description_mismatch(&described.board, &misfits);
     let never_whole = calibrate::missing_corner_lines(&described.board, &views);
-    let options = CalibrationOptions { select, scale_sigma: described.scale_sigma };
-    let calibration = calibrate::calibrate_with_options(&views, size.0, size.1, &options).map_err(|e| {
-        let board = board_reason.clone().or_else(|| never_whole.clone());
-        let first = board.unwrap_or_else(|| e.to_string());
-        let excluded =
-            if let CalibrateError::TooFewViews { rejections: dropped, .. } = &e { &dropped[..] } else { &[] };
-        let text = format!("no calibration: {first}{}", list_failures(pictures, excluded));
-        Reason::new(text, e)
-    })?;
+    let options = CalibrationOptions {
+        select,
+        scale_sigma: described.scale_sigma,
+    };
+    let calibration =
+        calibrate::calibrate_with_options(&views, size.0, size.1, &options).map_err(|e| {
+            let board = board_reason.clone().or_else(|| never_whole.clone());
+            let first = board.unwrap_or_else(|| e.to_string());
+            let excluded = if let CalibrateError::TooFewViews {
+                rejections: dropped,
+                ..
+            } = &e
+            {
+                &dropped[..]
+            } else {
+                &[]
+            };
+            let text = format!(
+                "no calibration: {first}{}",
+                list_failures(pictures, excluded)
+            );
+            Reason::new(text, e)
+        })?;
     let refusals = calibrate::count_refusals(&calibration, board_reason.clone());
     let (mut verdict, mut reasons) = calibrate::judge_calibration(&calibration, board_reason);
     if let Some(reason) = never_whole {
         verdict = verdict.max(Verdict::Poor);
         reasons.push(reason);
     }
-    Ok(JudgedCalibration { calibration, verdict, reasons, refusals })
+    Ok(JudgedCalibration {
+        calibration,
+        verdict,
+        reasons,
+        refusals,
+    })
 }
 
 /// Summarises a calibration for camera.toml.
-pub fn calibration_report(calibration: &Calibration, verdict: Verdict, accepted: Option<String>) -> CalibrationReport {
+pub fn calibration_report(
+    calibration: &Calibration,
+    verdict: Verdict,
+    accepted: Option<String>,
+) -> CalibrationReport {
     let c = &calibration.covariance;
     let used = calibration.view_rms_px.iter().flatten().count();
     CalibrationReport {
@@ -133,12 +199,22 @@ pub fn calibration_report(calibration: &Calibration, verdict: Verdict, accepted:
         observations: calibration.observations,
         verdict: verdict.name(),
         accepted,
-        projection_sigma_px: calibration.projections.iter().flatten().map(|p| p.sigma_px).collect(),
+        projection_sigma_px: calibration
+            .projections
+            .iter()
+            .flatten()
+            .map(|p| p.sigma_px)
+            .collect(),
         board_bow_m: calibration.bow.map(|b| b.value_m),
         board_bow_sigma_m: calibration.bow.map(|b| b.sigma_m),
-        board_stretch: calibration.stretch.filter(|s| s.prior_sigma.is_some()).map(|s| [s.value, s.sigma]),
+        board_stretch: calibration
+            .stretch
+            .filter(|s| s.prior_sigma.is_some())
+            .map(|s| [s.value, s.sigma]),
         sigma: std::array::from_fn(|k| (!calibration.fixed[k]).then(|| c[(k, k)].max(0.0).sqrt())),
-        halves_px: calibration.halves.map(|h| [h.difference_px, h.predicted_px]),
+        halves_px: calibration
+            .halves
+            .map(|h| [h.difference_px, h.predicted_px]),
         covariance: c.row_iter().map(|r| r.iter().copied().collect()).collect(),
     }
 }

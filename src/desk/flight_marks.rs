@@ -19,24 +19,41 @@ pub struct FlightMarks {
 
 impl FlightMarks {
     /// Reads the marks.
-    pub fn read(disk: &dyn Disk, root: &Path, flight: &FlightRef, setup: &Setup) -> StoreResult<Self> {
+    pub fn read(
+        disk: &dyn Disk,
+        root: &Path,
+        flight: &FlightRef,
+        setup: &Setup,
+    ) -> StoreResult<Self> {
         let (all, mut notes) = manual_marks::read_marks(disk, root, flight)?;
         let counting = manual_marks::effective_marks(&all);
-        let observations: Vec<ManualObservation> =
-            counting.iter().filter_map(|mark| observation_from_mark(mark, setup)).collect();
+        let observations: Vec<ManualObservation> = counting
+            .iter()
+            .filter_map(|mark| observation_from_mark(mark, setup))
+            .collect();
         let (flight, used) = (&flight.id, observations.len());
         if !counting.is_empty() {
-            notes.push(format!("{flight}: using {used} manual marks (--no-marks ignores them)"));
+            notes.push(format!(
+                "{flight}: using {used} manual marks (--no-marks ignores them)"
+            ));
         }
         if used < counting.len() {
             let unknown = counting.len() - used;
-            notes.push(format!("{flight}: {unknown} manual marks name markers that are not in this survey"));
+            notes.push(format!(
+                "{flight}: {unknown} manual marks name markers that are not in this survey"
+            ));
         }
-        Ok(Self { observations, digest: manual_marks::marks_digest(&all), notes })
+        Ok(Self {
+            observations,
+            digest: manual_marks::marks_digest(&all),
+            notes,
+        })
     }
 
     /// Iterates over the marks of a frame, by its name in the flight.
     pub fn for_frame(&self, name: &str) -> impl Iterator<Item = &ManualObservation> {
-        self.observations.iter().filter(move |point| point.image.as_deref() == Some(name))
+        self.observations
+            .iter()
+            .filter(move |point| point.image.as_deref() == Some(name))
     }
 }

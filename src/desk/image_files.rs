@@ -29,12 +29,15 @@ pub fn expand_folders(arguments: &[PathBuf], note: impl Fn(String)) -> TaskResul
             continue;
         }
         let mut left_out = BTreeMap::new();
-        let (pictures, others): (Vec<PathBuf>, Vec<PathBuf>) =
-            list_files(argument, &mut left_out)?.into_iter().partition(|f| format_from_path(f).is_some());
+        let (pictures, others): (Vec<PathBuf>, Vec<PathBuf>) = list_files(argument, &mut left_out)?
+            .into_iter()
+            .partition(|f| format_from_path(f).is_some());
         let folder = printable_path(argument);
         if !left_out.is_empty() {
-            let (count, places): (usize, Vec<&str>) =
-                (left_out.values().sum(), left_out.keys().map(String::as_str).collect());
+            let (count, places): (usize, Vec<&str>) = (
+                left_out.values().sum(),
+                left_out.keys().map(String::as_str).collect(),
+            );
             note(format!(
                 "{folder}: {count} thumbnails, deleted and hidden images are skipped ({}); name such a folder to use it",
                 places.join(", ")
@@ -44,7 +47,9 @@ pub fn expand_folders(arguments: &[PathBuf], note: impl Fn(String)) -> TaskResul
             note(format!("{folder}: {what}"));
         }
         if pictures.is_empty() {
-            let what = format!("{folder}: contains no images ({IMAGE_EXTENSIONS}); name a folder that does");
+            let what = format!(
+                "{folder}: contains no images ({IMAGE_EXTENSIONS}); name a folder that does"
+            );
             return Err(Failure::Failed(what));
         }
         all.extend(pictures);
@@ -54,14 +59,18 @@ pub fn expand_folders(arguments: &[PathBuf], note: impl Fn(String)) -> TaskResul
 
 /// Extensions of image formats that are not supported.
 const UNSUPPORTED_EXTENSIONS: [&str; 16] = [
-    "heic", "heif", "avif", "webp", "dng", "nef", "arw", "cr2", "cr3", "raf", "orf", "rw2", "pef", "srw", "bmp", "jxl",
+    "heic", "heif", "avif", "webp", "dng", "nef", "arw", "cr2", "cr3", "raf", "orf", "rw2", "pef",
+    "srw", "bmp", "jxl",
 ];
 
 /// Describes images of unsupported formats in a folder, except those next to a supported one, such as a raw file next to
 /// its JPEG.
 fn unsupported_images_note(pictures: &[PathBuf], others: &[PathBuf]) -> Option<String> {
     let ending = |file: &Path| file.extension().map(|e| e.to_string_lossy().to_lowercase());
-    let readable: BTreeSet<PathBuf> = pictures.iter().map(|picture| picture.with_extension("")).collect();
+    let readable: BTreeSet<PathBuf> = pictures
+        .iter()
+        .map(|picture| picture.with_extension(""))
+        .collect();
     let alone = |file: &&PathBuf| {
         ending(file).is_some_and(|e| UNSUPPORTED_EXTENSIONS.contains(&e.as_str()))
             && !readable.contains(&file.with_extension(""))
@@ -69,12 +78,15 @@ fn unsupported_images_note(pictures: &[PathBuf], others: &[PathBuf]) -> Option<S
     let alone: Vec<&PathBuf> = others.iter().filter(alone).collect();
     let first = image_names::image_name(alone.first()?);
     let count = alone.len();
-    Some(format!("{count} images of unsupported formats are skipped, first {first}; save them as JPEG, PNG or TIFF"))
+    Some(format!(
+        "{count} images of unsupported formats are skipped, first {first}; save them as JPEG, PNG or TIFF"
+    ))
 }
 
 /// Returns whether a folder contains an image, at any depth.
 pub fn contains_images(folder: &Path) -> bool {
-    list_files(folder, &mut BTreeMap::new()).is_ok_and(|all| all.iter().any(|file| format_from_path(file).is_some()))
+    list_files(folder, &mut BTreeMap::new())
+        .is_ok_and(|all| all.iter().any(|file| format_from_path(file).is_some()))
 }
 
 /// First characters of folders of a system or another program: hidden ones, and those of a NAS or a recycle bin.
@@ -82,13 +94,22 @@ const SYSTEM_STARTS: [char; 5] = ['.', '@', '$', '#', '~'];
 /// Beginnings of the names of folders of thumbnails, of deleted images and of pieces found by a file system check.
 const FOREIGN_STARTS: [&str; 5] = ["thm", "thumb", "_thumb", "recycle", "found.0"];
 /// Names of folders of deleted images, of a file system check, and of a camera's own data.
-const FOREIGN_FOLDERS: [&str; 6] = ["trash", "deleted", "lost+found", "misc", "canonmsc", "system volume information"];
+const FOREIGN_FOLDERS: [&str; 6] = [
+    "trash",
+    "deleted",
+    "lost+found",
+    "misc",
+    "canonmsc",
+    "system volume information",
+];
 
 /// Returns whether a folder belongs to a system or another program, by its name.
 fn is_foreign_folder(name: &str) -> bool {
     let name = name.to_lowercase();
     // A name of several words, such as "thumb targets", is one of the user.
-    let rest = FOREIGN_STARTS.iter().find_map(|start| name.strip_prefix(start));
+    let rest = FOREIGN_STARTS
+        .iter()
+        .find_map(|start| name.strip_prefix(start));
     name.starts_with(SYSTEM_STARTS)
         || FOREIGN_FOLDERS.contains(&name.as_str())
         || rest.is_some_and(|rest| !rest.contains([' ', '-', '_']))
@@ -97,8 +118,12 @@ fn is_foreign_folder(name: &str) -> bool {
 /// Lists the files in a folder and below, ordered by name, without links to folders; `left_out` receives the number of
 /// images in each foreign folder, and of hidden ones.
 fn list_files(folder: &Path, left_out: &mut BTreeMap<String, usize>) -> TaskResult<Vec<PathBuf>> {
-    let unreadable =
-        |e: std::io::Error| Failure::Failed(format!("{} cannot be read ({e}); check the path", printable_path(folder)));
+    let unreadable = |e: std::io::Error| {
+        Failure::Failed(format!(
+            "{} cannot be read ({e}); check the path",
+            printable_path(folder)
+        ))
+    };
     let mut entries = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {
         let entry = entry.map_err(unreadable)?;
@@ -106,14 +131,22 @@ fn list_files(folder: &Path, left_out: &mut BTreeMap<String, usize>) -> TaskResu
         let is_folder = entry.file_type().map_err(unreadable)?.is_dir();
         let images = match is_folder {
             true if is_foreign_folder(&name) => count_images(&entry.path()),
-            false if name.starts_with('.') => usize::from(format_from_path(&entry.path()).is_some()),
+            false if name.starts_with('.') => {
+                usize::from(format_from_path(&entry.path()).is_some())
+            }
             _ => {
                 entries.push((natural_sort_key(&name), entry.path(), is_folder));
                 continue;
             }
         };
         if images > 0 {
-            *left_out.entry(if is_folder { name } else { "hidden files".into() }).or_default() += images;
+            *left_out
+                .entry(if is_folder {
+                    name
+                } else {
+                    "hidden files".into()
+                })
+                .or_default() += images;
         }
     }
     entries.sort_by(|a, b| a.0.cmp(&b.0));
@@ -132,7 +165,10 @@ fn list_files(folder: &Path, left_out: &mut BTreeMap<String, usize>) -> TaskResu
 fn count_images(folder: &Path) -> usize {
     let mut below = BTreeMap::new();
     let own = list_files(folder, &mut below).unwrap_or_default();
-    own.iter().filter(|file| format_from_path(file).is_some()).count() + below.values().sum::<usize>()
+    own.iter()
+        .filter(|file| format_from_path(file).is_some())
+        .count()
+        + below.values().sum::<usize>()
 }
 
 /// Returns a sort key that puts `IMG_9` before `IMG_10`: runs of digits compare by value.
@@ -173,7 +209,10 @@ impl ImageCollection {
     ///
     /// # Errors
     /// Returns an error if a list of times is given that does not fit the images.
-    pub fn from_images(images: Vec<(PathBuf, Result<DatedImage, String>)>, dating: &DatingOptions) -> TaskResult<Self> {
+    pub fn from_images(
+        images: Vec<(PathBuf, Result<DatedImage, String>)>,
+        dating: &DatingOptions,
+    ) -> TaskResult<Self> {
         let mut card = Self::default();
         let mut pictures: Vec<DatedImage> = Vec::new();
         for (file, read) in images {
@@ -186,7 +225,10 @@ impl ImageCollection {
             }
         }
         let files: Vec<PathBuf> = pictures.iter().map(|p| p.file.clone()).collect();
-        pictures.iter_mut().zip(image_names::image_names(&files)).for_each(|(p, name)| p.name = name);
+        pictures
+            .iter_mut()
+            .zip(image_names::image_names(&files))
+            .for_each(|(p, name)| p.name = name);
         card.remarks = date_images(&mut pictures, dating)?;
         card.remarks.extend(size_remark(&pictures));
         card.series = split_into_series(pictures, dating.gap);
@@ -197,9 +239,16 @@ impl ImageCollection {
 /// Reports images of another size than most.
 fn size_remark(pictures: &[DatedImage]) -> Option<TimeRemark> {
     let mut counts: BTreeMap<(usize, usize), usize> = BTreeMap::new();
-    pictures.iter().filter_map(|p| p.size).for_each(|size| *counts.entry(size).or_default() += 1);
-    let (usual, _) = counts.iter().max_by_key(|(size, count)| (**count, **size))?;
-    let mut others = pictures.iter().filter(|p| p.size.is_some_and(|size| size != *usual));
+    pictures
+        .iter()
+        .filter_map(|p| p.size)
+        .for_each(|size| *counts.entry(size).or_default() += 1);
+    let (usual, _) = counts
+        .iter()
+        .max_by_key(|(size, count)| (**count, **size))?;
+    let mut others = pictures
+        .iter()
+        .filter(|p| p.size.is_some_and(|size| size != *usual));
     let first = others.next()?;
     let ((w, h), (usual_w, usual_h)) = (first.size?, usual);
     let what = format!(
@@ -207,7 +256,10 @@ fn size_remark(pictures: &[DatedImage]) -> Option<TimeRemark> {
         others.count() + 1,
         first.name
     );
-    Some((what, "thumbnails, crops and other cameras do not belong in this store".into()))
+    Some((
+        what,
+        "thumbnails, crops and other cameras do not belong in this store".into(),
+    ))
 }
 
 /// Reads an image and its metadata; it has no time yet.
@@ -218,13 +270,20 @@ pub fn read_image(file: &Path) -> Result<DatedImage, String> {
     if format_from_path(file).is_none() {
         return Err(format!("is not a supported image; give {IMAGE_EXTENSIONS}"));
     }
-    let bytes = crate::store::read_regular_file(file).map_err(|e| format!("cannot be read ({e}); check the card"))?;
+    let bytes = crate::store::read_regular_file(file)
+        .map_err(|e| format!("cannot be read ({e}); check the card"))?;
     if bytes.is_empty() {
         return Err("is empty; copy it from the camera again".to_owned());
     }
     let size = decode::read_size(&bytes).map_err(|why| why.to_string())?;
     let (digest, taken) = (sha256_hex(&bytes), exif::read_metadata(&bytes));
-    Ok(DatedImage { file: file.to_owned(), digest, size, taken, ..DatedImage::default() })
+    Ok(DatedImage {
+        file: file.to_owned(),
+        digest,
+        size,
+        taken,
+        ..DatedImage::default()
+    })
 }
 
 /// Sorts images by time and splits them at pauses; images without a time form the last series, in the order given.
@@ -265,7 +324,12 @@ mod tests {
 
     fn at(utc: Option<&str>, digest: &str) -> DatedImage {
         let utc = utc.map(|t| t.parse().unwrap());
-        DatedImage { file: PathBuf::from(digest), digest: digest.into(), utc, ..DatedImage::default() }
+        DatedImage {
+            file: PathBuf::from(digest),
+            digest: digest.into(),
+            utc,
+            ..DatedImage::default()
+        }
     }
 
     #[test]
@@ -278,35 +342,72 @@ mod tests {
             at(None, "y"),
         ];
         let series = split_into_series(pictures, Duration::from_secs(60));
-        let names: Vec<Vec<&str>> = series.iter().map(|s| s.iter().map(|p| p.digest.as_str()).collect()).collect();
+        let names: Vec<Vec<&str>> = series
+            .iter()
+            .map(|s| s.iter().map(|p| p.digest.as_str()).collect())
+            .collect();
         assert_eq!(names, [vec!["a", "b"], vec!["c"], vec!["z", "y"]]);
     }
 
     #[test]
     fn unsupported_images_are_named_unless_they_are_next_to_their_jpeg() {
         let files = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
-        let of = |others: &[&str]| unsupported_images_note(&files(&["a/1.jpg", "a/2.JPG"]), &files(others));
+        let of = |others: &[&str]| {
+            unsupported_images_note(&files(&["a/1.jpg", "a/2.JPG"]), &files(others))
+        };
         assert_eq!(of(&["a/1.dng", "a/2.NEF", "a/notes.txt"]), None);
         let remarks = of(&["a/1.dng", "a/3.HEIC", "b/1.dng"]).unwrap();
-        assert!(remarks.starts_with("2 images") && remarks.contains("first 3.HEIC"), "{remarks}");
+        assert!(
+            remarks.starts_with("2 images") && remarks.contains("first 3.HEIC"),
+            "{remarks}"
+        );
     }
 
     #[test]
     fn folders_of_systems_and_programs_are_left_out() {
-        for name in
-            ["@eaDir", "$RECYCLE.BIN", "#recycle", "lost+found", ".Trashes", "THMBNL", "MISC", "FOUND.001", "Thumbs"]
-        {
+        for name in [
+            "@eaDir",
+            "$RECYCLE.BIN",
+            "#recycle",
+            "lost+found",
+            ".Trashes",
+            "THMBNL",
+            "MISC",
+            "FOUND.001",
+            "Thumbs",
+        ] {
             assert!(is_foreign_folder(name), "{name}");
         }
-        for name in ["DCIM", "100CANON", "misc flights", "2026-06-01", "Thumb_targets"] {
+        for name in [
+            "DCIM",
+            "100CANON",
+            "misc flights",
+            "2026-06-01",
+            "Thumb_targets",
+        ] {
             assert!(!is_foreign_folder(name), "{name}");
         }
     }
 
     #[test]
     fn names_are_ordered_by_their_numbers() {
-        let mut names = ["IMG_10.JPG", "IMG_9.JPG", "IMG_009b.JPG", "A.JPG", "99999999999999999999999.JPG"];
+        let mut names = [
+            "IMG_10.JPG",
+            "IMG_9.JPG",
+            "IMG_009b.JPG",
+            "A.JPG",
+            "99999999999999999999999.JPG",
+        ];
         names.sort_by_key(|n| natural_sort_key(n));
-        assert_eq!(names, ["99999999999999999999999.JPG", "A.JPG", "IMG_9.JPG", "IMG_009b.JPG", "IMG_10.JPG"]);
+        assert_eq!(
+            names,
+            [
+                "99999999999999999999999.JPG",
+                "A.JPG",
+                "IMG_9.JPG",
+                "IMG_009b.JPG",
+                "IMG_10.JPG"
+            ]
+        );
     }
 }

@@ -16,7 +16,9 @@ use crate::clock::exposure::Exposure;
 use crate::clock::written_time::duration_text;
 use crate::installation::printable_path;
 use crate::store::manifest::{SeriesCause, SeriesManifest, SeriesState, Shot};
-use crate::store::{FlightRef, NewFrame, OpenSeries, SeriesPlan, Store, StoreConfig, catalogue, layout, sha256_hex};
+use crate::store::{
+    FlightRef, NewFrame, OpenSeries, SeriesPlan, Store, StoreConfig, catalogue, layout, sha256_hex,
+};
 
 /// Outcome of a series of images.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,23 +92,41 @@ impl<'a> Importer<'a> {
     }
 
     /// Notes digests and time span of a flight's images, and whether it is the requested flight.
-    fn index_existing_flight(&mut self, flight: &FlightRef, wanted: Option<&str>) -> TaskResult<()> {
+    fn index_existing_flight(
+        &mut self,
+        flight: &FlightRef,
+        wanted: Option<&str>,
+    ) -> TaskResult<()> {
         let disk = self.store.disk();
         let mut span = None;
         for series in catalogue::list_series(disk, flight)? {
             let manifest = catalogue::read_series_manifest(disk, &series)?;
             for shot in &manifest.shots {
                 let Some(frame) = &shot.frame else { continue };
-                let time = shot.exposure.as_ref().map(|e| (shot.stamp.utc, e.clock_sigma_s));
-                self.stored.insert(frame.sha256.clone(), StoredImage { flight: flight.id.clone(), time });
+                let time = shot
+                    .exposure
+                    .as_ref()
+                    .map(|e| (shot.stamp.utc, e.clock_sigma_s));
+                self.stored.insert(
+                    frame.sha256.clone(),
+                    StoredImage {
+                        flight: flight.id.clone(),
+                        time,
+                    },
+                );
             }
             span = merge_spans(span, imported_span(&manifest));
         }
-        let name = catalogue::read_flight_manifest(disk, flight).ok().and_then(|manifest| manifest.name);
+        let name = catalogue::read_flight_manifest(disk, flight)
+            .ok()
+            .and_then(|manifest| manifest.name);
         if wanted.is_some_and(|wanted| wanted == flight.id || Some(wanted) == name.as_deref()) {
             self.requested = Some(flight.id.clone());
         }
-        self.flights.push(ExistingFlight { id: flight.id.clone(), span });
+        self.flights.push(ExistingFlight {
+            id: flight.id.clone(),
+            span,
+        });
         Ok(())
     }
 
@@ -115,7 +135,11 @@ impl<'a> Importer<'a> {
     /// # Errors
     /// Returns an error if the store has images with other times, or if an image or the store cannot be read or written;
     /// the next import resumes there.
-    pub fn import_all(mut self, series: Vec<Vec<DatedImage>>, imported: &mut Vec<ImportedSeries>) -> TaskResult<()> {
+    pub fn import_all(
+        mut self,
+        series: Vec<Vec<DatedImage>>,
+        imported: &mut Vec<ImportedSeries>,
+    ) -> TaskResult<()> {
         self.check_stored_times(&series)?;
         let begin = |series: &Vec<DatedImage>| series.first().and_then(|p| p.utc);
         let end = |series: &Vec<DatedImage>| series.last().and_then(|p| p.utc);
@@ -133,22 +157,38 @@ impl<'a> Importer<'a> {
         let stored = |p: &DatedImage| self.stored.get(&p.digest)?.time;
         let shift_s = |p: &DatedImage| Some(p.utc?.duration_since(stored(p)?.0).as_secs_f64());
         let other_sigma = |p: &DatedImage| {
-            self.clock_sigma_s.is_some() && stored(p).is_some_and(|known| known.1 != self.clock_sigma_s)
+            self.clock_sigma_s.is_some()
+                && stored(p).is_some_and(|known| known.1 != self.clock_sigma_s)
         };
         let changed = |p: &&DatedImage| match self.stored.get(&p.digest) {
             None => false,
             Some(known) if p.has_own_time() => {
-                known.time.is_none() || shift_s(p).is_some_and(|s| s.abs() > SAME_TIME_S) || other_sigma(p)
+                known.time.is_none()
+                    || shift_s(p).is_some_and(|s| s.abs() > SAME_TIME_S)
+                    || other_sigma(p)
             }
             Some(_) => p.source == Some(TimeSource::Start),
         };
         let changed: Vec<&DatedImage> = series.iter().flatten().filter(changed).collect();
-        let Some(first) = changed.first() else { return Ok(()) };
-        let flight = self.stored.get(&first.digest).map(|known| known.flight.as_str()).unwrap_or_default();
-        let difference = match (stored(first), first.utc, shift_s(first).filter(|s| s.abs() > SAME_TIME_S)) {
+        let Some(first) = changed.first() else {
+            return Ok(());
+        };
+        let flight = self
+            .stored
+            .get(&first.digest)
+            .map(|known| known.flight.as_str())
+            .unwrap_or_default();
+        let difference = match (
+            stored(first),
+            first.utc,
+            shift_s(first).filter(|s| s.abs() > SAME_TIME_S),
+        ) {
             (Some((then, _)), Some(now), Some(s)) => {
                 let way = if s > 0.0 { "later" } else { "earlier" };
-                format!("is there with {then}, and would now have {now}, {} {way}", duration_text(s))
+                format!(
+                    "is there with {then}, and would now have {now}, {} {way}",
+                    duration_text(s)
+                )
             }
             (Some(_), ..) => "is there with another --clock-sigma".into(),
             (None, ..) => "is there without its time".into(),
@@ -167,59 +207,126 @@ impl<'a> Importer<'a> {
     /// are near in time. `None`: a new one.
     fn find_flight(&self, series: &[Vec<DatedImage>]) -> TaskResult<Option<String>> {
         if let Some(wanted) = &self.requested {
-            return Ok(self.flights.iter().any(|f| f.id == *wanted).then(|| wanted.clone()));
+            return Ok(self
+                .flights
+                .iter()
+                .any(|f| f.id == *wanted)
+                .then(|| wanted.clone()));
         }
         let pictures = || series.iter().flatten();
         if let Some(held) = pictures().find_map(|p| self.stored.get(&p.digest)) {
             return Ok(Some(held.flight.clone()));
         }
-        let span = pictures().filter_map(|p| p.utc).fold(None, |span, t| merge_spans(span, Some((t, t))));
-        let near = |known: &&ExistingFlight| known.span.zip(span).is_some_and(|(a, b)| gap_between(a, b) <= self.pause);
+        let span = pictures()
+            .filter_map(|p| p.utc)
+            .fold(None, |span, t| merge_spans(span, Some((t, t))));
+        let near = |known: &&ExistingFlight| {
+            known
+                .span
+                .zip(span)
+                .is_some_and(|(a, b)| gap_between(a, b) <= self.pause)
+        };
         Ok(self.flights.iter().find(near).map(|known| known.id.clone()))
     }
 
     /// Imports a series; its flight begins with the first image that the store does not have.
-    fn import_series(&mut self, pictures: Vec<DatedImage>, flight: &mut Option<String>) -> TaskResult<ImportedSeries> {
-        let new: Vec<&DatedImage> = pictures.iter().filter(|p| !self.stored.contains_key(&p.digest)).collect();
+    fn import_series(
+        &mut self,
+        pictures: Vec<DatedImage>,
+        flight: &mut Option<String>,
+    ) -> TaskResult<ImportedSeries> {
+        let new: Vec<&DatedImage> = pictures
+            .iter()
+            .filter(|p| !self.stored.contains_key(&p.digest))
+            .collect();
         let already = pictures.len() - new.len();
         (self.progress)(already as u64);
         let Some(first) = new.first() else {
-            let held = pictures.first().and_then(|p| self.stored.get(&p.digest)).map(|known| known.flight.clone());
-            return Ok(ImportedSeries { pictures, flight: held.unwrap_or_default(), series: None, taken: 0, already });
+            let held = pictures
+                .first()
+                .and_then(|p| self.stored.get(&p.digest))
+                .map(|known| known.flight.clone());
+            return Ok(ImportedSeries {
+                pictures,
+                flight: held.unwrap_or_default(),
+                series: None,
+                taken: 0,
+                already,
+            });
         };
         let began = ImportClock::starting_with(first);
         let id = match flight {
             Some(id) => id.clone(),
             None => {
                 let now = began.image_stamp(first, 0);
-                let id = self.store.begin_flight(&now, "imported from images".into(), self.requested.clone())?;
-                self.flights.push(ExistingFlight { id: id.clone(), span: None });
+                let id = self.store.begin_flight(
+                    &now,
+                    "imported from images".into(),
+                    self.requested.clone(),
+                )?;
+                self.flights.push(ExistingFlight {
+                    id: id.clone(),
+                    span: None,
+                });
                 self.requested = self.requested.take().map(|_| id.clone());
                 flight.insert(id).clone()
             }
         };
-        let plan = SeriesPlan { cause: SeriesCause::Imported, shots: u32::try_from(new.len()).unwrap_or(u32::MAX) };
-        let (mut open, _) = self.store.begin_series_in(&id, plan, &began.image_stamp(first, 0))?;
+        let plan = SeriesPlan {
+            cause: SeriesCause::Imported,
+            shots: u32::try_from(new.len()).unwrap_or(u32::MAX),
+        };
+        let (mut open, _) = self
+            .store
+            .begin_series_in(&id, plan, &began.image_stamp(first, 0))?;
         let name = open.id().to_owned();
         let copied = self.store_new_images(&mut open, &began, &new);
-        let last = open.shots().last().map_or_else(|| began.image_stamp(first, 0), |shot| shot.stamp.clone());
+        let last = open
+            .shots()
+            .last()
+            .map_or_else(|| began.image_stamp(first, 0), |shot| shot.stamp.clone());
         let (state, remark) = match &copied {
             Ok(()) => (SeriesState::Complete, None),
-            Err(_) => {
-                (SeriesState::Interrupted, Some("the import was interrupted; import again to resume it".to_owned()))
-            }
+            Err(_) => (
+                SeriesState::Interrupted,
+                Some("the import was interrupted; import again to resume it".to_owned()),
+            ),
         };
-        self.store.close_series(open, state, &last, remark.into_iter().collect())?;
+        self.store
+            .close_series(open, state, &last, remark.into_iter().collect())?;
         copied?;
-        let known = |p: &&DatedImage| (p.digest.clone(), StoredImage { flight: id.clone(), time: None });
+        let known = |p: &&DatedImage| {
+            (
+                p.digest.clone(),
+                StoredImage {
+                    flight: id.clone(),
+                    time: None,
+                },
+            )
+        };
         self.stored.extend(new.iter().map(known));
-        Ok(ImportedSeries { taken: new.len(), flight: id, series: Some(name), already, pictures })
+        Ok(ImportedSeries {
+            taken: new.len(),
+            flight: id,
+            series: Some(name),
+            already,
+            pictures,
+        })
     }
 
-    fn store_new_images(&self, open: &mut OpenSeries, began: &ImportClock, new: &[&DatedImage]) -> TaskResult<()> {
+    fn store_new_images(
+        &self,
+        open: &mut OpenSeries,
+        began: &ImportClock,
+        new: &[&DatedImage],
+    ) -> TaskResult<()> {
         let settings = new.iter().flat_map(|p| &p.taken.settings);
         let of_camera = settings.filter(|(name, _)| CAMERA_SETTINGS.contains(name));
-        open.note_camera(of_camera.map(|(k, v)| ((*k).to_owned(), v.clone().into())).collect())?;
+        open.note_camera(
+            of_camera
+                .map(|(k, v)| ((*k).to_owned(), v.clone().into()))
+                .collect(),
+        )?;
         if began.utc.is_none() {
             open.add_remark(
                 "the images have no time: they are in the order of the files, and their times have no meaning",
@@ -227,8 +334,11 @@ impl<'a> Importer<'a> {
         }
         for (k, picture) in new.iter().enumerate() {
             let shown = printable_path(&picture.file);
-            let bytes = crate::store::read_regular_file(&picture.file)
-                .map_err(|e| Failure::Failed(format!("{shown} cannot be read ({e}); import again to resume")))?;
+            let bytes = crate::store::read_regular_file(&picture.file).map_err(|e| {
+                Failure::Failed(format!(
+                    "{shown} cannot be read ({e}); import again to resume"
+                ))
+            })?;
             if sha256_hex(&bytes) != picture.digest {
                 return Err(Failure::Failed(format!(
                     "{shown} changed while being read; check the card and import again"
@@ -236,8 +346,9 @@ impl<'a> Importer<'a> {
             }
             let number = u32::try_from(k + 1).unwrap_or(u32::MAX);
             let stamp = began.image_stamp(picture, k);
-            let exposure = (picture.has_own_time() && picture.utc.is_some())
-                .then(|| Exposure::from_camera_clock(&stamp, picture.clock_step_s(), self.clock_sigma_s));
+            let exposure = (picture.has_own_time() && picture.utc.is_some()).then(|| {
+                Exposure::from_camera_clock(&stamp, picture.clock_step_s(), self.clock_sigma_s)
+            });
             let format = format_from_path(&picture.file);
             let frame = NewFrame {
                 bytes: &bytes,
@@ -245,7 +356,14 @@ impl<'a> Importer<'a> {
                 format: serde_json::to_value(&format).unwrap_or(Value::Null),
                 settings: picture.settings(),
             };
-            let shot = Shot { shot: number, stamp, duration_s: None, exposure, frame: None, failures: Vec::new() };
+            let shot = Shot {
+                shot: number,
+                stamp,
+                duration_s: None,
+                exposure,
+                frame: None,
+                failures: Vec::new(),
+            };
             open.add_shot(shot, Some(frame))?;
             (self.progress)(1);
         }
@@ -268,7 +386,10 @@ struct ImportClock {
 impl ImportClock {
     fn starting_with(first: &DatedImage) -> Self {
         let short: String = first.digest.chars().take(16).collect();
-        Self { boot_id: format!("import-{short}"), utc: first.utc }
+        Self {
+            boot_id: format!("import-{short}"),
+            utc: first.utc,
+        }
     }
 
     /// Returns the stamp of an image by its index in the series; without times, images are 1 s apart in 1970.
@@ -309,6 +430,10 @@ fn gap_between(a: TimeSpan, b: TimeSpan) -> Duration {
 /// Returns the time span of a series that was imported with times.
 fn imported_span(manifest: &SeriesManifest) -> Option<TimeSpan> {
     let dated = |shot: &&Shot| manifest.cause == SeriesCause::Imported && shot.exposure.is_some();
-    let times = manifest.shots.iter().filter(dated).map(|shot| shot.stamp.utc);
+    let times = manifest
+        .shots
+        .iter()
+        .filter(dated)
+        .map(|shot| shot.stamp.utc);
     times.fold(None, |span, t| merge_spans(span, Some((t, t))))
 }

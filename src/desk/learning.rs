@@ -26,7 +26,13 @@ pub struct PriorCandidate {
 impl PriorCandidate {
     /// Creates a candidate without measured frames.
     pub fn new(store: String, flight: String, frames: Vec<String>) -> Self {
-        Self { store, flight, frames, processed: vec![], contribution: None }
+        Self {
+            store,
+            flight,
+            frames,
+            processed: vec![],
+            contribution: None,
+        }
     }
 
     /// Returns whether a flight is the same one, or shares a frame with it.
@@ -48,8 +54,16 @@ impl PriorCandidate {
     }
 
     fn estimate_contribution(&mut self, installation: &Installation) -> Result<(), Reason> {
-        let orientation = installation.orientation.as_ref().ok_or("there is no orientation")?;
-        let contribution = pipeline::learn_flight(&self.processed, installation, orientation, &SolveJob::default());
+        let orientation = installation
+            .orientation
+            .as_ref()
+            .ok_or("there is no orientation")?;
+        let contribution = pipeline::learn_flight(
+            &self.processed,
+            installation,
+            orientation,
+            &SolveJob::default(),
+        );
         self.contribution = Some(contribution?);
         Ok(())
     }
@@ -66,32 +80,49 @@ pub fn estimate_contributions(
     installation: &mut Installation,
     busy: impl Fn(&str, &mut dyn FnMut()),
 ) -> Result<(Vec<PriorFlight>, Vec<RefusedFlight>), Failure> {
-    let before = installation.flight_prior.as_ref().map_or(vec![], |prior| prior.flights.clone());
+    let before = installation
+        .flight_prior
+        .as_ref()
+        .map_or(vec![], |prior| prior.flights.clone());
     let mut refused = vec![];
     for _ in 0..LEARNING_ROUNDS {
         let mut k = 0;
         while k < candidates.len() {
-            let others = candidates.iter().enumerate().filter(|(other, _)| *other != k);
+            let others = candidates
+                .iter()
+                .enumerate()
+                .filter(|(other, _)| *other != k);
             let others = others.filter_map(|(_, candidate)| candidate.to_source());
             let sources = before.iter().cloned().chain(others).collect();
             installation.flight_prior = Some(combine_flights(sources, installation)?);
             let mut outcome = Ok(());
             let flight = candidates[k].flight.clone();
-            busy(&flight, &mut || outcome = candidates[k].estimate_contribution(installation));
+            busy(&flight, &mut || {
+                outcome = candidates[k].estimate_contribution(installation)
+            });
             match outcome {
                 Ok(()) => k += 1,
                 Err(reason) => refused.push((candidates.remove(k), reason)),
             }
         }
     }
-    Ok((before.into_iter().chain(candidates.iter().filter_map(PriorCandidate::to_source)).collect(), refused))
+    Ok((
+        before
+            .into_iter()
+            .chain(candidates.iter().filter_map(PriorCandidate::to_source))
+            .collect(),
+        refused,
+    ))
 }
 
 /// Combines the contributions of flights to a prior.
 ///
 /// # Errors
 /// Returns an error if they do not fit together.
-pub fn combine_flights(flights: Vec<PriorFlight>, installation: &Installation) -> Result<StoredFlightPrior, Failure> {
+pub fn combine_flights(
+    flights: Vec<PriorFlight>,
+    installation: &Installation,
+) -> Result<StoredFlightPrior, Failure> {
     let file = installation.directory.join(FLIGHT_PRIOR_FILE);
     StoredFlightPrior::from_flights(flights, &installation.setup)
         .map_err(|error| Failure::from_path_error(&file, error))
@@ -104,7 +135,12 @@ pub type NamedEstimate = (&'static str, Estimate);
 const REPORTED_PARAMETERS: [(&str, f64, Unknown, usize); 8] = [
     ("root_offset_m", 1.0, Unknown::RootOffset, 0),
     ("axis_chord_offset_m", 1.0, Unknown::ChordOffset, 0),
-    ("span_direction_deg", 180.0 / std::f64::consts::PI, Unknown::SpanDirection, 0),
+    (
+        "span_direction_deg",
+        180.0 / std::f64::consts::PI,
+        Unknown::SpanDirection,
+        0,
+    ),
     ("axis_height_root_m", 1.0, Unknown::AxisHeight, 0),
     ("ground_bend_m", 1.0, Unknown::GroundBend, 0),
     ("projection_centre_x_m", 1.0, Unknown::ProjectionCentre, 0),
@@ -114,11 +150,19 @@ const REPORTED_PARAMETERS: [(&str, f64, Unknown, usize); 8] = [
 
 /// Returns the estimated minus the specified value of the reported parameters, and the prior standard deviation.
 fn reported_parameters(contribution: &FlightContribution) -> Vec<(&'static str, Estimate, f64)> {
-    let FlightContribution { normals, posterior, .. } = contribution;
+    let FlightContribution {
+        normals, posterior, ..
+    } = contribution;
     let of = |(name, factor, unknown, index): (&'static str, f64, Unknown, usize)| {
-        let k = normals.unknowns.iter().position(|l| l.unknown == unknown && l.index == index)?;
+        let k = normals
+            .unknowns
+            .iter()
+            .position(|l| l.unknown == unknown && l.index == index)?;
         let (found, prior) = (posterior.get(k)?, normals.sigmas.get(k)?);
-        let value = Estimate { value: factor * found.value, sigma: found.sigma.map(|s| factor * s) };
+        let value = Estimate {
+            value: factor * found.value,
+            sigma: found.sigma.map(|s| factor * s),
+        };
         Some((name, value, factor * prior))
     };
     REPORTED_PARAMETERS.into_iter().filter_map(of).collect()
@@ -126,7 +170,10 @@ fn reported_parameters(contribution: &FlightContribution) -> Vec<(&'static str, 
 
 /// Returns the estimated minus the specified value of the reported parameters.
 pub fn estimated_differences(contribution: &FlightContribution) -> Vec<NamedEstimate> {
-    reported_parameters(contribution).into_iter().map(|(name, found, _)| (name, found)).collect()
+    reported_parameters(contribution)
+        .into_iter()
+        .map(|(name, found, _)| (name, found))
+        .collect()
 }
 
 /// Number of standard deviations beyond which an estimate contradicts the installation.
@@ -146,5 +193,8 @@ pub fn list_contradictions(contribution: &FlightContribution) -> Vec<String> {
             )
         })
     };
-    reported_parameters(contribution).into_iter().filter_map(text).collect()
+    reported_parameters(contribution)
+        .into_iter()
+        .filter_map(text)
+        .collect()
 }

@@ -59,7 +59,10 @@ impl Failure {
 
     /// Creates the failure of writing a file.
     pub fn from_write_error(file: &Path, error: &dyn Display, remedy: &str) -> Self {
-        Self::Failed(format!("{} cannot be written ({error}); {remedy}", file.display()))
+        Self::Failed(format!(
+            "{} cannot be written ({error}); {remedy}",
+            file.display()
+        ))
     }
 }
 
@@ -69,9 +72,14 @@ impl Failure {
 /// Returns an error with file and remedy if it cannot be read or is not text.
 fn read_text_file(file: &Path) -> Result<String, Fault> {
     let trouble = |problem: String, remedy: &str| Fault::new(file, "file", problem, remedy);
-    let bytes = std::fs::read(file)
-        .map_err(|error| trouble(format!("cannot be read ({error})"), "name a file of UTF-8 text"))?;
-    crate::installation::decode_text(bytes).map_err(|(problem, remedy)| trouble(problem.into(), remedy))
+    let bytes = std::fs::read(file).map_err(|error| {
+        trouble(
+            format!("cannot be read ({error})"),
+            "name a file of UTF-8 text",
+        )
+    })?;
+    crate::installation::decode_text(bytes)
+        .map_err(|(problem, remedy)| trouble(problem.into(), remedy))
 }
 
 impl From<Vec<Fault>> for Failure {

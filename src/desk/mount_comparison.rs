@@ -45,9 +45,16 @@ pub fn orient_frame(setup: &Setup, processed: &ProcessedFrame) -> Result<MountFr
 ///
 /// # Errors
 /// Returns an error if the frames have fewer than three markers in common.
-pub fn compare_frames(setup: &Setup, first: &MountFrame, other: &MountFrame) -> Result<CameraMovement, Reason> {
+pub fn compare_frames(
+    setup: &Setup,
+    first: &MountFrame,
+    other: &MountFrame,
+) -> Result<CameraMovement, Reason> {
     let pair = |before: &Observation| {
-        let after = other.observations.iter().find(|s| s.marker == before.marker)?;
+        let after = other
+            .observations
+            .iter()
+            .find(|s| s.marker == before.marker)?;
         Some(MarkerShift {
             point_m: first.points_m[before.marker],
             moved_px: after.pixel - before.pixel,
@@ -58,7 +65,11 @@ pub fn compare_frames(setup: &Setup, first: &MountFrame, other: &MountFrame) -> 
     // The prior is so wide that the frames alone determine any real shift.
     mount::estimate_movement(&setup.lens, &pairs, SHIFT_PRIOR_SIGMA_M).ok_or_else(|| {
         let (first, other) = (&first.name, &other.name);
-        format!("{first} and {other} have {} markers in common, but 3 are needed", pairs.len()).into()
+        format!(
+            "{first} and {other} have {} markers in common, but 3 are needed",
+            pairs.len()
+        )
+        .into()
     })
 }
 
@@ -85,7 +96,10 @@ impl MountVerdict {
             is_within(&m.rotation_rad, &m.rotation_sigma_rad, rotation_rad)
                 && is_within(&m.shift_m, &m.shift_sigma_m, shift_m)
         };
-        match (is_within(priors[Width::MountDrift], 0.0), is_within(turned, priors[Width::MountShift])) {
+        match (
+            is_within(priors[Width::MountDrift], 0.0),
+            is_within(turned, priors[Width::MountShift]),
+        ) {
             (true, _) => Self::OneMounting,
             (false, true) => Self::Remounted,
             _ => Self::Moved,
@@ -95,5 +109,8 @@ impl MountVerdict {
 
 /// Returns whether a movement is consistent with its standard deviation and the expected one.
 fn is_within(value: &Vector3<f64>, sigma: &Vector3<f64>, expected: f64) -> bool {
-    value.iter().zip(sigma.iter()).all(|(v, s)| v.abs() <= MAX_NORMALIZED * s.hypot(expected))
+    value
+        .iter()
+        .zip(sigma.iter())
+        .all(|(v, s)| v.abs() <= MAX_NORMALIZED * s.hypot(expected))
 }

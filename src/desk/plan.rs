@@ -38,9 +38,16 @@ pub fn flight_precision(
     if frames == 1 {
         return Ok(None);
     }
-    let Installation { setup, orientation, .. } = installation;
-    let expected = plan::predict_precision(setup, orientation.as_ref(), options, frames, None).map_err(plan_failure)?;
-    Ok(Some(FlightPrecision { flights: None, frames, expected }))
+    let Installation {
+        setup, orientation, ..
+    } = installation;
+    let expected = plan::predict_precision(setup, orientation.as_ref(), options, frames, None)
+        .map_err(plan_failure)?;
+    Ok(Some(FlightPrecision {
+        flights: None,
+        frames,
+        expected,
+    }))
 }
 
 /// Predicts the precision with the flight prior; `None` without a prior, or if it has another number of curvature terms.
@@ -52,26 +59,45 @@ pub fn prior_precision(
     options: &PlanOptions,
     frames: usize,
 ) -> TaskResult<Option<FlightPrecision>> {
-    let Installation { setup, orientation, flight_prior: stored, .. } = installation;
-    let Some(stored) = stored else { return Ok(None) };
-    let prior = stored.prior_without(&[], setup).filter(|t| t.matches_curvature_terms(options.curvature_terms));
+    let Installation {
+        setup,
+        orientation,
+        flight_prior: stored,
+        ..
+    } = installation;
+    let Some(stored) = stored else {
+        return Ok(None);
+    };
+    let prior = stored
+        .prior_without(&[], setup)
+        .filter(|t| t.matches_curvature_terms(options.curvature_terms));
     let Some(prior) = prior else { return Ok(None) };
-    let expected = plan::predict_precision(setup, orientation.as_ref(), options, frames, Some(&prior));
-    Ok(Some(FlightPrecision { flights: Some(stored.flights.len()), frames, expected: expected.map_err(plan_failure)? }))
+    let expected =
+        plan::predict_precision(setup, orientation.as_ref(), options, frames, Some(&prior));
+    Ok(Some(FlightPrecision {
+        flights: Some(stored.flights.len()),
+        frames,
+        expected: expected.map_err(plan_failure)?,
+    }))
 }
 
 /// Creates an installation of a wing with the best layout of those tried.
 ///
 /// # Errors
 /// Returns an error if no layout can be adjusted.
-pub fn draft_installation(draft: &LayoutDraft, options: &PlanOptions, frames: usize) -> TaskResult<Installation> {
-    let folder =
-        tempfile::tempdir().map_err(|e| Failure::Failed(format!("no temporary folder: {e}; {CHECK_WRITE_ACCESS}")))?;
+pub fn draft_installation(
+    draft: &LayoutDraft,
+    options: &PlanOptions,
+    frames: usize,
+) -> TaskResult<Installation> {
+    let folder = tempfile::tempdir()
+        .map_err(|e| Failure::Failed(format!("no temporary folder: {e}; {CHECK_WRITE_ACCESS}")))?;
     let mut first = setup_without_markers(draft);
     first.markers = plan::even_layout(draft, options.tip_deflection_m);
     write_setup(folder.path(), &first, None, [""; 2])?;
     let mut installation = installation::load(folder.path())?;
-    installation.setup = plan::best_layout(draft, &installation.setup, options, frames).map_err(plan_failure)?;
+    installation.setup =
+        plan::best_layout(draft, &installation.setup, options, frames).map_err(plan_failure)?;
     Ok(installation)
 }
 
@@ -139,11 +165,19 @@ pub fn write_layout(
     ];
     write_setup(folder, setup, Some(facts), heads)?;
     let drawing = folder.join("layout.svg");
-    std::fs::write(&drawing, layout_figure::layout_svg(setup, attitude, tip_deflection_m))
-        .map_err(|error| Failure::from_write_error(&drawing, &error, CHECK_WRITE_ACCESS))
+    std::fs::write(
+        &drawing,
+        layout_figure::layout_svg(setup, attitude, tip_deflection_m),
+    )
+    .map_err(|error| Failure::from_write_error(&drawing, &error, CHECK_WRITE_ACCESS))
 }
 
-fn write_setup(folder: &Path, setup: &Setup, facts: Option<&Setup>, heads: [&str; 2]) -> TaskResult<()> {
+fn write_setup(
+    folder: &Path,
+    setup: &Setup,
+    facts: Option<&Setup>,
+    heads: [&str; 2],
+) -> TaskResult<()> {
     installation::write_installation(folder, setup, facts, heads)
         .map_err(|(file, error)| Failure::from_write_error(&file, &error, CHECK_WRITE_ACCESS))
 }

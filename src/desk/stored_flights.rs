@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use super::{Failure, TaskResult};
 use crate::store::{
-    self, Disk, FlightRef, FrameRef, RealDisk, Recovery, Store, StoreConfig, StoreResult, catalogue, installations,
-    layout,
+    self, Disk, FlightRef, FrameRef, RealDisk, Recovery, Store, StoreConfig, StoreResult,
+    catalogue, installations, layout,
 };
 
 /// Selects the flights of a store: the one requested, or all.
@@ -19,24 +19,43 @@ pub fn select_flights(root: &Path, wanted: Option<&str>) -> TaskResult<Vec<Fligh
     let is_wanted = |flight: &&FlightRef| catalogue::is_called(&RealDisk, flight, wanted);
     let found: Vec<FlightRef> = all.iter().filter(is_wanted).cloned().collect();
     if found.is_empty() {
-        return Err(Failure::from_path_error(root, format!("there is no flight {wanted}; available: {known}")));
+        return Err(Failure::from_path_error(
+            root,
+            format!("there is no flight {wanted}; available: {known}"),
+        ));
     }
     Ok(found)
 }
 
 /// Lists a flight's frames in order: those of the series requested, or all.
-pub fn flight_frames(disk: &dyn Disk, flight: &FlightRef, wanted: Option<&str>) -> StoreResult<Vec<FrameRef>> {
+pub fn flight_frames(
+    disk: &dyn Disk,
+    flight: &FlightRef,
+    wanted: Option<&str>,
+) -> StoreResult<Vec<FrameRef>> {
     let mut frames = Vec::new();
     let is_wanted = |id: &str| wanted.is_none_or(|wanted| wanted == id);
-    for series in catalogue::list_series(disk, flight)?.into_iter().filter(|series| is_wanted(&series.id)) {
-        frames.extend(store::series_frames(&series, catalogue::read_series_manifest(disk, &series)?));
+    for series in catalogue::list_series(disk, flight)?
+        .into_iter()
+        .filter(|series| is_wanted(&series.id))
+    {
+        frames.extend(store::series_frames(
+            &series,
+            catalogue::read_series_manifest(disk, &series)?,
+        ));
     }
     Ok(frames)
 }
 
 /// Opens a store for writing, without disk reserve, because nothing is being recorded.
 pub fn open_store(root: &Path) -> StoreResult<(Store, Recovery)> {
-    Store::open(Arc::new(RealDisk), StoreConfig { reserve_mb: 0, ..StoreConfig::new(root) })
+    Store::open(
+        Arc::new(RealDisk),
+        StoreConfig {
+            reserve_mb: 0,
+            ..StoreConfig::new(root)
+        },
+    )
 }
 
 /// Returns the kept installation that a flight's last results came from.
@@ -50,15 +69,23 @@ pub fn kept_installation(root: &Path, flight: &FlightRef) -> StoreResult<Option<
 ///
 /// # Errors
 /// Returns an error if none is named and the store keeps none or several.
-pub fn flight_installation(named: Option<&Path>, root: &Path, flight: &FlightRef) -> TaskResult<PathBuf> {
+pub fn flight_installation(
+    named: Option<&Path>,
+    root: &Path,
+    flight: &FlightRef,
+) -> TaskResult<PathBuf> {
     if let Some(named) = named {
         return Ok(named.to_owned());
     }
     let of_results = kept_installation(root, flight)?;
-    of_results.map_or_else(|| only_kept_installation(root), |kept| Ok(Some(kept)))?.ok_or_else(|| {
-        let (root, flight) = (root.display(), &flight.id);
-        Failure::Failed(format!("{root}: the store has no installation for {flight}; name one with --installation"))
-    })
+    of_results
+        .map_or_else(|| only_kept_installation(root), |kept| Ok(Some(kept)))?
+        .ok_or_else(|| {
+            let (root, flight) = (root.display(), &flight.id);
+            Failure::Failed(format!(
+                "{root}: the store has no installation for {flight}; name one with --installation"
+            ))
+        })
 }
 
 /// Returns a frame's name within its flight, as used in results and marks.
@@ -69,7 +96,9 @@ pub fn frame_name(frame: &FrameRef) -> String {
 /// Returns the installation of a store that keeps exactly one: an imported flight has no results to name it.
 fn only_kept_installation(root: &Path) -> StoreResult<Option<PathBuf>> {
     let disk: &dyn Disk = &RealDisk;
-    let all = disk.list_entries(&root.join(layout::INSTALLATIONS)).unwrap_or_default();
+    let all = disk
+        .list_entries(&root.join(layout::INSTALLATIONS))
+        .unwrap_or_default();
     match all.as_slice() {
         [one] if one.is_dir => Ok(Some(installations::installation_folder(root, &one.name))),
         _ => Ok(None),

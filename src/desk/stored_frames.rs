@@ -36,11 +36,22 @@ impl FlightInputs<'_> {
     pub fn provenance(&self, job: &SolveJob, jointly: Option<&[FrameRef]>) -> Map<String, Value> {
         let mut provenance = pipeline::provenance_map(self.installation, job);
         if let Some(frames) = jointly {
-            let digests: String = frames.iter().map(|frame| format!("{}\n", frame.entry.sha256)).collect();
-            provenance.insert("frames_together".into(), store::sha256_hex(digests.as_bytes()).into());
+            let digests: String = frames
+                .iter()
+                .map(|frame| format!("{}\n", frame.entry.sha256))
+                .collect();
+            provenance.insert(
+                "frames_together".into(),
+                store::sha256_hex(digests.as_bytes()).into(),
+            );
         }
-        let named = [("aircraft_data", &self.aircraft.digest), ("marks", &self.marks.digest)];
-        let there = named.into_iter().filter_map(|(name, digest)| Some((name, digest.clone()?)));
+        let named = [
+            ("aircraft_data", &self.aircraft.digest),
+            ("marks", &self.marks.digest),
+        ];
+        let there = named
+            .into_iter()
+            .filter_map(|(name, digest)| Some((name, digest.clone()?)));
         provenance.extend(there.map(|(name, digest)| (name.to_owned(), digest.into())));
         provenance
     }
@@ -48,18 +59,32 @@ impl FlightInputs<'_> {
     /// Detects and identifies the markers of a frame, and adds its manual marks, its aircraft data and its mounting.
     pub fn process_frame(&self, frame: &FrameRef, bytes: Result<&[u8], Reason>) -> ProcessedFrame {
         let name = stored_flights::frame_name(frame);
-        let Self { installation, orientation, .. } = self;
+        let Self {
+            installation,
+            orientation,
+            ..
+        } = self;
         let mut processed = match (bytes, Format::from_manifest(&frame.entry.format)) {
-            (Ok(bytes), Ok(format)) => {
-                stages::process_frame(&name, bytes, Some(&format), &installation.setup, Some(*orientation))
-            }
+            (Ok(bytes), Ok(format)) => stages::process_frame(
+                &name,
+                bytes,
+                Some(&format),
+                &installation.setup,
+                Some(*orientation),
+            ),
             (Err(reason), _) => ProcessedFrame::failed(&name, reason),
             (_, Err(unknown)) => ProcessedFrame::failed(&name, Reason::from_error(unknown)),
         };
-        processed.aircraft = self.aircraft.track.state_at(&frame.stamp, frame.exposure.as_ref());
+        processed.aircraft = self
+            .aircraft
+            .track
+            .state_at(&frame.stamp, frame.exposure.as_ref());
         processed.add_manual(self.marks.for_frame(&name));
         let mounting = self.mountings.get(&frame.entry.sha256).copied();
-        ProcessedFrame { mounting, ..processed }
+        ProcessedFrame {
+            mounting,
+            ..processed
+        }
     }
 }
 
@@ -81,26 +106,47 @@ impl FlightAircraftData {
         if !track.is_empty() {
             digest = store::aircraft::aircraft_digest(disk, root, flight)?;
             let samples = track.len();
-            notes.push(format!("{}: air data and wing temperature from {samples} aircraft samples", flight.id));
+            notes.push(format!(
+                "{}: air data and wing temperature from {samples} aircraft samples",
+                flight.id
+            ));
         }
-        Ok(Self { track, digest, notes })
+        Ok(Self {
+            track,
+            digest,
+            notes,
+        })
     }
 }
 
 /// Returns the mounting of each frame by its digest. A reboot or a lost camera begins a new mounting, because the camera
 /// may have been taken down then. Reopening before each series, which the recorder does itself, does not. Imported images
 /// have no entry: their mountings are unknown.
-pub fn frame_mountings(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<BTreeMap<String, Mounting>> {
+pub fn frame_mountings(
+    disk: &dyn Disk,
+    flight: &FlightRef,
+) -> StoreResult<BTreeMap<String, Mounting>> {
     let mut all = BTreeMap::new();
     let (mut number, mut boot): (usize, Option<String>) = (0, None);
     for series in catalogue::list_series(disk, flight)? {
         let manifest = catalogue::read_series_manifest(disk, &series)?;
-        let shots = manifest.shots.into_iter().filter(|_| manifest.cause != SeriesCause::Imported);
+        let shots = manifest
+            .shots
+            .into_iter()
+            .filter(|_| manifest.cause != SeriesCause::Imported);
         for shot in shots {
-            let gone = shot.failures.iter().any(|failure| failure.kind == CAMERA_GONE);
-            let booted = boot.replace(shot.stamp.boot_id.clone()).is_some_and(|b| b != shot.stamp.boot_id);
+            let gone = shot
+                .failures
+                .iter()
+                .any(|failure| failure.kind == CAMERA_GONE);
+            let booted = boot
+                .replace(shot.stamp.boot_id.clone())
+                .is_some_and(|b| b != shot.stamp.boot_id);
             number += usize::from(gone || booted);
-            all.extend(shot.frame.map(|frame| (frame.sha256, Mounting::Numbered(number))));
+            all.extend(
+                shot.frame
+                    .map(|frame| (frame.sha256, Mounting::Numbered(number))),
+            );
         }
     }
     Ok(all)

@@ -50,12 +50,19 @@ impl ScreenReading {
         if let Some(reason) = processed.failure {
             return Err(reason);
         }
-        let Some(raster) = raster else { return Err(PANIC_REASON.into()) };
-        let shown = time_code::read_time(&raster, &processed.detections).map_err(Reason::from_error)?;
-        let recorded = frame.exposure.as_ref().map_or(frame.stamp.utc, |exposure| exposure.exposure_time);
+        let Some(raster) = raster else {
+            return Err(PANIC_REASON.into());
+        };
+        let shown =
+            time_code::read_time(&raster, &processed.detections).map_err(Reason::from_error)?;
+        let recorded = frame
+            .exposure
+            .as_ref()
+            .map_or(frame.stamp.utc, |exposure| exposure.exposure_time);
         let about_ms = 1e-6 * recorded.as_nanosecond() as f64;
         // Subtract first: as a float, milliseconds since 1970 have a resolution of only 0.25 µs.
-        let later_s = 1e-3 * (time_code::nearest_time(&shown, about_ms) - about_ms) + screen.display_delay_s();
+        let later_s = 1e-3 * (time_code::nearest_time(&shown, about_ms) - about_ms)
+            + screen.display_delay_s();
         if later_s.abs() > MAX_OFFSET_S {
             return Err(format!(
                 "the screen differs from the recorder's clock by {later_s:+.0} s (or by multiples of 41.5 minutes more); show the recorder's own clock"
@@ -70,7 +77,10 @@ impl ScreenReading {
             sigma_s: screen.read_sigma_s(1e-3 * shown.width_ms),
             ticks: shown.ticks,
             command_s: less(frame.stamp.utc),
-            exposure_s: frame.exposure.as_ref().map(|exposure| less(exposure.exposure_time)),
+            exposure_s: frame
+                .exposure
+                .as_ref()
+                .map(|exposure| less(exposure.exposure_time)),
             exposure: frame.exposure.clone(),
         })
     }
@@ -96,7 +106,9 @@ pub enum NoConfiguration {
     SeveralSources,
     #[error("the camera reports no event at the exposure, so there is no delay to configure")]
     NoEvent,
-    #[error("the images were recorded without the delay that was configured then; record them again with this version")]
+    #[error(
+        "the images were recorded without the delay that was configured then; record them again with this version"
+    )]
     NoDelay,
     #[error("{0} images are too few; {MIN_PICTURES} are needed")]
     TooFew(usize),
@@ -115,7 +127,10 @@ impl TimeCheckSummary {
     /// Estimates the differences and the delay from the readings of `pictures` images.
     pub fn from_readings(readings: &[ScreenReading], pictures: usize, screen: &Screen) -> Self {
         let over = |of: &dyn Fn(&ScreenReading) -> Option<f64>| {
-            let values: Vec<(f64, f64)> = readings.iter().filter_map(|r| Some((of(r)?, r.sigma_s))).collect();
+            let values: Vec<(f64, f64)> = readings
+                .iter()
+                .filter_map(|r| Some((of(r)?, r.sigma_s)))
+                .collect();
             estimate_delay(&values, screen.systematic_s())
         };
         let found = over(&|r| r.delay_s());
@@ -124,7 +139,8 @@ impl TimeCheckSummary {
         Self {
             pictures,
             command: over(&|r| Some(r.command_s)),
-            exposure: over(&|r| r.exposure_s).map(|difference| ExposureTest::new(difference, &recorded_s)),
+            exposure: over(&|r| r.exposure_s)
+                .map(|difference| ExposureTest::new(difference, &recorded_s)),
             delay: found,
             lines: configuration_lines(readings, found),
         }
@@ -136,9 +152,13 @@ fn configuration_lines(
     readings: &[ScreenReading],
     found: Option<DelayEstimate>,
 ) -> Result<ConfigurationLines, NoConfiguration> {
-    let sources: Vec<ExposureSource> =
-        readings.iter().filter_map(|r| Some(r.exposure.as_ref()?.exposure_source)).collect();
-    let Some(&source) = sources.first() else { return Err(NoConfiguration::NoInstants) };
+    let sources: Vec<ExposureSource> = readings
+        .iter()
+        .filter_map(|r| Some(r.exposure.as_ref()?.exposure_source))
+        .collect();
+    let Some(&source) = sources.first() else {
+        return Err(NoConfiguration::NoInstants);
+    };
     if sources.iter().any(|other| *other != source) {
         return Err(NoConfiguration::SeveralSources);
     }
@@ -146,9 +166,10 @@ fn configuration_lines(
         ExposureSource::StartOfExposure | ExposureSource::EndOfFrame => {
             ("stamp_delay", "the section with kind = \"v4l\"")
         }
-        ExposureSource::ReleaseEdge | ExposureSource::TriggerAndEvent => {
-            ("exposure_delay", "[camera] with kind = \"release\" (a camera on USB alone has no such key)")
-        }
+        ExposureSource::ReleaseEdge | ExposureSource::TriggerAndEvent => (
+            "exposure_delay",
+            "[camera] with kind = \"release\" (a camera on USB alone has no such key)",
+        ),
         ExposureSource::AskedAndDelivered | ExposureSource::CameraClock => {
             return Err(NoConfiguration::NoEvent);
         }
@@ -156,7 +177,10 @@ fn configuration_lines(
     let found = found.ok_or(NoConfiguration::NoDelay)?;
     let sigma_s = found.sigma_s.filter(|_| found.images >= MIN_PICTURES);
     let sigma_s = sigma_s.ok_or(NoConfiguration::TooFew(found.images))?;
-    let text = format!("{key}_s = {:.4}\n{key}_sigma_s = {:.4}\n", found.mean_s, sigma_s);
+    let text = format!(
+        "{key}_s = {:.4}\n{key}_sigma_s = {:.4}\n",
+        found.mean_s, sigma_s
+    );
     Ok(ConfigurationLines { text, section })
 }
 
@@ -174,7 +198,12 @@ mod tests {
             boot_id: "boot".into(),
             since_boot_s: 100.0,
         };
-        let instant = ExposureInstant { since_boot_s: 100.5, sigma_s: 0.005, delay_s: 0.02, source };
+        let instant = ExposureInstant {
+            since_boot_s: 100.5,
+            sigma_s: 0.005,
+            delay_s: 0.02,
+            source,
+        };
         let exposure = Exposure::new(&instant, &stamp, ClockQuality::exact());
         let reading = |k: usize| {
             let late_s = late_s + if k.is_multiple_of(2) { 0.003 } else { -0.003 };
@@ -192,7 +221,11 @@ mod tests {
     }
 
     fn summary(n: usize, source: ExposureSource, late_s: f64) -> TimeCheckSummary {
-        let screen = Screen { refresh_s: 1.0 / 60.0, latency_s: 0.03, latency_sigma_s: 0.0 };
+        let screen = Screen {
+            refresh_s: 1.0 / 60.0,
+            latency_s: 0.03,
+            latency_sigma_s: 0.0,
+        };
         TimeCheckSummary::from_readings(&readings(n, source, late_s), n, &screen)
     }
 
@@ -201,7 +234,10 @@ mod tests {
         let found = summary(20, ExposureSource::EndOfFrame, 0.05);
         assert!(!found.exposure.as_ref().unwrap().agrees);
         let lines = found.lines.unwrap().text;
-        assert!(lines.starts_with("stamp_delay_s = -0.0300\nstamp_delay_sigma_s = 0.00"), "{lines}");
+        assert!(
+            lines.starts_with("stamp_delay_s = -0.0300\nstamp_delay_sigma_s = 0.00"),
+            "{lines}"
+        );
         let found = summary(20, ExposureSource::ReleaseEdge, 0.004);
         assert!(found.exposure.as_ref().unwrap().agrees);
         let lines = found.lines.unwrap().text;
@@ -210,10 +246,23 @@ mod tests {
 
     #[test]
     fn no_lines_are_printed_if_nothing_can_be_configured() {
-        assert!(summary(20, ExposureSource::AskedAndDelivered, 0.0).lines.is_err());
-        assert!(summary(4, ExposureSource::EndOfFrame, 0.0).lines.unwrap_err().to_string().contains("too few"));
-        let mixed =
-            [readings(5, ExposureSource::EndOfFrame, 0.0), readings(5, ExposureSource::ReleaseEdge, 0.0)].concat();
+        assert!(
+            summary(20, ExposureSource::AskedAndDelivered, 0.0)
+                .lines
+                .is_err()
+        );
+        assert!(
+            summary(4, ExposureSource::EndOfFrame, 0.0)
+                .lines
+                .unwrap_err()
+                .to_string()
+                .contains("too few")
+        );
+        let mixed = [
+            readings(5, ExposureSource::EndOfFrame, 0.0),
+            readings(5, ExposureSource::ReleaseEdge, 0.0),
+        ]
+        .concat();
         assert!(configuration_lines(&mixed, None).unwrap_err() == NoConfiguration::SeveralSources);
     }
 }

@@ -72,12 +72,17 @@ const MAX_SCALE_SIGMA: f64 = 0.05;
 pub fn load_board(file: &Path) -> Result<DescribedBoard, Vec<Fault>> {
     let kalibr = file.extension().is_some_and(|e| e == "yaml" || e == "yml");
     Reader::read_file(file, |reader, name| {
-        let (file, table) = if kalibr { read_kalibr_board(reader, name) } else { read_toml_board(reader, name) }?;
+        let (file, table) = if kalibr {
+            read_kalibr_board(reader, name)
+        } else {
+            read_toml_board(reader, name)
+        }?;
         Some(check_board(reader, &file, table))
     })
 }
 
-const BOARD_REMEDY: &str = "name a file with pattern = \"checkerboard\" or \"aprilgrid\", or Kalibr's target yaml";
+const BOARD_REMEDY: &str =
+    "name a file with pattern = \"checkerboard\" or \"aprilgrid\", or Kalibr's target yaml";
 
 fn read_toml_board(reader: &mut Reader, name: &Path) -> Option<(PathBuf, BoardTable)> {
     let (file, text) = reader.read_text(name, BOARD_REMEDY)?;
@@ -108,7 +113,16 @@ fn parse_kalibr_target(tree: &Node) -> Result<BoardTable, KeyFault> {
         let (node, number) = (need(key)?, need(key)?.number(key)?);
         let whole = number >= 0.0 && number.fract() == 0.0 && number <= MAX_COUNT as f64;
         let remedy = "give a whole number of tags, or of inner corners";
-        if whole { Ok(number as usize) } else { Err(KeyFault::on_line(node.line, key, format!("is {number}"), remedy)) }
+        if whole {
+            Ok(number as usize)
+        } else {
+            Err(KeyFault::on_line(
+                node.line,
+                key,
+                format!("is {number}"),
+                remedy,
+            ))
+        }
     };
     let kind = need("target_type")?;
     let table = match kind.text().unwrap_or("a list") {
@@ -126,9 +140,13 @@ fn parse_kalibr_target(tree: &Node) -> Result<BoardTable, KeyFault> {
             let (along, across) = (side("colSpacingMeters")?, side("rowSpacingMeters")?);
             if along != across {
                 let problem = format!("is {across} m, colSpacingMeters {along} m");
-                let remedy =
-                    "only squares are supported: measure both spacings, and describe other boards by scale_sigma";
-                return Err(KeyFault::on_line(need("rowSpacingMeters")?.line, "rowSpacingMeters", problem, remedy));
+                let remedy = "only squares are supported: measure both spacings, and describe other boards by scale_sigma";
+                return Err(KeyFault::on_line(
+                    need("rowSpacingMeters")?.line,
+                    "rowSpacingMeters",
+                    problem,
+                    remedy,
+                ));
             }
             let (columns, rows) = (count("targetCols")?, count("targetRows")?);
             let _pattern = Pattern::Checkerboard;
@@ -142,7 +160,12 @@ fn parse_kalibr_target(tree: &Node) -> Result<BoardTable, KeyFault> {
         }
         other => {
             let problem = format!("\"{other}\" is not a supported target");
-            Err(KeyFault::on_line(kind.line, "target_type", problem, "use an aprilgrid or a checkerboard"))
+            Err(KeyFault::on_line(
+                kind.line,
+                "target_type",
+                problem,
+                "use an aprilgrid or a checkerboard",
+            ))
         }
     }?;
     check_known_keys(tree)?;
@@ -172,7 +195,10 @@ fn check_known_keys(tree: &Node) -> Result<(), KeyFault> {
         }
         let (problem, remedy) = match key {
             OFFSET_KEY => ("is not 0", "print the grid with tags numbered from 0"),
-            _ => ("is not a known key of a target", "delete it if it does not affect the board's geometry"),
+            _ => (
+                "is not a known key of a target",
+                "delete it if it does not affect the board's geometry",
+            ),
         };
         return Err(KeyFault::on_line(line, key, problem, remedy));
     }
@@ -193,7 +219,12 @@ fn check_board(reader: &mut Reader, file: &Path, table: BoardTable) -> Described
     }
     for (key, count) in [("columns", columns), ("rows", rows)] {
         if !(least..=MAX_COUNT).contains(&count) {
-            reader.fault(file, key, format!("is {count}"), format!("give a number from {least} to {MAX_COUNT}"));
+            reader.fault(
+                file,
+                key,
+                format!("is {count}"),
+                format!("give a number from {least} to {MAX_COUNT}"),
+            );
         }
     }
     let (key, largest, side_m) = match &table {
@@ -204,26 +235,62 @@ fn check_board(reader: &mut Reader, file: &Path, table: BoardTable) -> Described
     if board_m > MAX_BOARD_LENGTH_M && (1e-4..=100.0).contains(&side_m) {
         let problem = format!("is {side_m}: {largest} of {side_m} m, a board of {board_m:.0} m");
         let (of_mm, of_cm) = (side_m / 1000.0, side_m / 100.0);
-        reader.fault(file, key, problem, format!("give metres: {of_mm} for {side_m} mm, {of_cm} for {side_m} cm"));
+        reader.fault(
+            file,
+            key,
+            problem,
+            format!("give metres: {of_mm} for {side_m} mm, {of_cm} for {side_m} cm"),
+        );
     }
     let mut length = |key: &str, value: f64, unit: &str| {
         if !(1e-4..=100.0).contains(&value) {
             let problem = format!("is {value} {unit}");
-            reader.fault(file, key, problem.trim_end(), "give a number from 0.0001 to 100");
+            reader.fault(
+                file,
+                key,
+                problem.trim_end(),
+                "give a number from 0.0001 to 100",
+            );
         }
     };
     let board = match table {
-        BoardTable::Checkerboard(CheckerboardTable { columns, rows, square_m, .. }) => {
+        BoardTable::Checkerboard(CheckerboardTable {
+            columns,
+            rows,
+            square_m,
+            ..
+        }) => {
             length("square_m", square_m, "m");
-            Board::Checkerboard { columns, rows, square_m }
+            Board::Checkerboard {
+                columns,
+                rows,
+                square_m,
+            }
         }
-        BoardTable::Aprilgrid(AprilgridTable { family, columns, rows, tag_m, spacing, .. }) => {
+        BoardTable::Aprilgrid(AprilgridTable {
+            family,
+            columns,
+            rows,
+            tag_m,
+            spacing,
+            ..
+        }) => {
             length("tag_m", tag_m, "m");
             length("spacing", spacing, "");
             if let Some(family) = family.filter(|f| f != FAMILY) {
-                reader.fault(file, "family", format!("\"{family}\" is not known"), format!("write \"{FAMILY}\""));
+                reader.fault(
+                    file,
+                    "family",
+                    format!("\"{family}\" is not known"),
+                    format!("write \"{FAMILY}\""),
+                );
             }
-            Board::AprilGrid { columns, rows, tag_m, spacing }
+            Board::AprilGrid {
+                columns,
+                rows,
+                tag_m,
+                spacing,
+            }
         }
     };
     DescribedBoard { board, scale_sigma }

@@ -46,10 +46,17 @@ pub fn write_corners(file: &Path, images: &[ImageCorners]) -> std::io::Result<()
             image.image.clone()
         };
         for (k, p) in image.view.iter().enumerate() {
-            let used = image.used.get(k).map_or("", |u| if *u { "yes" } else { "no" });
+            let used = image
+                .used
+                .get(k)
+                .map_or("", |u| if *u { "yes" } else { "no" });
             let c = &p.covariance_px2;
             let (su, sv) = (c[(0, 0)].sqrt(), c[(1, 1)].sqrt());
-            let correlation = if su * sv > 0.0 { c[(0, 1)] / (su * sv) } else { 0.0 };
+            let correlation = if su * sv > 0.0 {
+                c[(0, 1)] / (su * sv)
+            } else {
+                0.0
+            };
             let _ = writeln!(
                 text,
                 "{name},{},{},{},{},{:.5},{:.5},{su:.6},{sv:.6},{correlation:.5},{used}",
@@ -73,12 +80,19 @@ fn read_corners_table(reader: &mut Reader, name: &Path) -> Option<Vec<ImageCorne
     let (_, lines) = read_table(reader, name, remedy, COLUMNS, &[])?;
     let mut images: Vec<ImageCorners> = vec![];
     for line in lines {
-        let Some([width, height, x, y, u, v, su, sv, correlation]) = line.parse_numbers(reader, 1) else { continue };
+        let Some([width, height, x, y, u, v, su, sv, correlation]) = line.parse_numbers(reader, 1)
+        else {
+            continue;
+        };
         let sides = (1.0..=1e5).contains(&width) && (1.0..=1e5).contains(&height);
         let sigmas = (1e-6..=1e3).contains(&su) && (1e-6..=1e3).contains(&sv);
         if !sides || !sigmas || correlation.abs() > MAX_CORRELATION {
             let problem = "has an impossible size, standard deviation or correlation";
-            line.fault(reader, problem, "give px above 0, correlations between -1 and 1");
+            line.fault(
+                reader,
+                problem,
+                "give px above 0, correlations between -1 and 1",
+            );
             continue;
         }
         let cross = correlation * su * sv;
@@ -91,7 +105,12 @@ fn read_corners_table(reader: &mut Reader, name: &Path) -> Option<Vec<ImageCorne
         let [image, ..] = line.cells;
         match images.iter_mut().rfind(|p| p.image == image) {
             Some(known) => known.view.push(point),
-            None => images.push(ImageCorners { image, size, view: vec![point], used: vec![] }),
+            None => images.push(ImageCorners {
+                image,
+                size,
+                view: vec![point],
+                used: vec![],
+            }),
         }
     }
     Some(images)

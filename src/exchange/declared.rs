@@ -52,8 +52,17 @@ const FOREIGN_PARAMETERS: [(&str, &str); 5] = [
 /// Returns the unsupported model of which an entry is a parameter that is not 0.
 fn foreign_parameter(entry: &KeyedEntry) -> Option<&'static str> {
     let key = normalize_model_name(&entry.key);
-    let (_, model) = FOREIGN_PARAMETERS.iter().find(|(keys, _)| keys.split(' ').any(|k| k == key))?;
-    let numbers = entry.node.get("data").ok().flatten().unwrap_or(&entry.node).numbers(&entry.key).unwrap_or_default();
+    let (_, model) = FOREIGN_PARAMETERS
+        .iter()
+        .find(|(keys, _)| keys.split(' ').any(|k| k == key))?;
+    let numbers = entry
+        .node
+        .get("data")
+        .ok()
+        .flatten()
+        .unwrap_or(&entry.node)
+        .numbers(&entry.key)
+        .unwrap_or_default();
     numbers.iter().any(|value| *value != 0.0).then_some(*model)
 }
 
@@ -69,12 +78,16 @@ const OTHER_OWN_MODELS: [&str; 2] = ["pinhole", "rationalpolynomial"];
 /// Returns a model's name in lower case, without the characters in which programs differ: `Kannala-Brandt`,
 /// `kannala_brandt`.
 pub(super) fn normalize_model_name(name: &str) -> String {
-    name.to_lowercase().chars().filter(char::is_ascii_alphanumeric).collect()
+    name.to_lowercase()
+        .chars()
+        .filter(char::is_ascii_alphanumeric)
+        .collect()
 }
 
 /// Returns whether a name is an unsupported model, with any number of terms appended: `KannalaBrandt8`.
 fn is_foreign_model(name: &str) -> bool {
-    FOREIGN_MODELS.contains(&normalize_model_name(name).trim_end_matches(|c: char| c.is_ascii_digit()))
+    FOREIGN_MODELS
+        .contains(&normalize_model_name(name).trim_end_matches(|c: char| c.is_ascii_digit()))
 }
 
 /// Returns whether a name is one of Brown's model.
@@ -84,7 +97,12 @@ pub(super) fn is_brown_model(name: &str) -> bool {
 
 /// Creates the error for an unsupported model.
 pub(super) fn foreign_model_fault(node: &Node, key: &str, name: &str) -> KeyFault {
-    KeyFault::on_line(node.line, key, format!("\"{name}\" is not a supported lens model"), MODEL_REMEDY)
+    KeyFault::on_line(
+        node.line,
+        key,
+        format!("\"{name}\" is not a supported lens model"),
+        MODEL_REMEDY,
+    )
 }
 
 /// Checks that every key that may declare a model names a supported one.
@@ -113,14 +131,23 @@ pub(super) fn check_declared_models(
             ));
         }
         if let Some(model) = foreign_parameter(entry) {
-            let problem = format!("is a parameter of the {model} model, which is not a supported lens model");
-            return Err(KeyFault::on_line(entry.node.line, &entry.key, problem, MODEL_REMEDY));
+            let problem =
+                format!("is a parameter of the {model} model, which is not a supported lens model");
+            return Err(KeyFault::on_line(
+                entry.node.line,
+                &entry.key,
+                problem,
+                MODEL_REMEDY,
+            ));
         }
         if is(ignored) || declares {
             left.push(entry.key.clone());
         } else {
             check_nested_models(entry)?;
-            remarks.push(format!("line {}: the key {} is unknown and not read", entry.node.line, entry.key));
+            remarks.push(format!(
+                "line {}: the key {} is unknown and not read",
+                entry.node.line, entry.key
+            ));
         }
     }
     Ok((left, remarks))
@@ -134,7 +161,8 @@ fn key_declares_model(key: &str, words: &[&str]) -> bool {
 /// Returns whether a value is a supported model, or means that the key's model does not apply.
 fn names_no_foreign_model(node: &Node) -> bool {
     let text = node.text().map(|t| t.trim().to_ascii_lowercase());
-    let ours = |t: &str| is_brown_model(t) || OTHER_OWN_MODELS.contains(&normalize_model_name(t).as_str());
+    let ours =
+        |t: &str| is_brown_model(t) || OTHER_OWN_MODELS.contains(&normalize_model_name(t).as_str());
     text.is_some_and(|t| NO_MODEL_WORDS.contains(&t.as_str()) || ours(&t))
 }
 
@@ -143,12 +171,19 @@ fn check_nested_models(entry: &KeyedEntry) -> Result<(), KeyFault> {
     let (key, node) = (&entry.key, &entry.node);
     let by_key = key_declares_model(key, &["fisheye", "omni"]) && !names_no_foreign_model(node);
     if by_key || node.text().is_some_and(is_foreign_model) {
-        return Err(foreign_model_fault(node, key, &declared_model_name(key, node.text())));
+        return Err(foreign_model_fault(
+            node,
+            key,
+            &declared_model_name(key, node.text()),
+        ));
     }
     let KeyedValue::List(items) = &node.value else {
         return node.entries().iter().try_for_each(check_nested_models);
     };
-    items.iter().flat_map(Node::entries).try_for_each(check_nested_models)
+    items
+        .iter()
+        .flat_map(Node::entries)
+        .try_for_each(check_nested_models)
 }
 
 /// Returns the name of a model: the value, or the key for a flag such as `fisheye_model: 1`.

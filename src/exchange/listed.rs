@@ -23,13 +23,21 @@ fn read_numbers(map: &Node, key: &str, count: usize) -> Result<Vec<f64>, KeyFaul
 /// Reads the text of a key.
 fn read_name<'a>(map: &'a Node, key: &str) -> Result<(&'a Node, &'a str), KeyFault> {
     let node = map.require(key, EXPORT_REMEDY)?;
-    let text = node.text().ok_or_else(|| KeyFault::on_line(node.line, key, "is not a name", EXPORT_REMEDY))?;
+    let text = node
+        .text()
+        .ok_or_else(|| KeyFault::on_line(node.line, key, "is not a name", EXPORT_REMEDY))?;
     Ok((node, text))
 }
 
 /// Reads a camera of Kalibr, which declares projection and distortion separately.
 pub(super) fn read_kalibr(map: &Node) -> Result<Interior, KeyFault> {
-    let known = ["camera_model", "distortion_model", INTRINSICS_KEY, COEFFICIENTS_KEY, "resolution"];
+    let known = [
+        "camera_model",
+        "distortion_model",
+        INTRINSICS_KEY,
+        COEFFICIENTS_KEY,
+        "resolution",
+    ];
     let ignored = [
         "rostopic",
         "cam_overlaps",
@@ -52,7 +60,10 @@ pub(super) fn read_kalibr(map: &Node) -> Result<Interior, KeyFault> {
         "none" => read_numbers(map, COEFFICIENTS_KEY, 0)?,
         other => return Err(foreign_model_fault(node, "distortion_model", other)),
     };
-    let (size, core) = (read_numbers(map, "resolution", 2)?, read_numbers(map, INTRINSICS_KEY, 4)?);
+    let (size, core) = (
+        read_numbers(map, "resolution", 2)?,
+        read_numbers(map, INTRINSICS_KEY, 4)?,
+    );
     Ok(Interior {
         size: [size[0], size[1]],
         core: [core[0], core[1], core[2], core[3]],
@@ -85,7 +96,10 @@ pub(super) fn read_mrcal(map: &Node) -> Result<Interior, KeyFault> {
         "LENSMODEL_OPENCV12" => 12,
         other => return Err(foreign_model_fault(node, "lensmodel", other)),
     };
-    let (size, values) = (read_numbers(map, "imagersize", 2)?, read_numbers(map, INTRINSICS_KEY, 4 + terms)?);
+    let (size, values) = (
+        read_numbers(map, "imagersize", 2)?,
+        read_numbers(map, INTRINSICS_KEY, 4 + terms)?,
+    );
     Ok(Interior {
         size: [size[0], size[1]],
         core: [values[0], values[1], values[2], values[3]],

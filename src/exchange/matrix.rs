@@ -46,14 +46,21 @@ pub(super) fn read_matrix_camera(map: &Node, of_ros: bool) -> Result<Interior, K
     let known = [SIZE_KEYS[0], SIZE_KEYS[1], MATRIX_KEY, TERMS_KEY, MODEL_KEY];
     let (left, mut remarks) = declared::check_declared_models(map, &known, &IGNORED_KEYS)?;
     let model = read_model(map, of_ros, &mut remarks)?;
-    let side = |key: &str| map.require(key, "add the size of the images, px: image_width, image_height")?.number(key);
+    let side = |key: &str| {
+        map.require(
+            key,
+            "add the size of the images, px: image_width, image_height",
+        )?
+        .number(key)
+    };
     let size = [side(SIZE_KEYS[0])?, side(SIZE_KEYS[1])?];
     let core = parse_camera_matrix(map.require(MATRIX_KEY, EXPORT_REMEDY)?)?;
     let terms = parse_distortion(map.require(TERMS_KEY, EXPORT_REMEDY)?)?;
     let problem = match model.as_str() {
-        PLUMB_BOB if terms.len() > 5 => {
-            Some(format!("are {} numbers, but {MODEL_KEY} is {PLUMB_BOB}, which has 5", terms.len()))
-        }
+        PLUMB_BOB if terms.len() > 5 => Some(format!(
+            "are {} numbers, but {MODEL_KEY} is {PLUMB_BOB}, which has 5",
+            terms.len()
+        )),
         NO_MODEL if terms.iter().any(|term| *term != 0.0) => {
             Some(format!("are not all 0, but {MODEL_KEY} is {NO_MODEL}"))
         }
@@ -61,10 +68,23 @@ pub(super) fn read_matrix_camera(map: &Node, of_ros: bool) -> Result<Interior, K
     };
     if let Some(problem) = problem {
         let line = map.require(TERMS_KEY, EXPORT_REMEDY)?.line;
-        return Err(KeyFault::on_line(line, TERMS_KEY, problem, "name the model that was calibrated"));
+        return Err(KeyFault::on_line(
+            line,
+            TERMS_KEY,
+            problem,
+            "name the model that was calibrated",
+        ));
     }
     let keys = [SIZE_KEYS[0], MATRIX_KEY, TERMS_KEY];
-    Ok(Interior { size, core, terms, model, keys, remarks, left })
+    Ok(Interior {
+        size,
+        core,
+        terms,
+        model,
+        keys,
+        remarks,
+        left,
+    })
 }
 
 fn read_model(map: &Node, of_ros: bool, remarks: &mut Vec<String>) -> Result<String, KeyFault> {
@@ -73,7 +93,9 @@ fn read_model(map: &Node, of_ros: bool, remarks: &mut Vec<String>) -> Result<Str
             let remedy = "name the model that was calibrated: plumb_bob or rational_polynomial";
             return Err(KeyFault::on_line(map.line, MODEL_KEY, "is missing", remedy));
         }
-        remarks.push("no lens model is declared: assumed to be OpenCV's k1 k2 p1 p2 k3 k4 k5 k6".into());
+        remarks.push(
+            "no lens model is declared: assumed to be OpenCV's k1 k2 p1 p2 k3 k4 k5 k6".into(),
+        );
         return Ok("no model declared".into());
     };
     let name = node.text().unwrap_or("a list").trim();
@@ -81,9 +103,12 @@ fn read_model(map: &Node, of_ros: bool, remarks: &mut Vec<String>) -> Result<Str
         _ if is_brown_model(name) => Ok(PLUMB_BOB.into()),
         "rationalpolynomial" => Ok("rational_polynomial".into()),
         "none" => Ok(NO_MODEL.into()),
-        "" | "null" => {
-            Err(KeyFault::on_line(node.line, MODEL_KEY, "is empty: this camera was never calibrated", EXPORT_REMEDY))
-        }
+        "" | "null" => Err(KeyFault::on_line(
+            node.line,
+            MODEL_KEY,
+            "is empty: this camera was never calibrated",
+            EXPORT_REMEDY,
+        )),
         _ => Err(foreign_model_fault(node, MODEL_KEY, name)),
     }
 }
@@ -94,7 +119,11 @@ fn matrix_values(node: &Node, key: &str) -> Result<(Vec<f64>, Option<[f64; 2]>),
         return Ok((flatten_rows(node, key)?, None));
     }
     let values = flatten_rows(node.require("data", EXPORT_REMEDY)?, key)?;
-    let side = |name: &str| node.get(name)?.map(|n| n.number(&format!("{key}.{name}"))).transpose();
+    let side = |name: &str| {
+        node.get(name)?
+            .map(|n| n.number(&format!("{key}.{name}")))
+            .transpose()
+    };
     let sides: [Option<f64>; 2] = [side("rows")?, side("cols")?];
     let shape = sides[0].zip(sides[1]).map(|(rows, cols)| [rows, cols]);
     if let Some([rows, cols]) = shape.filter(|[rows, cols]| rows * cols != values.len() as f64) {
@@ -106,38 +135,65 @@ fn matrix_values(node: &Node, key: &str) -> Result<(Vec<f64>, Option<[f64; 2]>),
 
 /// Returns the numbers of a list, or of rows that are lists.
 fn flatten_rows(node: &Node, key: &str) -> Result<Vec<f64>, KeyFault> {
-    let KeyedValue::List(items) = &node.value else { return node.numbers(key) };
-    if !items.iter().all(|item| matches!(item.value, KeyedValue::List(_))) {
+    let KeyedValue::List(items) = &node.value else {
+        return node.numbers(key);
+    };
+    if !items
+        .iter()
+        .all(|item| matches!(item.value, KeyedValue::List(_)))
+    {
         return node.numbers(key);
     }
-    let rows: Result<Vec<Vec<f64>>, KeyFault> = items.iter().map(|item| item.numbers(key)).collect();
+    let rows: Result<Vec<Vec<f64>>, KeyFault> =
+        items.iter().map(|item| item.numbers(key)).collect();
     Ok(rows?.concat())
 }
 
 /// Returns fx, fy, cx, cy of a 3 x 3 matrix; its other elements must be those of a camera without skew.
 fn parse_camera_matrix(node: &Node) -> Result<[f64; 4], KeyFault> {
     let (m, shape) = matrix_values(node, MATRIX_KEY)?;
-    let fault = |problem: String, remedy: &str| Err(KeyFault::on_line(node.line, MATRIX_KEY, problem, remedy));
+    let fault = |problem: String, remedy: &str| {
+        Err(KeyFault::on_line(node.line, MATRIX_KEY, problem, remedy))
+    };
     if m.len() != 9 || shape.is_some_and(|s| s != [3.0, 3.0]) {
-        return fault(format!("has {} numbers", m.len()), "give 3 rows of 3 numbers");
+        return fault(
+            format!("has {} numbers", m.len()),
+            "give 3 rows of 3 numbers",
+        );
     }
     if m.iter().all(|v| *v == 0.0) {
         let remedy = "calibrate it, or use the file that its calibration wrote";
         return fault("is zero: this camera was never calibrated".into(), remedy);
     }
     if m[2] == 0.0 && m[5] == 0.0 && (m[6] != 0.0 || m[7] != 0.0) {
-        let problem =
-            format!("is transposed: row 3 begins with {} and {}, but cx and cy belong in column 3", m[6], m[7]);
-        return fault(problem, "give the matrix by rows: [fx 0 cx], [0 fy cy], [0 0 1]");
+        let problem = format!(
+            "is transposed: row 3 begins with {} and {}, but cx and cy belong in column 3",
+            m[6], m[7]
+        );
+        return fault(
+            problem,
+            "give the matrix by rows: [fx 0 cx], [0 fy cy], [0 0 1]",
+        );
     }
     if m[1] != 0.0 {
-        let problem = format!("has a skew of {} px (row 1, column 2), which is not supported", m[1]);
+        let problem = format!(
+            "has a skew of {} px (row 1, column 2), which is not supported",
+            m[1]
+        );
         return fault(problem, "calibrate without skew");
     }
     for (k, want) in [(3, 0.0), (6, 0.0), (7, 0.0), (8, 1.0)] {
         if m[k] != want {
-            let problem = format!("has {} in row {}, column {}, not {want}", m[k], k / 3 + 1, k % 3 + 1);
-            return fault(problem, "give the matrix by rows: [fx 0 cx], [0 fy cy], [0 0 1]");
+            let problem = format!(
+                "has {} in row {}, column {}, not {want}",
+                m[k],
+                k / 3 + 1,
+                k % 3 + 1
+            );
+            return fault(
+                problem,
+                "give the matrix by rows: [fx 0 cx], [0 fy cy], [0 0 1]",
+            );
         }
     }
     Ok([m[0], m[4], m[2], m[5]])
@@ -151,5 +207,10 @@ fn parse_distortion(node: &Node) -> Result<Vec<f64>, KeyFault> {
         return Ok(values);
     }
     let problem = format!("has {} numbers", values.len());
-    Err(KeyFault::on_line(node.line, TERMS_KEY, problem, "give 4, 5 or 8 numbers: k1 k2 p1 p2, k3, k4 k5 k6"))
+    Err(KeyFault::on_line(
+        node.line,
+        TERMS_KEY,
+        problem,
+        "give 4, 5 or 8 numbers: k1 k2 p1 p2, k3, k4 k5 k6",
+    ))
 }

@@ -36,7 +36,10 @@ pub enum WriteError {
 /// # Errors
 /// Returns an error if the format cannot represent the lens, or the file cannot be written.
 pub fn write_exchange(file: &Path, lens: &Lens, format: CameraFormat) -> Result<(), WriteError> {
-    let unwritable = |error| WriteError::Unwritable { file: file.into(), error };
+    let unwritable = |error| WriteError::Unwritable {
+        file: file.into(),
+        error,
+    };
     let text = match format {
         CameraFormat::Wingd => return write_camera(file, lens, None).map_err(unwritable),
         CameraFormat::Opencv if file.extension().is_some_and(|e| e == "xml" || e == "json") => {
@@ -57,13 +60,20 @@ pub fn write_exchange(file: &Path, lens: &Lens, format: CameraFormat) -> Result<
 fn format_numbers(values: &[f64]) -> String {
     let number = |value: &f64| {
         let text = value.to_string();
-        if text.contains('.') { text } else { text + ".0" }
+        if text.contains('.') {
+            text
+        } else {
+            text + ".0"
+        }
     };
     values.iter().map(number).collect::<Vec<_>>().join(", ")
 }
 
 fn format_matrix(l: &Lens) -> String {
-    format!("[{}]", format_numbers(&[l.fx, 0.0, l.cx, 0.0, l.fy, l.cy, 0.0, 0.0, 1.0]))
+    format!(
+        "[{}]",
+        format_numbers(&[l.fx, 0.0, l.cx, 0.0, l.fy, l.cy, 0.0, 0.0, 1.0])
+    )
 }
 
 fn is_rational(l: &Lens) -> bool {
@@ -74,11 +84,15 @@ fn is_rational(l: &Lens) -> bool {
 fn format_terms(l: &Lens) -> (String, usize) {
     let count = if is_rational(l) { 8 } else { 5 };
     let [k4, k5, k6] = l.denominator;
-    (format_numbers(&[l.k1, l.k2, l.p1, l.p2, l.k3, k4, k5, k6][..count]), count)
+    (
+        format_numbers(&[l.k1, l.k2, l.p1, l.p2, l.k3, k4, k5, k6][..count]),
+        count,
+    )
 }
 
 fn opencv_text(l: &Lens) -> String {
-    let (width, height, matrix, (terms, count)) = (l.width, l.height, format_matrix(l), format_terms(l));
+    let (width, height, matrix, (terms, count)) =
+        (l.width, l.height, format_matrix(l), format_terms(l));
     format!(
         "%YAML:1.0\n---\nimage_width: {width}\nimage_height: {height}\n\
          camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: {matrix}\n\
@@ -87,10 +101,17 @@ fn opencv_text(l: &Lens) -> String {
 }
 
 fn ros_text(l: &Lens) -> String {
-    let (width, height, matrix, (terms, count)) = (l.width, l.height, format_matrix(l), format_terms(l));
-    let model = if is_rational(l) { "rational_polynomial" } else { "plumb_bob" };
+    let (width, height, matrix, (terms, count)) =
+        (l.width, l.height, format_matrix(l), format_terms(l));
+    let model = if is_rational(l) {
+        "rational_polynomial"
+    } else {
+        "plumb_bob"
+    };
     let turn = format_numbers(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
-    let projection = format_numbers(&[l.fx, 0.0, l.cx, 0.0, 0.0, l.fy, l.cy, 0.0, 0.0, 0.0, 1.0, 0.0]);
+    let projection = format_numbers(&[
+        l.fx, 0.0, l.cx, 0.0, 0.0, l.fy, l.cy, 0.0, 0.0, 0.0, 1.0, 0.0,
+    ]);
     format!(
         "image_width: {width}\nimage_height: {height}\ncamera_name: wingd\n\
          camera_matrix:\n  rows: 3\n  cols: 3\n  data: {matrix}\n\
@@ -102,7 +123,10 @@ fn ros_text(l: &Lens) -> String {
 }
 
 fn kalibr_text(l: &Lens) -> String {
-    let (terms, core) = (format_numbers(&[l.k1, l.k2, l.p1, l.p2]), format_numbers(&[l.fx, l.fy, l.cx, l.cy]));
+    let (terms, core) = (
+        format_numbers(&[l.k1, l.k2, l.p1, l.p2]),
+        format_numbers(&[l.fx, l.fy, l.cx, l.cy]),
+    );
     format!(
         "cam0:\n  camera_model: pinhole\n  distortion_coeffs: [{terms}]\n  distortion_model: radtan\n  \
          intrinsics: [{core}]\n  resolution: [{}, {}]\n  rostopic: /cam0/image_raw\n",

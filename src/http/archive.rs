@@ -22,7 +22,10 @@ pub fn tar_content(
 ) -> Result<Content, Refusal> {
     let mut parts = Vec::with_capacity(3 * bundle.items.len() + 1);
     for item in bundle.items {
-        parts.push((BLOCK_BYTES, ContentSource::Bytes(build_tar_header(&item, begun_s)?)));
+        parts.push((
+            BLOCK_BYTES,
+            ContentSource::Bytes(build_tar_header(&item, begun_s)?),
+        ));
         let padding = item.length.next_multiple_of(BLOCK_BYTES) - item.length;
         parts.push((item.length, item.content.into()));
         parts.push((padding, zero_padding(padding)));
@@ -50,12 +53,22 @@ pub fn archive_listing(flight: &str, bundle: &FlightBundle) -> Listing {
 }
 
 /// Returns the concatenated results of all series of a flight.
-pub fn results_content(flight: &str, bundle: FlightBundle, permit: OwnedSemaphorePermit) -> Content {
+pub fn results_content(
+    flight: &str,
+    bundle: FlightBundle,
+    permit: OwnedSemaphorePermit,
+) -> Content {
     let ours = |item: &BundleFile| item.name.ends_with(store_layout::RESULTS_FILE);
     let items: Vec<BundleFile> = bundle.items.into_iter().filter(ours).collect();
-    let digests: String = items.iter().map(|item| format!("{}\n", item.sha256)).collect();
+    let digests: String = items
+        .iter()
+        .map(|item| format!("{}\n", item.sha256))
+        .collect();
     Content {
-        parts: items.into_iter().map(|item| (item.length, item.content.into())).collect(),
+        parts: items
+            .into_iter()
+            .map(|item| (item.length, item.content.into()))
+            .collect(),
         digest: crate::store::sha256_hex(digests.as_bytes()),
         kind: "text/plain; charset=utf-8",
         save_as: Some(format!("{flight}-results.jsonl")),
@@ -72,7 +85,8 @@ fn zero_padding(length: u64) -> ContentSource {
 
 fn build_tar_header(item: &BundleFile, begun_s: u64) -> Result<Bytes, Refusal> {
     let mut head = tar::Header::new_ustar();
-    head.set_path(&item.name).map_err(|e| Refusal::Failed(format!("{}: {e}", item.name)))?;
+    head.set_path(&item.name)
+        .map_err(|e| Refusal::Failed(format!("{}: {e}", item.name)))?;
     head.set_size(item.length);
     head.set_mode(0o644);
     head.set_uid(0);

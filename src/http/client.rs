@@ -61,9 +61,15 @@ impl RateCheck {
             return Ok(());
         }
         if self.bytes < MIN_BYTES {
-            return Err(io::Error::new(io::ErrorKind::TimedOut, "the server sends less than 0.5 kB/s"));
+            return Err(io::Error::new(
+                io::ErrorKind::TimedOut,
+                "the server sends less than 0.5 kB/s",
+            ));
         }
-        *self = Self { begun: now, bytes: 0 };
+        *self = Self {
+            begun: now,
+            bytes: 0,
+        };
         Ok(())
     }
 }
@@ -71,36 +77,62 @@ impl RateCheck {
 impl Client {
     /// Creates a client for `http://HOST:PORT`, or for `https://HOST:PORT` with the certificate that the server must
     /// present.
-    pub fn new(url: &str, token: Option<String>, certificate: Option<&Path>) -> Result<Self, ServerUrlError> {
+    pub fn new(
+        url: &str,
+        token: Option<String>,
+        certificate: Option<&Path>,
+    ) -> Result<Self, ServerUrlError> {
         let bad = |problem: String| ServerUrlError(format!("{url}: {problem}"));
-        let uri: Uri = url.parse().map_err(|e| bad(format!("{e}; give http://HOST:PORT")))?;
-        let host = uri.host().ok_or_else(|| bad("has no host; give http://HOST:PORT".into()))?.to_owned();
-        let connector =
-            match (uri.scheme_str(), certificate) {
-                (Some("http"), None) => None,
-                (Some("http"), Some(_)) => {
-                    return Err(bad("a certificate can be used with https:// only".into()));
-                }
-                (Some("https"), Some(file)) => {
-                    let created = tls::tls_connector(file);
-                    Some(created.map_err(|(problem, remedy)| {
-                        ServerUrlError(format!("{}: {problem}; {remedy}", file.display()))
-                    })?)
-                }
-                (Some("https"), None) => {
-                    return Err(bad("give the server's own certificate with --certificate FILE".into()));
-                }
-                _ => return Err(bad("give http://HOST:PORT or https://HOST:PORT".into())),
-            };
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+        let uri: Uri = url
+            .parse()
+            .map_err(|e| bad(format!("{e}; give http://HOST:PORT")))?;
+        let host = uri
+            .host()
+            .ok_or_else(|| bad("has no host; give http://HOST:PORT".into()))?
+            .to_owned();
+        let connector = match (uri.scheme_str(), certificate) {
+            (Some("http"), None) => None,
+            (Some("http"), Some(_)) => {
+                return Err(bad("a certificate can be used with https:// only".into()));
+            }
+            (Some("https"), Some(file)) => {
+                let created = tls::tls_connector(file);
+                Some(created.map_err(|(problem, remedy)| {
+                    ServerUrlError(format!("{}: {problem}; {remedy}", file.display()))
+                })?)
+            }
+            (Some("https"), None) => {
+                return Err(bad(
+                    "give the server's own certificate with --certificate FILE".into(),
+                ));
+            }
+            _ => return Err(bad("give http://HOST:PORT or https://HOST:PORT".into())),
+        };
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build();
         let runtime = runtime.map_err(|e| bad(format!("could not start the client: {e}")))?;
-        let port = uri.port_u16().unwrap_or(if connector.is_some() { 443 } else { 80 });
-        Ok(Self { runtime, host, port, token, connector, connection: None })
+        let port = uri
+            .port_u16()
+            .unwrap_or(if connector.is_some() { 443 } else { 80 });
+        Ok(Self {
+            runtime,
+            host,
+            port,
+            token,
+            connector,
+            connection: None,
+        })
     }
 
     /// Requests a path, over the open connection if there is one.
-    pub fn get(&mut self, path: &str, headers: &[(header::HeaderName, String)]) -> io::Result<ClientResponse<'_>> {
-        let mut request = Request::get(path).header(header::HOST, format!("{}:{}", self.host, self.port));
+    pub fn get(
+        &mut self,
+        path: &str,
+        headers: &[(header::HeaderName, String)],
+    ) -> io::Result<ClientResponse<'_>> {
+        let mut request =
+            Request::get(path).header(header::HOST, format!("{}:{}", self.host, self.port));
         for (name, value) in headers {
             request = request.header(name, value);
         }
@@ -118,12 +150,18 @@ impl Client {
             if connection.ready().await.is_err() {
                 connection = open_connection(host, port, connector).await?;
             }
-            let response = connection.send_request(request).await.map_err(io::Error::other)?;
+            let response = connection
+                .send_request(request)
+                .await
+                .map_err(io::Error::other)?;
             io::Result::Ok((connection, response))
         };
         // A timer must be created inside the runtime.
-        let outcome = self.runtime.block_on(async { timeout(ANSWER_TIMEOUT, request).await });
-        let (connection, response) = outcome.map_err(|_| io::Error::from(io::ErrorKind::TimedOut))??;
+        let outcome = self
+            .runtime
+            .block_on(async { timeout(ANSWER_TIMEOUT, request).await });
+        let (connection, response) =
+            outcome.map_err(|_| io::Error::from(io::ErrorKind::TimedOut))??;
         self.connection = Some(connection);
         let (head, body) = response.into_parts();
         Ok(ClientResponse {
@@ -131,7 +169,10 @@ impl Client {
             status: head.status,
             headers: head.headers,
             body,
-            rate: RateCheck { begun: Instant::now(), bytes: 0 },
+            rate: RateCheck {
+                begun: Instant::now(),
+                bytes: 0,
+            },
         })
     }
 
@@ -145,7 +186,9 @@ impl ClientResponse<'_> {
     /// Reads the next bytes of the body; `None` at its end.
     pub fn next_chunk(&mut self) -> io::Result<Option<Bytes>> {
         loop {
-            let frame = self.runtime.block_on(async { timeout(STALL_TIMEOUT, self.body.frame()).await });
+            let frame = self
+                .runtime
+                .block_on(async { timeout(STALL_TIMEOUT, self.body.frame()).await });
             let frame = frame.map_err(|_| io::Error::from(io::ErrorKind::TimedOut))?;
             match frame {
                 None => return Ok(None),
@@ -166,7 +209,10 @@ impl ClientResponse<'_> {
         let mut all = Vec::new();
         while let Some(chunk) = self.next_chunk()? {
             if all.len() + chunk.len() > max_bytes {
-                return Err(io::Error::new(io::ErrorKind::FileTooLarge, "the response is longer than allowed"));
+                return Err(io::Error::new(
+                    io::ErrorKind::FileTooLarge,
+                    "the response is longer than allowed",
+                ));
             }
             all.extend_from_slice(&chunk);
         }
@@ -216,6 +262,8 @@ mod tests {
         let at = |second| begun + Duration::from_secs(second);
         let mut rate = RateCheck { begun, bytes: 0 };
         assert!(rate.add(9000, at(19)).is_ok() && rate.add(1000, at(20)).is_ok());
-        assert!((21..40).all(|second| rate.add(1, at(second)).is_ok()) && rate.add(1, at(40)).is_err());
+        assert!(
+            (21..40).all(|second| rate.add(1, at(second)).is_ok()) && rate.add(1, at(40)).is_err()
+        );
     }
 }

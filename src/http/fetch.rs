@@ -27,7 +27,9 @@ const PIECE_BYTES: usize = 8 << 20;
 #[derive(Debug, thiserror::Error)]
 pub enum FetchError {
     /// The connection broke repeatedly.
-    #[error("the connection broke: {0}; the files received so far are kept, run the same command again to resume")]
+    #[error(
+        "the connection broke: {0}; the files received so far are kept, run the same command again to resume"
+    )]
     Broken(io::Error),
     /// The server refused the request.
     #[error("{path}: the server responded {status}{why}")]
@@ -60,18 +62,36 @@ impl FetchError {
 pub fn fetch_flight_names(client: &mut Client) -> Result<Vec<String>, FetchError> {
     let path = "/status.json";
     let value: Value = with_retries(|| fetch_json(client, path))?;
-    let names = value.get("flights").and_then(Value::as_array).cloned().unwrap_or_default();
-    Ok(names.iter().filter_map(|name| name.as_str().map(str::to_owned)).collect())
+    let names = value
+        .get("flights")
+        .and_then(Value::as_array)
+        .cloned()
+        .unwrap_or_default();
+    Ok(names
+        .iter()
+        .filter_map(|name| name.as_str().map(str::to_owned))
+        .collect())
 }
 
-fn fetch_json<T: serde::de::DeserializeOwned>(client: &mut Client, path: &str) -> Result<T, FetchError> {
+fn fetch_json<T: serde::de::DeserializeOwned>(
+    client: &mut Client,
+    path: &str,
+) -> Result<T, FetchError> {
     let answer = client.get(path, &[]).map_err(FetchError::Broken)?;
     let answer = check_status(answer, path, StatusCode::OK)?;
-    let bytes = answer.read_all(MAX_LISTING_BYTES).map_err(|error| match error.kind() {
-        io::ErrorKind::FileTooLarge => FetchError::Unexpected { path: path.to_owned(), problem: error.to_string() },
-        _ => FetchError::Broken(error),
-    })?;
-    let invalid = |e: serde_json::Error| FetchError::Unexpected { path: path.to_owned(), problem: e.to_string() };
+    let bytes = answer
+        .read_all(MAX_LISTING_BYTES)
+        .map_err(|error| match error.kind() {
+            io::ErrorKind::FileTooLarge => FetchError::Unexpected {
+                path: path.to_owned(),
+                problem: error.to_string(),
+            },
+            _ => FetchError::Broken(error),
+        })?;
+    let invalid = |e: serde_json::Error| FetchError::Unexpected {
+        path: path.to_owned(),
+        problem: e.to_string(),
+    };
     serde_json::from_slice(&bytes).map_err(invalid)
 }
 
@@ -87,12 +107,20 @@ fn check_status<'a>(
     let why = match status {
         StatusCode::UNAUTHORIZED => "; give the server's token with --token-file FILE",
         StatusCode::NOT_FOUND => "; the server has no such flight",
-        StatusCode::MISDIRECTED_REQUEST => "; use its IP address, or start the server with this name (--host)",
+        StatusCode::MISDIRECTED_REQUEST => {
+            "; use its IP address, or start the server with this name (--host)"
+        }
         StatusCode::SERVICE_UNAVAILABLE => "; other downloads are running on the server",
-        StatusCode::INTERNAL_SERVER_ERROR => "; run `wingd verify` on the server to find the damage",
+        StatusCode::INTERNAL_SERVER_ERROR => {
+            "; run `wingd verify` on the server to find the damage"
+        }
         _ => "",
     };
-    Err(FetchError::Refused { path: path.to_owned(), status, why })
+    Err(FetchError::Refused {
+        path: path.to_owned(),
+        status,
+        why,
+    })
 }
 
 /// Repeats a request with increasing pauses while its error is transient.
@@ -102,7 +130,11 @@ fn with_retries<T>(mut ask: impl FnMut() -> Result<T, FetchError>) -> Result<T, 
         match ask() {
             Err(error) if error.is_transient() && tries + 1 < MAX_TRIES => {
                 let pause = FIRST_PAUSE * 2_u32.pow(tries);
-                let cause = if let FetchError::Broken(cause) = &error { cause.to_string() } else { error.to_string() };
+                let cause = if let FetchError::Broken(cause) = &error {
+                    cause.to_string()
+                } else {
+                    error.to_string()
+                };
                 eprintln!("wingd: {cause}; next attempt in {} s", pause.as_secs_f64());
                 sleep(pause);
                 tries += 1;
@@ -123,13 +155,17 @@ pub fn fetch_flight(
 ) -> Result<(), FetchError> {
     if layout::flight_number(flight).is_none() {
         let problem = format!("{flight:?} is not the name of a flight");
-        return Err(FetchError::Unexpected { path: "/status.json".to_owned(), problem });
+        return Err(FetchError::Unexpected {
+            path: "/status.json".to_owned(),
+            problem,
+        });
     }
     let path = format!("/bundle/{flight}.json");
     let mut tries = 0;
     loop {
         let listing: Listing = with_retries(|| fetch_json(client, &path))?;
-        let other = (listing.flight != flight).then(|| format!("lists flight {:?}", listing.flight));
+        let other =
+            (listing.flight != flight).then(|| format!("lists flight {:?}", listing.flight));
         if let Some(problem) = other.or_else(|| listing.problem()) {
             return Err(FetchError::Unexpected { path, problem });
         }
@@ -143,12 +179,14 @@ pub fn fetch_flight(
         let total = listing.total_bytes();
         progress(total - left, total);
         let before = left;
-        let outcome = group_adjacent_files(&missing).into_iter().try_for_each(|run| {
-            fetch_run(client, &listing, run, receiver, &mut |bytes| {
-                left -= bytes;
-                progress(total - left, total);
-            })
-        });
+        let outcome = group_adjacent_files(&missing)
+            .into_iter()
+            .try_for_each(|run| {
+                fetch_run(client, &listing, run, receiver, &mut |bytes| {
+                    left -= bytes;
+                    progress(total - left, total);
+                })
+            });
         tries = if left < before { 0 } else { tries + 1 };
         client.disconnect();
         match outcome {
@@ -156,7 +194,10 @@ pub fn fetch_flight(
             // From an outdated state each time, or from a server that does not send parts of a file.
             Ok(()) if tries >= MAX_TRIES => {
                 let problem = format!("no part of the listed files was sent, {MAX_TRIES} times");
-                return Err(FetchError::Unexpected { path: format!("/tar/{flight}.tar"), problem });
+                return Err(FetchError::Unexpected {
+                    path: format!("/tar/{flight}.tar"),
+                    problem,
+                });
             }
             _ if tries > 0 => sleep(FIRST_PAUSE * 2_u32.pow(tries - 1)),
             // Complete, or from an outdated state: the next listing shows which.
@@ -167,7 +208,9 @@ pub fn fetch_flight(
 
 /// Groups files that are adjacent in the archive; each group is one request.
 fn group_adjacent_files<'l, 'm>(missing: &'m [&'l ListedFile]) -> Vec<&'m [&'l ListedFile]> {
-    let near = |a: &&ListedFile, b: &&ListedFile| b.offset.saturating_sub(a.offset + a.length) <= MAX_GAP_BYTES;
+    let near = |a: &&ListedFile, b: &&ListedFile| {
+        b.offset.saturating_sub(a.offset + a.length) <= MAX_GAP_BYTES
+    };
     missing.chunk_by(near).collect()
 }
 
@@ -179,19 +222,32 @@ fn fetch_run(
     receiver: &Receiver,
     on_received: &mut dyn FnMut(u64),
 ) -> Result<(), FetchError> {
-    let (Some(first), Some(last)) = (run.first(), run.last()) else { return Ok(()) };
+    let (Some(first), Some(last)) = (run.first(), run.last()) else {
+        return Ok(());
+    };
     let path = format!("/tar/{}.tar", listing.flight);
-    let range = format!("bytes={}-{}", first.offset, (last.offset + last.length).saturating_sub(1));
-    let headers = [(header::RANGE, range), (header::IF_RANGE, format!("\"{}\"", listing.digest))];
+    let range = format!(
+        "bytes={}-{}",
+        first.offset,
+        (last.offset + last.length).saturating_sub(1)
+    );
+    let headers = [
+        (header::RANGE, range),
+        (header::IF_RANGE, format!("\"{}\"", listing.digest)),
+    ];
     let answer = client.get(&path, &headers).map_err(FetchError::Broken)?;
     if answer.status == StatusCode::OK {
         return Ok(());
     }
-    let mut bytes =
-        ResponseBytes { answer: check_status(answer, &path, StatusCode::PARTIAL_CONTENT)?, rest: Bytes::new() };
+    let mut bytes = ResponseBytes {
+        answer: check_status(answer, &path, StatusCode::PARTIAL_CONTENT)?,
+        rest: Bytes::new(),
+    };
     let mut at = first.offset;
     for item in run {
-        bytes.skip_bytes(item.offset - at).map_err(FetchError::Broken)?;
+        bytes
+            .skip_bytes(item.offset - at)
+            .map_err(FetchError::Broken)?;
         let mut file = receiver.begin_file(item)?;
         while file.missing_bytes() > 0 {
             let length = file.missing_bytes().min(PIECE_BYTES as u64);
@@ -214,9 +270,15 @@ impl ResponseBytes<'_> {
     fn for_each_part(&mut self, mut length: u64, mut part: impl FnMut(&[u8])) -> io::Result<()> {
         while length > 0 {
             if self.rest.is_empty() {
-                self.rest = self.answer.next_chunk()?.ok_or(io::ErrorKind::UnexpectedEof)?;
+                self.rest = self
+                    .answer
+                    .next_chunk()?
+                    .ok_or(io::ErrorKind::UnexpectedEof)?;
             }
-            let count = self.rest.len().min(usize::try_from(length).unwrap_or(usize::MAX));
+            let count = self
+                .rest
+                .len()
+                .min(usize::try_from(length).unwrap_or(usize::MAX));
             part(&self.rest.split_to(count));
             length -= count as u64;
         }

@@ -29,7 +29,10 @@ impl SeriesCache {
             let meta = std::fs::metadata(series.folder.join(file)).ok()?;
             Some((meta.len(), meta.modified().ok()?))
         };
-        let state = (series.folder.clone(), [layout::SERIES_FILE, layout::RESULTS_FILE].map(state));
+        let state = (
+            series.folder.clone(),
+            [layout::SERIES_FILE, layout::RESULTS_FILE].map(state),
+        );
         let mut last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         match &*last {
             Some((known, index)) if *known == state => Ok(index.clone()),
@@ -51,15 +54,25 @@ pub(super) async fn series_page(
     address: Uri,
 ) -> Result<Html<String>, Refusal> {
     // Page of a long series, from 1.
-    let page = address.query().and_then(|query| query.strip_prefix("page=")?.parse::<usize>().ok()).unwrap_or(1);
+    let page = address
+        .query()
+        .and_then(|query| query.strip_prefix("page=")?.parse::<usize>().ok())
+        .unwrap_or(1);
     run_blocking(shared.clone(), move |site| {
         let index = shared.series.series(site, &flight, &series)?;
         let pages = index.data.shots.len().div_ceil(SHOTS_PER_PAGE).max(1);
         let page = page.clamp(1, pages);
-        let shots = index.data.shots.iter().skip((page - 1) * SHOTS_PER_PAGE).take(SHOTS_PER_PAGE);
+        let shots = index
+            .data
+            .shots
+            .iter()
+            .skip((page - 1) * SHOTS_PER_PAGE)
+            .take(SHOTS_PER_PAGE);
         let record = |shot: &ShotData| index.record(&RealDisk, shot.image.as_deref()?);
         let shots: Vec<_> = shots.map(|shot| (shot, record(shot))).collect();
-        Ok(Html(pages::series_page(&index, &shots, (page, pages)).into_string()))
+        Ok(Html(
+            pages::series_page(&index, &shots, (page, pages)).into_string(),
+        ))
     })
     .await
 }
@@ -71,13 +84,21 @@ pub(super) async fn frame_page(
     run_blocking(shared.clone(), move |site| {
         let index = shared.series.series(site, &flight, &series)?;
         let shot = find_shot(&index, &file)?;
-        Ok(Html(pages::frame_page(&index.data, shot, index.record(&RealDisk, &file).as_ref()).into_string()))
+        Ok(Html(
+            pages::frame_page(&index.data, shot, index.record(&RealDisk, &file).as_ref())
+                .into_string(),
+        ))
     })
     .await
 }
 
 fn find_shot<'a>(index: &'a SeriesIndex, file: &str) -> Result<&'a ShotData, Refusal> {
-    index.data.shots.iter().find(|shot| shot.image.as_deref() == Some(file)).ok_or(Refusal::NotFound)
+    index
+        .data
+        .shots
+        .iter()
+        .find(|shot| shot.image.as_deref() == Some(file))
+        .ok_or(Refusal::NotFound)
 }
 
 /// Longer side of a thumbnail, px.
@@ -93,23 +114,38 @@ pub(super) async fn drawn_frame(
     head: RequestHead,
     largest: usize,
 ) -> Result<Response, Refusal> {
-    let file = name.strip_suffix(".svg").ok_or(Refusal::NotFound)?.to_owned();
+    let file = name
+        .strip_suffix(".svg")
+        .ok_or(Refusal::NotFound)?
+        .to_owned();
     // Drawing a frame takes tens of MB and of ms: one at a time for all clients.
-    let _one_at_a_time = shared.pictures.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
+    let _one_at_a_time = shared
+        .pictures
+        .acquire()
+        .await
+        .map_err(|e| Refusal::Failed(e.to_string()))?;
     let context = shared.clone();
     run_blocking(shared.clone(), move |site| {
         let index = context.series.series(site, &flight, &series)?;
         let (shot, record) = (find_shot(&index, &file)?, index.record(&RealDisk, &file));
         let inputs = record.as_ref().and(index.data.inputs.as_deref());
-        let state = (shot.sha256.as_deref(), inputs, largest, env!("CARGO_PKG_VERSION"));
+        let state = (
+            shot.sha256.as_deref(),
+            inputs,
+            largest,
+            env!("CARGO_PKG_VERSION"),
+        );
         let digest = crate::store::sha256_hex(format!("{state:?}").as_bytes());
         if send::is_cached(&head.1, &digest) {
             return files::svg_content(String::new(), digest).respond(&head);
         }
         let path = files::check_frame(site, &flight, &series, &file)?;
-        let bytes = RealDisk.read(&path).map_err(|e| Refusal::Failed(format!("{}: {e}", path.display())))?;
+        let bytes = RealDisk
+            .read(&path)
+            .map_err(|e| Refusal::Failed(format!("{}: {e}", path.display())))?;
         let drawn = picture::svg_thumbnail(&bytes, shot.format.as_ref(), record.as_ref(), largest);
-        let unreadable = || Refusal::Failed(format!("{}: the frame cannot be read", path.display()));
+        let unreadable =
+            || Refusal::Failed(format!("{}: the frame cannot be read", path.display()));
         files::svg_content(drawn.ok_or_else(unreadable)?, digest).respond(&head)
     })
     .await

@@ -34,12 +34,20 @@ pub(super) struct AnswerLimits {
 impl AnswerLimits {
     /// Creates full budgets; refusals are counted in `access`.
     pub fn new(access: Arc<Access>) -> Self {
-        Self { memory: Arc::new(Semaphore::new(MEMORY_KB)), making: Arc::new(Semaphore::new(MAX_MAKING)), access }
+        Self {
+            memory: Arc::new(Semaphore::new(MEMORY_KB)),
+            making: Arc::new(Semaphore::new(MAX_MAKING)),
+            access,
+        }
     }
 }
 
 /// Makes an answer when it is its turn, and holds its memory until it is sent; 503 if there is none.
-pub(super) async fn limit_answers(State(limits): State<AnswerLimits>, request: Request, next: Next) -> Response {
+pub(super) async fn limit_answers(
+    State(limits): State<AnswerLimits>,
+    request: Request,
+    next: Next,
+) -> Response {
     let turn = tokio::time::timeout(TURN_TIMEOUT, limits.making.clone().acquire_owned()).await;
     let Ok(Ok(turn)) = turn else {
         limits.access.count_busy();
@@ -62,7 +70,10 @@ pub(super) async fn limit_answers(State(limits): State<AnswerLimits>, request: R
 /// Holds the memory of an answer until it is sent; `None` if there is none.
 fn hold_memory(memory: &Arc<Semaphore>, response: Response) -> Option<Response> {
     let (head, body) = response.into_parts();
-    let kilobytes = body.size_hint().upper().map_or(STREAM_KB, |bytes| bytes.div_ceil(1000));
+    let kilobytes = body
+        .size_hint()
+        .upper()
+        .map_or(STREAM_KB, |bytes| bytes.div_ceil(1000));
     let kilobytes = u32::try_from(kilobytes).unwrap_or(u32::MAX);
     let held = memory.clone().try_acquire_many_owned(kilobytes).ok()?;
     // The closure lives as long as the body.
@@ -84,6 +95,9 @@ mod tests {
         let first = answer(700_000);
         assert!(first.is_some() && answer(400_000).is_none());
         drop(first);
-        assert!(answer(400_000).is_some() && answer(2_000_000).is_none(), "more than there is");
+        assert!(
+            answer(400_000).is_some() && answer(2_000_000).is_none(),
+            "more than there is"
+        );
     }
 }

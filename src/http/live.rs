@@ -59,7 +59,10 @@ pub(super) async fn live_events(State(shared): ServerContext) -> Result<Response
 
 fn event_stream_response(body: Body) -> Response {
     let mut response = Response::new(body);
-    response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static("text/event-stream"));
+    response.headers_mut().insert(
+        header::CONTENT_TYPE,
+        HeaderValue::from_static("text/event-stream"),
+    );
     response
 }
 
@@ -73,7 +76,11 @@ fn full_event() -> Body {
 /// Sends a small image of the newest frame; its headers hold the frame number and the frame's size.
 pub(super) async fn newest_frame(State(shared): ServerContext) -> Result<Response, Refusal> {
     let socket = shared.site.live.clone().ok_or(Refusal::NotFound)?;
-    let _one_of_few = shared.pictures_live.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
+    let _one_of_few = shared
+        .pictures_live
+        .acquire()
+        .await
+        .map_err(|e| Refusal::Failed(e.to_string()))?;
     let picture = tokio::time::timeout(PICTURE_TIMEOUT, request_live_image(&socket)).await;
     let missing = |why: &str| (StatusCode::SERVICE_UNAVAILABLE, why.to_owned()).into_response();
     let Ok(Ok(picture)) = picture else {
@@ -82,10 +89,14 @@ pub(super) async fn newest_frame(State(shared): ServerContext) -> Result<Respons
     let jpeg = base64::engine::general_purpose::STANDARD.decode(&picture.jpeg);
     let jpeg = jpeg.map_err(|e| Refusal::Failed(e.to_string()))?;
     let mut response = Response::new(Body::from(jpeg));
-    let value = |text: String| HeaderValue::try_from(text).map_err(|e| Refusal::Failed(e.to_string()));
+    let value =
+        |text: String| HeaderValue::try_from(text).map_err(|e| Refusal::Failed(e.to_string()));
     let headers = response.headers_mut();
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("image/jpeg"));
-    headers.insert(HeaderName::from_static("x-wingd-frame"), value(picture.frame.to_string())?);
+    headers.insert(
+        HeaderName::from_static("x-wingd-frame"),
+        value(picture.frame.to_string())?,
+    );
     let size = format!("{}x{}", picture.width, picture.height);
     headers.insert(HeaderName::from_static("x-wingd-size"), value(size)?);
     Ok(response)
@@ -100,7 +111,9 @@ struct LiveImage {
     jpeg: String,
 }
 
-async fn connect_daemon_socket(socket: &Path) -> io::Result<(Lines<BufReader<OwnedReadHalf>>, OwnedWriteHalf)> {
+async fn connect_daemon_socket(
+    socket: &Path,
+) -> io::Result<(Lines<BufReader<OwnedReadHalf>>, OwnedWriteHalf)> {
     let (read, write) = UnixStream::connect(socket).await?.into_split();
     Ok((BufReader::new(read).lines(), write))
 }
@@ -132,13 +145,20 @@ fn down_event(why: &str) -> Bytes {
 }
 
 /// Relays events until the browser disconnects or the server stops.
-async fn relay_events(socket: &Path, to: &Sender<io::Result<Bytes>>, mut closing: watch::Receiver<bool>) {
+async fn relay_events(
+    socket: &Path,
+    to: &Sender<io::Result<Bytes>>,
+    mut closing: watch::Receiver<bool>,
+) {
     let work = async {
         while !to.is_closed() {
             let why = match relay_connection(socket, to).await {
                 Ok(()) => "the recorder has stopped, or live mode is off".to_owned(),
                 Err(error) => {
-                    format!("cannot connect to a recorder in live mode at {}: {error}", socket.display())
+                    format!(
+                        "cannot connect to a recorder in live mode at {}: {error}",
+                        socket.display()
+                    )
                 }
             };
             if to.send(Ok(down_event(&why))).await.is_err() {
@@ -177,7 +197,9 @@ async fn relay_connection(socket: &Path, to: &Sender<io::Result<Bytes>>) -> io::
 pub(super) const MAX_PICTURES: usize = 4;
 
 /// Wraps the shutdown future; the second value signals the shutdown to event streams.
-pub(super) fn shutdown_signal(shutdown: impl Future<Output = ()>) -> (impl Future<Output = ()>, watch::Receiver<bool>) {
+pub(super) fn shutdown_signal(
+    shutdown: impl Future<Output = ()>,
+) -> (impl Future<Output = ()>, watch::Receiver<bool>) {
     let (closing, closed) = watch::channel(false);
     let then = async move {
         shutdown.await;

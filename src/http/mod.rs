@@ -88,7 +88,10 @@ const MAX_THREADS: usize = 8;
 /// # Errors
 /// Returns an error if the machine has no resources for it.
 pub fn page_runtime() -> io::Result<tokio::runtime::Runtime> {
-    tokio::runtime::Builder::new_current_thread().max_blocking_threads(MAX_THREADS).enable_all().build()
+    tokio::runtime::Builder::new_current_thread()
+        .max_blocking_threads(MAX_THREADS)
+        .enable_all()
+        .build()
 }
 
 /// Maximum number of archives sent at the same time; a small computer records meanwhile.
@@ -144,12 +147,19 @@ impl From<StoreError> for Refusal {
 impl IntoResponse for Refusal {
     fn into_response(self) -> Response {
         let (status, text) = match self {
-            Self::NotFound => (StatusCode::NOT_FOUND, "This page or file does not exist.".to_owned()),
+            Self::NotFound => (
+                StatusCode::NOT_FOUND,
+                "This page or file does not exist.".to_owned(),
+            ),
             Self::NoReport => (
                 StatusCode::NOT_FOUND,
-                "The recorder writes no reports: download the flight, and run wingd report on it.".to_owned(),
+                "The recorder writes no reports: download the flight, and run wingd report on it."
+                    .to_owned(),
             ),
-            Self::Busy => (StatusCode::SERVICE_UNAVAILABLE, "Other downloads are running; try again later.".to_owned()),
+            Self::Busy => (
+                StatusCode::SERVICE_UNAVAILABLE,
+                "Other downloads are running; try again later.".to_owned(),
+            ),
             Self::TooLarge(reason) => (StatusCode::SERVICE_UNAVAILABLE, reason),
             Self::Failed(reason) => (StatusCode::INTERNAL_SERVER_ERROR, reason),
         };
@@ -166,10 +176,20 @@ pub async fn serve(
 ) -> io::Result<()> {
     let access = Arc::new(access);
     let (shutdown, closing) = live::shutdown_signal(shutdown);
-    server::accept_connections(build_router(site, access.clone(), closing), access, listener, shutdown).await
+    server::accept_connections(
+        build_router(site, access.clone(), closing),
+        access,
+        listener,
+        shutdown,
+    )
+    .await
 }
 
-fn build_router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Receiver<bool>) -> Router {
+fn build_router(
+    site: Site,
+    access: Arc<Access>,
+    closing: tokio::sync::watch::Receiver<bool>,
+) -> Router {
     let archives = Arc::new(Semaphore::new(MAX_ARCHIVES));
     let shared = Arc::new(ServerState {
         site,
@@ -202,10 +222,19 @@ fn build_router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Re
         .route("/bundle/{name}", get(send_file_listing))
         .route("/report/{flight}", get(report_page))
         .route("/status.json", get(send_status))
-        .route_layer(axum::middleware::from_fn_with_state(AnswerLimits::new(access.clone()), limits::limit_answers))
+        .route_layer(axum::middleware::from_fn_with_state(
+            AnswerLimits::new(access.clone()),
+            limits::limit_answers,
+        ))
         .route("/live", get(live::live_page))
-        .route("/live.js", get(async || policy::script_response(live::SCRIPT)))
-        .route("/figure.js", get(async || policy::script_response(FIGURE_SCRIPT)))
+        .route(
+            "/live.js",
+            get(async || policy::script_response(live::SCRIPT)),
+        )
+        .route(
+            "/figure.js",
+            get(async || policy::script_response(FIGURE_SCRIPT)),
+        )
         .route("/live/events", get(live::live_events))
         .route("/live/frame.jpg", get(live::newest_frame))
         .fallback(async || Refusal::NotFound);
@@ -213,11 +242,21 @@ fn build_router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Re
 }
 
 /// Adds the access rules and the headers that every response has.
-fn add_common_layers<S: Clone + Send + Sync + 'static>(router: Router<S>, access: Arc<Access>) -> Router<S> {
-    let header = |name, value| SetResponseHeaderLayer::overriding(name, HeaderValue::from_static(value));
+fn add_common_layers<S: Clone + Send + Sync + 'static>(
+    router: Router<S>,
+    access: Arc<Access>,
+) -> Router<S> {
+    let header =
+        |name, value| SetResponseHeaderLayer::overriding(name, HeaderValue::from_static(value));
     router
-        .layer(axum::middleware::from_fn_with_state(access, access::check_access))
-        .layer(SetResponseHeaderLayer::if_not_present(header::CACHE_CONTROL, HeaderValue::from_static("no-store")))
+        .layer(axum::middleware::from_fn_with_state(
+            access,
+            access::check_access,
+        ))
+        .layer(SetResponseHeaderLayer::if_not_present(
+            header::CACHE_CONTROL,
+            HeaderValue::from_static("no-store"),
+        ))
         .layer(SetResponseHeaderLayer::if_not_present(
             header::CONTENT_SECURITY_POLICY,
             HeaderValue::from_static(policy::PLAIN),
@@ -236,7 +275,10 @@ async fn run_blocking<T: Send + 'static>(
 }
 
 async fn index_page(State(shared): ServerContext) -> Result<Html<String>, Refusal> {
-    run_blocking(shared, |site| Ok(Html(pages::index_page(site)?.into_string()))).await
+    run_blocking(shared, |site| {
+        Ok(Html(pages::index_page(site)?.into_string()))
+    })
+    .await
 }
 
 async fn flight_page(
@@ -244,13 +286,22 @@ async fn flight_page(
     Path(flight): Path<String>,
     headers: HeaderMap,
 ) -> Result<Html<String>, Refusal> {
-    let scheme = if shared.access.tls().is_some() { "https" } else { "http" };
-    let host = headers.get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or("localhost");
+    let scheme = if shared.access.tls().is_some() {
+        "https"
+    } else {
+        "http"
+    };
+    let host = headers
+        .get(header::HOST)
+        .and_then(|host| host.to_str().ok())
+        .unwrap_or("localhost");
     let address = format!("{scheme}://{host}");
     run_blocking(shared, move |site| {
         let found = files::check_flight(site, &flight)?;
         let overview = overview::read_overview(&RealDisk, &found)?;
-        Ok(Html(pages::flight_page(&overview, &address, site.reports.is_some()).into_string()))
+        Ok(Html(
+            pages::flight_page(&overview, &address, site.reports.is_some()).into_string(),
+        ))
     })
     .await
 }
@@ -260,7 +311,10 @@ async fn send_flight_file(
     Path((flight, file)): Path<(String, String)>,
     head: RequestHead,
 ) -> Result<Response, Refusal> {
-    run_blocking(shared, move |site| files::flight_file_content(site, &flight, &file)?.respond(&head)).await
+    run_blocking(shared, move |site| {
+        files::flight_file_content(site, &flight, &file)?.respond(&head)
+    })
+    .await
 }
 
 async fn send_series_file(
@@ -268,12 +322,16 @@ async fn send_series_file(
     Path((flight, series, file)): Path<(String, String, String)>,
     head: RequestHead,
 ) -> Result<Response, Refusal> {
-    run_blocking(shared, move |site| files::series_file_content(site, &flight, &series, &file)?.respond(&head)).await
+    run_blocking(shared, move |site| {
+        files::series_file_content(site, &flight, &series, &file)?.respond(&head)
+    })
+    .await
 }
 
 /// Waits for an archive permit. The permit of a response that was just sent is released a moment later.
 async fn archive_permit(shared: &ServerState) -> Result<OwnedSemaphorePermit, Refusal> {
-    let waiting = tokio::time::timeout(PERMIT_TIMEOUT, shared.archives.clone().acquire_owned()).await;
+    let waiting =
+        tokio::time::timeout(PERMIT_TIMEOUT, shared.archives.clone().acquire_owned()).await;
     waiting.ok().and_then(Result::ok).ok_or(Refusal::Busy)
 }
 
@@ -284,11 +342,19 @@ async fn send_bundle(
     head: RequestHead,
     content: fn(&FlightRef, FlightBundle, OwnedSemaphorePermit) -> Result<Content, Refusal>,
 ) -> Result<Response, Refusal> {
-    let flight = name.strip_suffix(ending).ok_or(Refusal::NotFound)?.to_owned();
+    let flight = name
+        .strip_suffix(ending)
+        .ok_or(Refusal::NotFound)?
+        .to_owned();
     let permit = archive_permit(&shared).await?;
     let work = move |site: &Site| {
         let found = files::check_flight(site, &flight)?;
-        content(&found, bundle::bundle_flight(&RealDisk, &site.root, &found)?, permit)?.respond(&head)
+        content(
+            &found,
+            bundle::bundle_flight(&RealDisk, &site.root, &found)?,
+            permit,
+        )?
+        .respond(&head)
     };
     run_blocking(shared, work).await
 }
@@ -299,7 +365,9 @@ async fn send_results(
     Path(name): Path<String>,
     head: RequestHead,
 ) -> Result<Response, Refusal> {
-    let content = |flight: &FlightRef, bundle, permit| Ok(archive::results_content(&flight.id, bundle, permit));
+    let content = |flight: &FlightRef, bundle, permit| {
+        Ok(archive::results_content(&flight.id, bundle, permit))
+    };
     send_bundle(shared, (name, ".jsonl"), head, content).await
 }
 
@@ -309,14 +377,28 @@ async fn send_tar(
     head: RequestHead,
 ) -> Result<Response, Refusal> {
     let content = |flight: &FlightRef, bundle, permit| {
-        let begun_s = catalogue::read_flight_manifest(&RealDisk, flight)?.started.utc.as_second();
-        archive::tar_content(&flight.id, bundle, u64::try_from(begun_s).unwrap_or(0), permit)
+        let begun_s = catalogue::read_flight_manifest(&RealDisk, flight)?
+            .started
+            .utc
+            .as_second();
+        archive::tar_content(
+            &flight.id,
+            bundle,
+            u64::try_from(begun_s).unwrap_or(0),
+            permit,
+        )
     };
     send_bundle(shared, (name, ".tar"), head, content).await
 }
 
-async fn send_file_listing(State(shared): ServerContext, Path(name): Path<String>) -> Result<Json<Listing>, Refusal> {
-    let flight = name.strip_suffix(".json").ok_or(Refusal::NotFound)?.to_owned();
+async fn send_file_listing(
+    State(shared): ServerContext,
+    Path(name): Path<String>,
+) -> Result<Json<Listing>, Refusal> {
+    let flight = name
+        .strip_suffix(".json")
+        .ok_or(Refusal::NotFound)?
+        .to_owned();
     run_blocking(shared, move |site| {
         let found = files::check_flight(site, &flight)?;
         let bundle = bundle::bundle_flight(&RealDisk, &site.root, &found)?;
@@ -326,14 +408,28 @@ async fn send_file_listing(State(shared): ServerContext, Path(name): Path<String
 }
 
 /// Sends the HTML report of a flight. Its policy allows only the report's own script, by hash.
-async fn report_page(State(shared): ServerContext, Path(flight): Path<String>) -> Result<Response, Refusal> {
+async fn report_page(
+    State(shared): ServerContext,
+    Path(flight): Path<String>,
+) -> Result<Response, Refusal> {
     let builder = shared.site.reports.ok_or(Refusal::NoReport)?;
-    let _one_at_a_time = shared.reports.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
+    let _one_at_a_time = shared
+        .reports
+        .acquire()
+        .await
+        .map_err(|e| Refusal::Failed(e.to_string()))?;
     run_blocking(shared.clone(), move |site| {
         let found = files::check_flight(site, &flight)?;
         refuse_large_report(&found)?;
-        let data = source::read_flight(&site.root, ResultChoice::for_flight(&flight), site.setup.as_ref())?;
-        let policy = [(header::CONTENT_SECURITY_POLICY, policy::report_policy(builder.script))];
+        let data = source::read_flight(
+            &site.root,
+            ResultChoice::for_flight(&flight),
+            site.setup.as_ref(),
+        )?;
+        let policy = [(
+            header::CONTENT_SECURITY_POLICY,
+            policy::report_policy(builder.script),
+        )];
         Ok((policy, Html((builder.page)(&data))).into_response())
     })
     .await
@@ -342,9 +438,13 @@ async fn report_page(State(shared): ServerContext, Path(flight): Path<String>) -
 /// Refuses the report of a flight with a series whose results do not fit into the page's memory.
 fn refuse_large_report(flight: &FlightRef) -> Result<(), Refusal> {
     let too_large = |series: &SeriesRef| {
-        std::fs::metadata(series.folder.join(layout::RESULTS_FILE)).is_ok_and(|meta| meta.len() > MAX_REPORT_RESULTS)
+        std::fs::metadata(series.folder.join(layout::RESULTS_FILE))
+            .is_ok_and(|meta| meta.len() > MAX_REPORT_RESULTS)
     };
-    match catalogue::list_series(&RealDisk, flight)?.into_iter().find(too_large) {
+    match catalogue::list_series(&RealDisk, flight)?
+        .into_iter()
+        .find(too_large)
+    {
         None => Ok(()),
         Some(series) => Err(Refusal::TooLarge(format!(
             "Series {} has too many results for a report here; run `wingd report` on a copy of the store.",

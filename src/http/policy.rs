@@ -7,7 +7,8 @@ use maud::Markup;
 use sha2::{Digest, Sha256};
 
 /// Policy of pages without a script.
-pub const PLAIN: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'";
+pub const PLAIN: &str =
+    "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'";
 
 /// Policy of pages with a script of their own, and images that it has fetched.
 const SCRIPTED: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'self'; connect-src 'self'; \
@@ -15,13 +16,20 @@ const SCRIPTED: &str = "default-src 'none'; style-src 'unsafe-inline'; script-sr
 
 /// Returns a page with a script of its own.
 pub fn scripted_page(page: Markup) -> Response {
-    let policy = [(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(SCRIPTED))];
+    let policy = [(
+        header::CONTENT_SECURITY_POLICY,
+        HeaderValue::from_static(SCRIPTED),
+    )];
     (policy, Html(page.into_string())).into_response()
 }
 
 /// Returns the script of a page.
 pub fn script_response(text: &'static str) -> Response {
-    ([(header::CONTENT_TYPE, "text/javascript; charset=utf-8")], text).into_response()
+    (
+        [(header::CONTENT_TYPE, "text/javascript; charset=utf-8")],
+        text,
+    )
+        .into_response()
 }
 
 /// Returns the policy of a report: only its own `script`, by hash; `blob:` is needed to save a figure as PNG.

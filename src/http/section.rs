@@ -29,17 +29,26 @@ pub struct ServeConfig {
 impl ServeConfig {
     /// Returns the file paths of the section, to be made absolute.
     pub fn file_paths(&mut self) -> impl Iterator<Item = &mut PathBuf> {
-        [&mut self.token_file, &mut self.certificate, &mut self.key].into_iter().flatten()
+        [&mut self.token_file, &mut self.certificate, &mut self.key]
+            .into_iter()
+            .flatten()
     }
 
     /// Returns a sentence for each secret that every user of this machine can read.
     pub fn exposure_warnings(&self) -> Vec<String> {
-        [&self.token_file, &self.key].into_iter().flatten().filter_map(|file| access::exposure_warning(file)).collect()
+        [&self.token_file, &self.key]
+            .into_iter()
+            .flatten()
+            .filter_map(|file| access::exposure_warning(file))
+            .collect()
     }
 
     /// Resolves the listening address and the access rules, or returns every error. `place` gives file and location of a
     /// key.
-    pub fn resolve(&self, place: impl Fn(&str) -> (PathBuf, String)) -> Result<(SocketAddr, Access), Vec<Fault>> {
+    pub fn resolve(
+        &self,
+        place: impl Fn(&str) -> (PathBuf, String),
+    ) -> Result<(SocketAddr, Access), Vec<Fault>> {
         let mut faults = Vec::new();
         let mut report = |key: &str, problem: String, remedy: String| {
             let (file, place) = place(key);
@@ -54,29 +63,52 @@ impl ServeConfig {
         });
         let token = self.token_file.as_deref().and_then(|file| {
             let read = access::read_token(file);
-            read.map_err(|(problem, remedy)| report("token_file", format!("{} {problem}", file.display()), remedy)).ok()
+            read.map_err(|(problem, remedy)| {
+                report(
+                    "token_file",
+                    format!("{} {problem}", file.display()),
+                    remedy,
+                )
+            })
+            .ok()
         });
         if self.token_file.is_none() && address.is_ok_and(|address| !address.ip().is_loopback()) {
-            let problem = format!("{}: everybody on that network could read the store", self.listen);
-            report("listen", problem, "add a token (token_file, --token-file FILE), or listen on 127.0.0.1".into());
+            let problem = format!(
+                "{}: everybody on that network could read the store",
+                self.listen
+            );
+            report(
+                "listen",
+                problem,
+                "add a token (token_file, --token-file FILE), or listen on 127.0.0.1".into(),
+            );
         }
         let tls = match (&self.certificate, &self.key) {
             (Some(certificate), Some(key)) => tls::tls_acceptor(certificate, key)
                 .map_err(|(file, (problem, remedy))| {
-                    report("certificate", format!("{} {problem}", file.display()), remedy)
+                    report(
+                        "certificate",
+                        format!("{} {problem}", file.display()),
+                        remedy,
+                    )
                 })
                 .ok(),
             (None, None) => None,
             _ => {
                 let remedy = "give both or neither";
-                report("certificate", "certificate and key must be given together".into(), remedy.into());
+                report(
+                    "certificate",
+                    "certificate and key must be given together".into(),
+                    remedy.into(),
+                );
                 None
             }
         };
         match address {
-            Ok(address) if faults.is_empty() => {
-                Ok((address, Access::new(token.as_deref(), self.hosts.clone()).with_tls(tls)))
-            }
+            Ok(address) if faults.is_empty() => Ok((
+                address,
+                Access::new(token.as_deref(), self.hosts.clone()).with_tls(tls),
+            )),
             _ => Err(faults),
         }
     }

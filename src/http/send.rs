@@ -52,8 +52,21 @@ pub struct Content {
 
 impl Content {
     /// Creates a content of a single part.
-    pub fn from_source(length: u64, source: ContentSource, digest: String, kind: &'static str, by_range: bool) -> Self {
-        Self { parts: vec![(length, source)], digest, kind, save_as: None, by_range, permit: None }
+    pub fn from_source(
+        length: u64,
+        source: ContentSource,
+        digest: String,
+        kind: &'static str,
+        by_range: bool,
+    ) -> Self {
+        Self {
+            parts: vec![(length, source)],
+            digest,
+            kind,
+            save_as: None,
+            by_range,
+            permit: None,
+        }
     }
 
     fn total_length(&self) -> u64 {
@@ -67,15 +80,28 @@ impl Content {
             return self.build_response_head(StatusCode::NOT_MODIFIED, &etag, None, None);
         }
         // A range of an outdated state would not fit: then the full content is sent.
-        let same = headers.get(header::IF_RANGE).is_none_or(|value| value == etag.as_str());
+        let same = headers
+            .get(header::IF_RANGE)
+            .is_none_or(|value| value == etag.as_str());
         // Ranges are defined for GET only (RFC 9110, 14.2).
         let allowed = self.by_range && same && method == Method::GET;
-        let range = headers.get(header::RANGE).filter(|_| allowed).and_then(|range| range.to_str().ok());
+        let range = headers
+            .get(header::RANGE)
+            .filter(|_| allowed)
+            .and_then(|range| range.to_str().ok());
         match range.map_or(RequestedRange::Full, |range| parse_range(range, length)) {
-            RequestedRange::Full => self.stream_range(method, StatusCode::OK, &etag, (0, length), None),
+            RequestedRange::Full => {
+                self.stream_range(method, StatusCode::OK, &etag, (0, length), None)
+            }
             RequestedRange::Part(from, to) => {
                 let range = format!("bytes {from}-{}/{length}", to - 1);
-                self.stream_range(method, StatusCode::PARTIAL_CONTENT, &etag, (from, to), Some(range))
+                self.stream_range(
+                    method,
+                    StatusCode::PARTIAL_CONTENT,
+                    &etag,
+                    (from, to),
+                    Some(range),
+                )
             }
             RequestedRange::Beyond => {
                 let range = Some(format!("bytes */{length}"));
@@ -140,7 +166,10 @@ impl Content {
             set(header::CONTENT_LENGTH, length.to_string())?;
         }
         if let Some(name) = &self.save_as {
-            set(header::CONTENT_DISPOSITION, format!("attachment; filename=\"{name}\""))?;
+            set(
+                header::CONTENT_DISPOSITION,
+                format!("attachment; filename=\"{name}\""),
+            )?;
         }
         Ok(response)
     }
@@ -154,7 +183,10 @@ pub fn is_cached(headers: &HeaderMap, digest: &str) -> bool {
 /// Returns whether a header names this ETag. A weak ETag of the same bytes also matches: proxies weaken the ETag of
 /// compressed content (RFC 9110, 13.1.2).
 fn has_etag(headers: &HeaderMap, name: HeaderName, etag: &str) -> bool {
-    let values = headers.get_all(name).into_iter().filter_map(|value| value.to_str().ok());
+    let values = headers
+        .get_all(name)
+        .into_iter()
+        .filter_map(|value| value.to_str().ok());
     let mut values = values.flat_map(|value| value.split(',')).map(str::trim);
     values.any(|value| value == "*" || value.strip_prefix("W/").unwrap_or(value) == etag)
 }
@@ -171,10 +203,17 @@ enum RequestedRange {
 }
 
 fn parse_range(range: &str, length: u64) -> RequestedRange {
-    let set = range.split_once('=').filter(|(unit, _)| unit.trim().eq_ignore_ascii_case("bytes"));
-    let mut ranges = set.map_or("", |(_, set)| set).split(',').map(str::trim).filter(|range| !range.is_empty());
+    let set = range
+        .split_once('=')
+        .filter(|(unit, _)| unit.trim().eq_ignore_ascii_case("bytes"));
+    let mut ranges = set
+        .map_or("", |(_, set)| set)
+        .split(',')
+        .map(str::trim)
+        .filter(|range| !range.is_empty());
     let one = ranges.next().filter(|_| ranges.next().is_none());
-    one.and_then(|range| parse_single_range(range, length)).unwrap_or(RequestedRange::Full)
+    one.and_then(|range| parse_single_range(range, length))
+        .unwrap_or(RequestedRange::Full)
 }
 
 /// Parses a single range; `None` if the syntax is invalid.
@@ -187,14 +226,26 @@ fn parse_single_range(range: &str, length: u64) -> Option<RequestedRange> {
     };
     if from.is_empty() {
         let last = number(to)?.min(length);
-        return Some(if last > 0 { RequestedRange::Part(length - last, length) } else { RequestedRange::Beyond });
+        return Some(if last > 0 {
+            RequestedRange::Part(length - last, length)
+        } else {
+            RequestedRange::Beyond
+        });
     }
     let from = number(from)?;
-    let end = if to.is_empty() { length } else { number(to)?.saturating_add(1).min(length) };
+    let end = if to.is_empty() {
+        length
+    } else {
+        number(to)?.saturating_add(1).min(length)
+    };
     if !to.is_empty() && number(to)? < from {
         return None;
     }
-    Some(if from < end { RequestedRange::Part(from, end) } else { RequestedRange::Beyond })
+    Some(if from < end {
+        RequestedRange::Part(from, end)
+    } else {
+        RequestedRange::Beyond
+    })
 }
 
 /// Sends the bytes from `from` to `to`. A slow client takes no thread: one is used only while a piece is read.
@@ -214,27 +265,41 @@ async fn send_range(
             chunk.extend_from_slice(&read_piece(&source, at - begin, until - begin).await?);
             at = until;
             if chunk.len() == CHUNK_BYTES {
-                sender.send(Ok(std::mem::take(&mut chunk).into())).await.map_err(gone)?;
+                sender
+                    .send(Ok(std::mem::take(&mut chunk).into()))
+                    .await
+                    .map_err(gone)?;
             }
         }
         begin = end;
     }
-    if chunk.is_empty() { Ok(()) } else { sender.send(Ok(chunk.into())).await.map_err(gone) }
+    if chunk.is_empty() {
+        Ok(())
+    } else {
+        sender.send(Ok(chunk.into())).await.map_err(gone)
+    }
 }
 
 /// Reads exactly the bytes `from` to `to` of a part; fewer available bytes are an error.
 async fn read_piece(source: &ContentSource, from: u64, to: u64) -> io::Result<Bytes> {
     let place = |at: u64| usize::try_from(at).unwrap_or(usize::MAX);
     match source {
-        ContentSource::Bytes(bytes) if place(to) <= bytes.len() => Ok(bytes.slice(place(from)..place(to))),
+        ContentSource::Bytes(bytes) if place(to) <= bytes.len() => {
+            Ok(bytes.slice(place(from)..place(to)))
+        }
         ContentSource::Bytes(_) => Err(io::ErrorKind::UnexpectedEof.into()),
         ContentSource::File(path) => {
             let path = path.clone();
             let read = tokio::task::spawn_blocking(move || {
-                let named = |e: io::Error| io::Error::new(e.kind(), format!("{}: {e}", path.display()));
-                let bytes = RealDisk.read_range(&path, from, place(to - from)).map_err(named)?;
+                let named =
+                    |e: io::Error| io::Error::new(e.kind(), format!("{}: {e}", path.display()));
+                let bytes = RealDisk
+                    .read_range(&path, from, place(to - from))
+                    .map_err(named)?;
                 let whole = bytes.len() as u64 == to - from;
-                whole.then(|| bytes.into()).ok_or_else(|| named(io::ErrorKind::UnexpectedEof.into()))
+                whole
+                    .then(|| bytes.into())
+                    .ok_or_else(|| named(io::ErrorKind::UnexpectedEof.into()))
             });
             read.await?
         }
@@ -248,8 +313,13 @@ impl http_body::Body for ChunkBody {
     type Data = Bytes;
     type Error = io::Error;
 
-    fn poll_frame(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<io::Result<Frame<Bytes>>>> {
-        self.0.poll_recv(context).map(|chunk| chunk.map(|chunk| chunk.map(Frame::data)))
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<io::Result<Frame<Bytes>>>> {
+        self.0
+            .poll_recv(context)
+            .map(|chunk| chunk.map(|chunk| chunk.map(Frame::data)))
     }
 }
 
@@ -270,7 +340,11 @@ mod tests {
             ("bytes= 1-2", 1, 3),
             ("bytes=,1-2 ,", 1, 3),
         ] {
-            assert_eq!(parse_range(range, 100), RequestedRange::Part(from, to), "{range}");
+            assert_eq!(
+                parse_range(range, 100),
+                RequestedRange::Part(from, to),
+                "{range}"
+            );
         }
         for beyond in ["bytes=100-", "bytes=-0", "bytes=99999999999999999999-"] {
             assert_eq!(parse_range(beyond, 100), RequestedRange::Beyond, "{beyond}");

@@ -84,7 +84,13 @@ pub(super) async fn accept_connections(
 }
 
 /// Serves one connection to its end. A client that disconnects is not an error.
-async fn serve_connection(app: Router, access: &Access, stream: TcpStream, peer: SocketAddr, watcher: Watcher) {
+async fn serve_connection(
+    app: Router,
+    access: &Access,
+    stream: TcpStream,
+    peer: SocketAddr,
+    watcher: Watcher,
+) {
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(WRITE_TIMEOUT));
     let stream = Box::pin(stream);

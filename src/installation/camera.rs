@@ -95,9 +95,15 @@ const FOREIGN_EXTENSIONS: [&str; 5] = ["yaml", "yml", "xml", "json", "cameramode
 pub(crate) fn read_camera(reader: &mut Reader, name: impl AsRef<Path>) -> Option<CameraFile> {
     let remedy = "write it with `wingd calibrate`, or name the right file in camera.calibration";
     let (file, text) = reader.read_text(&name, remedy)?;
-    if file.extension().is_some_and(|ending| FOREIGN_EXTENSIONS.iter().any(|other| ending.eq_ignore_ascii_case(other)))
-    {
-        let remedy = format!("convert it: wingd convert {} camera.toml", printable_path(&file));
+    if file.extension().is_some_and(|ending| {
+        FOREIGN_EXTENSIONS
+            .iter()
+            .any(|other| ending.eq_ignore_ascii_case(other))
+    }) {
+        let remedy = format!(
+            "convert it: wingd convert {} camera.toml",
+            printable_path(&file)
+        );
         reader.fault(&file, "file", "is not a camera.toml", remedy);
         return None;
     }
@@ -105,12 +111,22 @@ pub(crate) fn read_camera(reader: &mut Reader, name: impl AsRef<Path>) -> Option
     let before = reader.faults.len();
     for (key, side) in [("width", table.width), ("height", table.height)] {
         if !(1..=MAX_SIDE).contains(&side) {
-            reader.fault(&file, key, format!("is {side} px"), "give the size of the frames in pixels");
+            reader.fault(
+                &file,
+                key,
+                format!("is {side} px"),
+                "give the size of the frames in pixels",
+            );
         }
     }
     for (key, f) in [("fx", table.fx), ("fy", table.fy)] {
         if !(f.is_finite() && f > 0.0) {
-            reader.fault(&file, key, format!("is {f} px"), "give the camera constant in pixels, above 0");
+            reader.fault(
+                &file,
+                key,
+                format!("is {f} px"),
+                "give the camera constant in pixels, above 0",
+            );
         }
     }
     let lens = Lens {
@@ -130,19 +146,34 @@ pub(crate) fn read_camera(reader: &mut Reader, name: impl AsRef<Path>) -> Option
     let parameters = lens.parameters();
     let named = Lens::PARAMETERS.into_iter().chain(["k4", "k5", "k6"]);
     let values = parameters.iter().copied().chain(lens.denominator);
-    for (key, value) in named.zip(values).skip(2).filter(|(_, value)| !value.is_finite()) {
+    for (key, value) in named
+        .zip(values)
+        .skip(2)
+        .filter(|(_, value)| !value.is_finite())
+    {
         reader.fault(&file, key, format!("is {value}"), "give a finite number");
     }
     if reader.faults.len() > before {
         return None;
     }
     if let Err(error) = lens.check_edge() {
-        reader.fault(&file, "k1 to p2", error.to_string(), "calibrate again with points up to the corners");
+        reader.fault(
+            &file,
+            "k1 to p2",
+            error.to_string(),
+            "calibrate again with points up to the corners",
+        );
     }
-    let (of_calibration, accepted) = table.calibration.map_or((None, None), |c| (c.covariance, c.accepted));
+    let (of_calibration, accepted) = table
+        .calibration
+        .map_or((None, None), |c| (c.covariance, c.accepted));
     let given = table.covariance.or(of_calibration);
     let covariance = given.and_then(|rows| parse_covariance(reader, &file, &rows));
-    Some(CameraFile { lens, covariance, accepted })
+    Some(CameraFile {
+        lens,
+        covariance,
+        accepted,
+    })
 }
 
 /// Reads a camera file alone (`camera.toml`).
@@ -154,8 +185,15 @@ pub fn load_camera(file: &Path) -> Result<Lens, Vec<Fault>> {
 }
 
 /// Parses a covariance: 9 x 9, finite, with possible variances and correlations.
-fn parse_covariance(reader: &mut Reader, file: &Path, rows: &[Vec<f64>]) -> Option<SMatrix<f64, 9, 9>> {
-    let square = rows.len() == 9 && rows.iter().all(|r| r.len() == 9 && r.iter().all(|v| v.is_finite()));
+fn parse_covariance(
+    reader: &mut Reader,
+    file: &Path,
+    rows: &[Vec<f64>],
+) -> Option<SMatrix<f64, 9, 9>> {
+    let square = rows.len() == 9
+        && rows
+            .iter()
+            .all(|r| r.len() == 9 && r.iter().all(|v| v.is_finite()));
     let matrix = square.then(|| {
         let m = SMatrix::<f64, 9, 9>::from_fn(|i, j| rows[i][j]);
         (m + m.transpose()) * 0.5
@@ -167,16 +205,24 @@ fn parse_covariance(reader: &mut Reader, file: &Path, rows: &[Vec<f64>]) -> Opti
     });
     // Rounding in the file may leave eigenvalues a little below 0.
     if correlations.is_none_or(|c| c.symmetric_eigenvalues().min() < -1e-6) {
-        let remedy =
-            "give 9 rows of 9 numbers in the order fx fy cx cy k1 k2 k3 p1 p2, as `wingd calibrate` writes them";
-        reader.fault(file, "covariance", "is not a covariance of nine parameters", remedy);
+        let remedy = "give 9 rows of 9 numbers in the order fx fy cx cy k1 k2 k3 p1 p2, as `wingd calibrate` writes them";
+        reader.fault(
+            file,
+            "covariance",
+            "is not a covariance of nine parameters",
+            remedy,
+        );
         return None;
     }
     matrix
 }
 
 /// Writes `camera.toml` with the result of a calibration.
-pub fn write_camera(file: &Path, lens: &Lens, report: Option<&CalibrationReport>) -> std::io::Result<()> {
+pub fn write_camera(
+    file: &Path,
+    lens: &Lens,
+    report: Option<&CalibrationReport>,
+) -> std::io::Result<()> {
     let mut text = format!("width = {}\nheight = {}\n", lens.width, lens.height);
     for (name, value) in Lens::PARAMETERS.iter().zip(&lens.parameters()) {
         let _ = writeln!(text, "{name} = {value:?}");
@@ -186,21 +232,43 @@ pub fn write_camera(file: &Path, lens: &Lens, report: Option<&CalibrationReport>
         let _ = writeln!(text, "k4 = {k4:?}\nk5 = {k5:?}\nk6 = {k6:?}");
     }
     if let Some(r) = report {
-        let _ = writeln!(text, "\n[calibration]\nrms_px = {:?}\nimages_used = {}", r.rms_px, r.images_used);
-        let _ = writeln!(text, "images_rejected = {}\nobservations = {}", r.images_rejected, r.observations);
-        let _ = writeln!(text, "verdict = {:?}\nprojection_sigma_px = {:?}", r.verdict, r.projection_sigma_px);
+        let _ = writeln!(
+            text,
+            "\n[calibration]\nrms_px = {:?}\nimages_used = {}",
+            r.rms_px, r.images_used
+        );
+        let _ = writeln!(
+            text,
+            "images_rejected = {}\nobservations = {}",
+            r.images_rejected, r.observations
+        );
+        let _ = writeln!(
+            text,
+            "verdict = {:?}\nprojection_sigma_px = {:?}",
+            r.verdict, r.projection_sigma_px
+        );
         if let Some(reason) = &r.accepted {
             let _ = writeln!(text, "accepted = {}", toml::Value::from(reason.as_str()));
         }
-        let _ = writeln!(text, "board_bow_m = {:?}\nboard_bow_sigma_m = {:?}", r.board_bow_m, r.board_bow_sigma_m);
+        let _ = writeln!(
+            text,
+            "board_bow_m = {:?}\nboard_bow_sigma_m = {:?}",
+            r.board_bow_m, r.board_bow_sigma_m
+        );
         if let Some([stretch, sigma]) = r.board_stretch {
-            let _ = writeln!(text, "board_stretch = {stretch:?}\nboard_stretch_sigma = {sigma:?}");
+            let _ = writeln!(
+                text,
+                "board_stretch = {stretch:?}\nboard_stretch_sigma = {sigma:?}"
+            );
         }
         if let Some(halves) = r.halves_px {
             let _ = writeln!(text, "halves_px = {halves:?}");
         }
-        let sigma: Vec<String> =
-            Lens::PARAMETERS.iter().zip(r.sigma).filter_map(|(n, s)| Some(format!("{n} = {:?}", s?))).collect();
+        let sigma: Vec<String> = Lens::PARAMETERS
+            .iter()
+            .zip(r.sigma)
+            .filter_map(|(n, s)| Some(format!("{n} = {:?}", s?)))
+            .collect();
         let _ = writeln!(text, "sigma = {{ {} }}\ncovariance = [", sigma.join(", "));
         for row in &r.covariance {
             let _ = writeln!(text, "  {row:?},");

@@ -26,7 +26,12 @@ impl Fault {
         problem: impl Into<String>,
         remedy: impl Into<String>,
     ) -> Self {
-        Self { file: file.into(), place: place.into(), problem: problem.into(), remedy: remedy.into() }
+        Self {
+            file: file.into(),
+            place: place.into(),
+            problem: problem.into(),
+            remedy: remedy.into(),
+        }
     }
 }
 
@@ -55,28 +60,57 @@ fn place_in_file(line: u64, key: &str) -> String {
 
 impl KeyFault {
     /// Creates the error of a key.
-    pub fn new(key: impl Into<String>, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self { line: 0, key: key.into(), problem: problem.into(), remedy: remedy.into() }
+    pub fn new(
+        key: impl Into<String>,
+        problem: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self {
+            line: 0,
+            key: key.into(),
+            problem: problem.into(),
+            remedy: remedy.into(),
+        }
     }
 
     /// Creates the error of a key on a line; line 0 and an empty key are those of the whole file.
-    pub fn on_line(line: u64, key: &str, problem: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self { line, ..Self::new(key, problem, remedy) }
+    pub fn on_line(
+        line: u64,
+        key: &str,
+        problem: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self {
+            line,
+            ..Self::new(key, problem, remedy)
+        }
     }
 
     /// Returns errors for the violated rules of a section, each given as (holds, key, problem, remedy).
     pub fn from_rules(section: &str, rules: &[(bool, &str, &str, &str)]) -> Vec<Self> {
         let broken = rules.iter().filter(|(holds, ..)| !holds);
-        broken.map(|(_, key, problem, remedy)| Self::new(format!("{section}.{key}"), *problem, *remedy)).collect()
+        broken
+            .map(|(_, key, problem, remedy)| {
+                Self::new(format!("{section}.{key}"), *problem, *remedy)
+            })
+            .collect()
     }
 
     /// Prefixes the key with the name of the enclosing section.
     pub fn with_section(self, section: &str) -> Self {
-        Self { key: format!("{section}.{}", self.key), ..self }
+        Self {
+            key: format!("{section}.{}", self.key),
+            ..self
+        }
     }
 
     /// Converts it into an error of the file that contains the key.
     pub fn into_fault(self, file: &Path) -> Fault {
-        Fault::new(file, place_in_file(self.line, &self.key), self.problem, self.remedy)
+        Fault::new(
+            file,
+            place_in_file(self.line, &self.key),
+            self.problem,
+            self.remedy,
+        )
     }
 }

@@ -86,7 +86,10 @@ impl StoredFlightPrior {
     /// Returns an error if they do not have the same unknowns.
     pub fn from_flights(sources: Vec<PriorFlight>, setup: &Setup) -> Result<Self, AdjustError> {
         let together = combined_prior(sources.iter(), setup)?;
-        Ok(Self { flights: sources, combined: together })
+        Ok(Self {
+            flights: sources,
+            combined: together,
+        })
     }
 
     /// Returns the number of flights in words.
@@ -99,7 +102,10 @@ impl StoredFlightPrior {
 
     /// Returns the flights that contain one of these frames (SHA-256).
     pub fn flights_with_frames<'a>(&'a self, frames: &[&str]) -> Vec<&'a PriorFlight> {
-        self.flights.iter().filter(|source| frames.iter().any(|frame| source.has_frame(frame))).collect()
+        self.flights
+            .iter()
+            .filter(|source| frames.iter().any(|frame| source.has_frame(frame)))
+            .collect()
     }
 
     /// Combines the contributions of all flights except those that contain one of these frames, so that nothing is counted
@@ -110,7 +116,12 @@ impl StoredFlightPrior {
             return self.combined.clone();
         }
         // A subset of regular contributions is regular too.
-        combined_prior(self.flights.iter().filter(|source| !own.contains(source)), setup).ok().flatten()
+        combined_prior(
+            self.flights.iter().filter(|source| !own.contains(source)),
+            setup,
+        )
+        .ok()
+        .flatten()
     }
 }
 
@@ -125,9 +136,14 @@ fn combined_prior<'a>(
 
 /// Selects the files that the prior depends on: camera, survey, orientation and installation.toml.
 fn bound_files(sources: &[String; 2], digests: &[(String, String)]) -> BTreeMap<String, String> {
-    let is_bound =
-        |name: &str| [INSTALLATION_FILE, ORIENTATION_FILE].contains(&name) || sources.iter().any(|s| s == name);
-    digests.iter().filter(|(name, _)| is_bound(name)).cloned().collect()
+    let is_bound = |name: &str| {
+        [INSTALLATION_FILE, ORIENTATION_FILE].contains(&name) || sources.iter().any(|s| s == name)
+    };
+    digests
+        .iter()
+        .filter(|(name, _)| is_bound(name))
+        .cloned()
+        .collect()
 }
 
 /// Remedy for every error of the file.
@@ -149,7 +165,12 @@ pub(super) fn read_flight_prior(
     let document: FlightPriorDocument = match serde_json::from_str(&text) {
         Ok(document) => document,
         Err(error) => {
-            reader.fault(&file, "file", format!("was not written by `wingd learn` ({error})"), RELEARN_REMEDY);
+            reader.fault(
+                &file,
+                "file",
+                format!("was not written by `wingd learn` ({error})"),
+                RELEARN_REMEDY,
+            );
             return None;
         }
     };
@@ -169,41 +190,92 @@ pub(super) fn read_flight_prior(
 type PlacedProblem = (&'static str, String);
 
 /// Returns why the prior does not apply to the present installation.
-fn find_mismatch(document: &FlightPriorDocument, now: &BTreeMap<String, String>) -> Option<PlacedProblem> {
+fn find_mismatch(
+    document: &FlightPriorDocument,
+    now: &BTreeMap<String, String>,
+) -> Option<PlacedProblem> {
     if document.format != FORMAT {
-        return Some(("format", format!("is {}, but this program reads {FORMAT}", document.format)));
+        return Some((
+            "format",
+            format!("is {}, but this program reads {FORMAT}", document.format),
+        ));
     }
     let changed: Vec<&str> = now
         .iter()
         .filter(|(name, digest)| document.made_with.get(*name) != Some(digest))
         .map(|(name, _)| name.as_str())
         .collect();
-    let gone = document.made_with.keys().filter(|name| !now.contains_key(*name)).map(String::as_str);
+    let gone = document
+        .made_with
+        .keys()
+        .filter(|name| !now.contains_key(*name))
+        .map(String::as_str);
     let names: Vec<&str> = changed.into_iter().chain(gone).collect();
-    let problem = format!("{} changed since the prior was computed", names.join(" and "));
+    let problem = format!(
+        "{} changed since the prior was computed",
+        names.join(" and ")
+    );
     (!names.is_empty()).then_some(("made_with", problem))
 }
 
-fn prior_from_document(document: FlightPriorDocument, setup: &Setup) -> Result<StoredFlightPrior, PlacedProblem> {
+fn prior_from_document(
+    document: FlightPriorDocument,
+    setup: &Setup,
+) -> Result<StoredFlightPrior, PlacedProblem> {
     let index = |id: &str| setup.markers.iter().position(|marker| marker.id == id);
-    let sigmas = DVector::from_iterator(document.unknowns.len(), document.unknowns.iter().map(|u| u.sigma));
+    let sigmas = DVector::from_iterator(
+        document.unknowns.len(),
+        document.unknowns.iter().map(|u| u.sigma),
+    );
     if !sigmas.iter().all(|sigma| sigma.is_finite() && *sigma > 0.0) {
-        return Err(("unknowns", "have a sigma that is not a positive number".into()));
+        return Err((
+            "unknowns",
+            "have a sigma that is not a positive number".into(),
+        ));
     }
     let unknown = |unknown: UnknownEntry| {
         let found = unknown.marker.as_deref().map(|id| index(id).ok_or(id));
-        let marker = found.transpose().map_err(|id| ("unknowns", format!("marker \"{id}\" is not in the survey")))?;
-        Ok(InvariantParameter { unknown: unknown.term, index: unknown.index, marker })
+        let marker = found
+            .transpose()
+            .map_err(|id| ("unknowns", format!("marker \"{id}\" is not in the survey")))?;
+        Ok(InvariantParameter {
+            unknown: unknown.term,
+            index: unknown.index,
+            marker,
+        })
     };
-    let unknowns: Vec<InvariantParameter> =
-        document.unknowns.into_iter().map(unknown).collect::<Result<_, PlacedProblem>>()?;
+    let unknowns: Vec<InvariantParameter> = document
+        .unknowns
+        .into_iter()
+        .map(unknown)
+        .collect::<Result<_, PlacedProblem>>()?;
     let source = |entry: FlightEntry| {
-        let normals = normals_from_entry(&unknowns, &sigmas, &entry)
-            .ok_or_else(|| ("sources", format!("{} does not have one number per unknown", entry.flight)))?;
-        let FlightEntry { store, flight, program, frames, .. } = entry;
-        Ok(PriorFlight { store, flight, program, frames, normals })
+        let normals = normals_from_entry(&unknowns, &sigmas, &entry).ok_or_else(|| {
+            (
+                "sources",
+                format!("{} does not have one number per unknown", entry.flight),
+            )
+        })?;
+        let FlightEntry {
+            store,
+            flight,
+            program,
+            frames,
+            ..
+        } = entry;
+        Ok(PriorFlight {
+            store,
+            flight,
+            program,
+            frames,
+            normals,
+        })
     };
-    let sources = document.sources.into_iter().map(source).collect::<Result<_, PlacedProblem>>()?;
+    let sources = document
+        .sources
+        .into_iter()
+        .map(source)
+        .collect::<Result<_, PlacedProblem>>()?;
     StoredFlightPrior::from_flights(sources, setup).map_err(|error| ("sources", error.to_string()))
 }
 
@@ -213,7 +285,11 @@ fn normals_from_entry(
     entry: &FlightEntry,
 ) -> Option<ReducedNormals> {
     let n = unknowns.len();
-    let finite = entry.normal.iter().chain(&entry.right).all(|value| value.is_finite());
+    let finite = entry
+        .normal
+        .iter()
+        .chain(&entry.right)
+        .all(|value| value.is_finite());
     if entry.right.len() != n || entry.normal.len() != n * (n + 1) / 2 || !finite {
         return None;
     }
@@ -237,8 +313,17 @@ fn normals_from_entry(
 ///
 /// # Errors
 /// Returns an error if the file cannot be written.
-pub fn write_flight_prior(installation: &Installation, prior: &StoredFlightPrior) -> std::io::Result<()> {
-    let id = |marker: usize| installation.setup.markers.get(marker).map(|m: &SurveyMarker| m.id.clone());
+pub fn write_flight_prior(
+    installation: &Installation,
+    prior: &StoredFlightPrior,
+) -> std::io::Result<()> {
+    let id = |marker: usize| {
+        installation
+            .setup
+            .markers
+            .get(marker)
+            .map(|m: &SurveyMarker| m.id.clone())
+    };
     let unknown = |(parameter, sigma): (&InvariantParameter, &f64)| UnknownEntry {
         term: parameter.unknown,
         index: parameter.index,
@@ -246,7 +331,9 @@ pub fn write_flight_prior(installation: &Installation, prior: &StoredFlightPrior
         sigma: *sigma,
     };
     let first = prior.flights.first().map(|source| &source.normals);
-    let unknowns = first.into_iter().flat_map(|first| first.unknowns.iter().zip(first.sigmas.iter()));
+    let unknowns = first
+        .into_iter()
+        .flat_map(|first| first.unknowns.iter().zip(first.sigmas.iter()));
     let entry = |source: &PriorFlight| {
         let n = source.normals.right.len();
         let row = |i: usize| (i..n).map(move |j| source.normals.normal[(i, j)]);
@@ -266,5 +353,8 @@ pub fn write_flight_prior(installation: &Installation, prior: &StoredFlightPrior
         sources: prior.flights.iter().map(entry).collect(),
     };
     let text = serde_json::to_string(&document)?;
-    write_atomically(&installation.directory.join(FLIGHT_PRIOR_FILE), &(text + "\n"))
+    write_atomically(
+        &installation.directory.join(FLIGHT_PRIOR_FILE),
+        &(text + "\n"),
+    )
 }

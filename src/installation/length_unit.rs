@@ -11,9 +11,24 @@ pub struct LengthUnit {
 
 /// Units in which surfaces and CAD models are given; the inch and the foot are the international ones.
 pub const LENGTH_UNITS: [LengthUnit; 5] = [
-    LengthUnit { name: "m", metres: 1.0 },
-    LengthUnit { name: "cm", metres: 0.01 },
-    LengthUnit { name: "mm", metres: 0.001 },
-    LengthUnit { name: "in", metres: 0.0254 },
-    LengthUnit { name: "ft", metres: 0.3048 },
+    LengthUnit {
+        name: "m",
+        metres: 1.0,
+    },
+    LengthUnit {
+        name: "cm",
+        metres: 0.01,
+    },
+    LengthUnit {
+        name: "mm",
+        metres: 0.001,
+    },
+    LengthUnit {
+        name: "in",
+        metres: 0.0254,
+    },
+    LengthUnit {
+        name: "ft",
+        metres: 0.3048,
+    },
 ];

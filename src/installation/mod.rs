@@ -60,7 +60,9 @@ pub use fault::{Fault, KeyFault};
 pub use flight_prior::{FLIGHT_PRIOR_FILE, PriorFlight, StoredFlightPrior, write_flight_prior};
 pub use length_unit::{LENGTH_UNITS, LengthUnit};
 pub use mountings::{Mountings, read_mountings};
-pub use observations::{ManualObservation, ManualPosition, POINT_SIGMA_PX, observations_text, read_observations};
+pub use observations::{
+    ManualObservation, ManualPosition, POINT_SIGMA_PX, observations_text, read_observations,
+};
 pub use orientation::write_orientation;
 pub use pending_file::{PendingFile, write_atomically};
 pub(crate) use reader::Reader;
@@ -121,8 +123,9 @@ impl Installation {
             let file = self.directory.join(name);
             let same = |bytes: &Vec<u8>| hex::encode(Sha256::digest(bytes)) == *digest;
             let bytes = std::fs::read(&file).ok().filter(same);
-            let bytes =
-                bytes.ok_or_else(|| Fault::new(file, "file", "has changed since it was read", "start again"))?;
+            let bytes = bytes.ok_or_else(|| {
+                Fault::new(file, "file", "has changed since it was read", "start again")
+            })?;
             Ok((name.clone(), bytes))
         };
         self.digests.iter().map(read).collect()
@@ -135,15 +138,26 @@ impl Installation {
 
     /// Takes the direction of the flow from the CAD model if the installation does not state it.
     fn with_flow_from_cad(mut self) -> Self {
-        self.setup.flow_direction = self.setup.flow_direction.or_else(|| Some(self.aft_direction()?.xy()));
+        self.setup.flow_direction = self
+            .setup
+            .flow_direction
+            .or_else(|| Some(self.aft_direction()?.xy()));
         self
     }
 
     /// Returns the orientation, or an error if there is none.
     pub fn require_orientation(&self) -> Result<&Orientation, Fault> {
         self.orientation.as_ref().ok_or_else(|| {
-            let remedy = format!("run `wingd orient --installation {} GROUND_FRAME`", self.directory.display());
-            Fault::new(self.directory.join(ORIENTATION_FILE), "file", "there is no orientation yet", remedy)
+            let remedy = format!(
+                "run `wingd orient --installation {} GROUND_FRAME`",
+                self.directory.display()
+            );
+            Fault::new(
+                self.directory.join(ORIENTATION_FILE),
+                "file",
+                "there is no orientation yet",
+                remedy,
+            )
         })
     }
 }
@@ -174,7 +188,9 @@ fn read_installation(directory: &Path, with_orientation: bool) -> Result<Install
         }
         _ => None,
     };
-    let cad = parts.as_ref().and_then(|parts| ties::estimate_transform(&mut reader, parts.cad.as_ref()?, &parts.setup));
+    let cad = parts
+        .as_ref()
+        .and_then(|parts| ties::estimate_transform(&mut reader, parts.cad.as_ref()?, &parts.setup));
     match parts {
         Some(parts) if reader.faults.is_empty() => Ok(Installation {
             directory: directory.into(),

@@ -20,7 +20,8 @@ impl Mountings {
     /// Returns a frame's mounting; its name may have more or less of the path than that in the file.
     pub fn find(&self, image: &str) -> Option<Mounting> {
         let ends = |long: &str, short: &str| {
-            long.strip_suffix(short).is_some_and(|rest| rest.is_empty() || rest.ends_with('/'))
+            long.strip_suffix(short)
+                .is_some_and(|rest| rest.is_empty() || rest.ends_with('/'))
         };
         let matches = |name: &&String| ends(name, image) || ends(image, name);
         let mut found = self.by_image.iter().filter(|(name, _)| matches(name));
@@ -37,7 +38,13 @@ pub fn read_mountings(file: &Path) -> Result<Mountings, Vec<Fault>> {
 }
 
 fn parse_mountings(reader: &mut Reader, name: &Path) -> Option<Mountings> {
-    let (_, lines) = read_table(reader, name, "name a file with the columns image,mounting", COLUMNS, &[])?;
+    let (_, lines) = read_table(
+        reader,
+        name,
+        "name a file with the columns image,mounting",
+        COLUMNS,
+        &[],
+    )?;
     let mut numbers: BTreeMap<String, usize> = BTreeMap::new();
     let mut mountings = Mountings::default();
     for line in lines {
@@ -57,7 +64,12 @@ fn parse_mountings(reader: &mut Reader, name: &Path) -> Option<Mountings> {
             _ => Mounting::Numbered(*numbers.entry(mounting.clone()).or_insert(next)),
         };
         if mountings.by_image.insert(image.clone(), assigned).is_some() {
-            line.cell_fault(reader, 0, format!("\"{image}\" occurs twice"), "keep one line per frame");
+            line.cell_fault(
+                reader,
+                0,
+                format!("\"{image}\" occurs twice"),
+                "keep one line per frame",
+            );
         }
     }
     Some(mountings)
@@ -78,7 +90,8 @@ mod tests {
 
     #[test]
     fn frames_are_found_by_any_part_of_their_path() {
-        let read = mountings("image,mounting\na/1.jpg,x\nb/1.jpg,y\n2.jpg,ground\nc/3.jpg,x\n").unwrap();
+        let read =
+            mountings("image,mounting\na/1.jpg,x\nb/1.jpg,y\n2.jpg,ground\nc/3.jpg,x\n").unwrap();
         assert_eq!(read.find("a/1.jpg"), Some(Mounting::Numbered(0)));
         assert_eq!(read.find("flights/b/1.jpg"), Some(Mounting::Numbered(1)));
         assert_eq!(read.find("1.jpg"), None, "two have that name");

@@ -7,7 +7,17 @@ use nalgebra::{Matrix2, Vector2};
 use super::{Fault, Reader, TableLine, read_table, text_cell};
 use crate::measure::setup::Setup;
 
-const COLUMNS: [&str; 9] = ["id", "u_px", "v_px", "sigma_px", "image", "sigma_v_px", "who", "when", "why"];
+const COLUMNS: [&str; 9] = [
+    "id",
+    "u_px",
+    "v_px",
+    "sigma_px",
+    "image",
+    "sigma_v_px",
+    "who",
+    "when",
+    "why",
+];
 /// Columns that may be missing: all but the first four.
 const OPTIONAL_COLUMNS: &[&str] = &["image", "sigma_v_px", "who", "when", "why"];
 /// Allowed standard deviations of manual measurements, px.
@@ -50,15 +60,27 @@ pub fn read_observations(file: &Path, setup: &Setup) -> Result<Vec<ManualObserva
 ///
 /// # Errors
 /// Returns an error if a line cannot be written as a record of a table.
-pub fn observations_text(observations: &[ManualObservation], setup: &Setup) -> std::io::Result<Vec<u8>> {
+pub fn observations_text(
+    observations: &[ManualObservation],
+    setup: &Setup,
+) -> std::io::Result<Vec<u8>> {
     let mut csv = csv::Writer::from_writer(vec![]);
     csv.write_record(COLUMNS)?;
     for o in observations {
-        let number =
-            |value: &dyn Fn(&ManualPosition) -> f64| o.place.as_ref().map_or(String::new(), |p| value(p).to_string());
+        let number = |value: &dyn Fn(&ManualPosition) -> f64| {
+            o.place
+                .as_ref()
+                .map_or(String::new(), |p| value(p).to_string())
+        };
         let id = setup.markers.get(o.marker).map_or("", |m| m.id.as_str());
-        let [id, image, who, when, why] =
-            [id, o.image.as_deref().unwrap_or_default(), &o.note[0], &o.note[1], &o.note[2]].map(text_cell);
+        let [id, image, who, when, why] = [
+            id,
+            o.image.as_deref().unwrap_or_default(),
+            &o.note[0],
+            &o.note[1],
+            &o.note[2],
+        ]
+        .map(text_cell);
         csv.write_record([
             &*id,
             &number(&|p| p.pixel.x),
@@ -71,10 +93,15 @@ pub fn observations_text(observations: &[ManualObservation], setup: &Setup) -> s
             &why,
         ])?;
     }
-    csv.into_inner().map_err(|error| std::io::Error::other(error.to_string()))
+    csv.into_inner()
+        .map_err(|error| std::io::Error::other(error.to_string()))
 }
 
-fn parse_observations(reader: &mut Reader, name: &Path, setup: &Setup) -> Option<Vec<ManualObservation>> {
+fn parse_observations(
+    reader: &mut Reader,
+    name: &Path,
+    setup: &Setup,
+) -> Option<Vec<ManualObservation>> {
     let remedy = "name a file with the columns id,u_px,v_px,sigma_px";
     let (_, lines) = read_table(reader, name, remedy, COLUMNS, OPTIONAL_COLUMNS)?;
     let mut found: Vec<ManualObservation> = vec![];
@@ -88,7 +115,12 @@ fn parse_observations(reader: &mut Reader, name: &Path, setup: &Setup) -> Option
                 line.cell_fault(reader, 0, problem, "name a marker of the survey");
             }
             Some(m) if found.iter().any(|o| o.marker == m && o.image == image) => {
-                line.cell_fault(reader, 0, format!("\"{id}\" occurs twice"), "keep one line per marker and image");
+                line.cell_fault(
+                    reader,
+                    0,
+                    format!("\"{id}\" occurs twice"),
+                    "keep one line per marker and image",
+                );
             }
             Some(_) => {}
         }
@@ -97,34 +129,59 @@ fn parse_observations(reader: &mut Reader, name: &Path, setup: &Setup) -> Option
             None
         } else {
             let is_point = marker.is_some_and(|m| setup.is_point(m));
-            let Some(place) = parse_position(reader, &line, setup, is_point) else { continue };
+            let Some(place) = parse_position(reader, &line, setup, is_point) else {
+                continue;
+            };
             Some(place)
         };
         let [.., who, when, why] = line.cells;
-        found.extend(marker.map(|marker| ManualObservation { image, marker, place, note: [who, when, why] }));
+        found.extend(marker.map(|marker| ManualObservation {
+            image,
+            marker,
+            place,
+            note: [who, when, why],
+        }));
     }
     Some(found)
 }
 
-fn parse_position(reader: &mut Reader, line: &TableLine<9>, setup: &Setup, is_point: bool) -> Option<ManualPosition> {
+fn parse_position(
+    reader: &mut Reader,
+    line: &TableLine<9>,
+    setup: &Setup,
+    is_point: bool,
+) -> Option<ManualPosition> {
     let [u, v, sigma_u] = if is_point && line.cells[3].is_empty() {
         let [u, v] = line.parse_numbers(reader, 1)?;
         [u, v, POINT_SIGMA_PX]
     } else {
         line.parse_numbers(reader, 1)?
     };
-    let sigma_v = if line.cells[5].is_empty() { sigma_u } else { line.parse_number(reader, 5)? };
+    let sigma_v = if line.cells[5].is_empty() {
+        sigma_u
+    } else {
+        line.parse_number(reader, 5)?
+    };
     let sigmas = [(3, sigma_u), (5, sigma_v)];
     // Both have one value if the second is not given.
-    if let Some((k, sigma)) = sigmas.into_iter().find(|(_, sigma)| !SIGMAS_PX.contains(sigma)) {
+    if let Some((k, sigma)) = sigmas
+        .into_iter()
+        .find(|(_, sigma)| !SIGMAS_PX.contains(sigma))
+    {
         line.check_range(reader, k, sigma, SIGMAS_PX, "px");
     }
     let (lens, pixel) = (&setup.lens, Vector2::new(u, v));
     if !lens.contains(&pixel) {
         let id = &line.cells[0];
-        let problem = format!("\"{id}\" is at ({u}, {v}) px, outside the image of {} x {} px", lens.width, lens.height);
+        let problem = format!(
+            "\"{id}\" is at ({u}, {v}) px, outside the image of {} x {} px",
+            lens.width, lens.height
+        );
         line.fault(reader, problem, "measure it again, or delete the line");
     }
     let covariance_px2 = Matrix2::new(sigma_u * sigma_u, 0.0, 0.0, sigma_v * sigma_v);
-    Some(ManualPosition { pixel, covariance_px2 })
+    Some(ManualPosition {
+        pixel,
+        covariance_px2,
+    })
 }

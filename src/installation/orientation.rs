@@ -76,7 +76,10 @@ pub(super) struct StoredOrientation {
 }
 
 /// Reads the orientation.
-pub(super) fn read_orientation(reader: &mut Reader, markers: &[SurveyMarker]) -> Option<StoredOrientation> {
+pub(super) fn read_orientation(
+    reader: &mut Reader,
+    markers: &[SurveyMarker],
+) -> Option<StoredOrientation> {
     if !reader.directory.join(ORIENTATION_FILE).exists() {
         return None;
     }
@@ -85,64 +88,134 @@ pub(super) fn read_orientation(reader: &mut Reader, markers: &[SurveyMarker]) ->
     let m = matrix_from_rows(&table.camera_from_survey);
     let defect = (m * m.transpose() - Matrix3::identity()).amax();
     if !(defect < ORTHONORMAL_TOLERANCE && m.determinant() > 0.0) {
-        let problem = format!("is not a rotation (largest defect {defect:.1e}, determinant {:.6})", m.determinant());
-        reader.fault(&file, "camera_from_survey", problem, "run `wingd orient` again");
+        let problem = format!(
+            "is not a rotation (largest defect {defect:.1e}, determinant {:.6})",
+            m.determinant()
+        );
+        reader.fault(
+            &file,
+            "camera_from_survey",
+            problem,
+            "run `wingd orient` again",
+        );
         return None;
     }
     let covariance_rad2 = table.covariance_rad2.as_ref().map(matrix_from_rows);
     if covariance_rad2.is_some_and(|c| !is_covariance(&c)) {
         let problem = "is not a covariance (finite, symmetric, positive variances)";
-        reader.fault(&file, "covariance_rad2", problem, "run `wingd orient` again");
+        reader.fault(
+            &file,
+            "covariance_rad2",
+            problem,
+            "run `wingd orient` again",
+        );
     }
-    let ground = table.ground.iter().filter_map(|s| parse_ground_observation(reader, &file, s, markers)).collect();
+    let ground = table
+        .ground
+        .iter()
+        .filter_map(|s| parse_ground_observation(reader, &file, s, markers))
+        .collect();
     // Rounding errors are removed so that products of rotations stay rotations.
     let svd = m.svd(true, true);
     let rotation = svd.u? * svd.v_t?;
     let camera_from_survey = Rotation3::from_matrix_unchecked(rotation);
     let index = |u: UnusedMarker| Some((markers.iter().position(|m| m.id == u.id)?, u.reason));
     let unused = table.unused.into_iter().filter_map(index).collect();
-    let templates = if table.point.is_empty() { Some(vec![]) } else { read_templates(reader, &table.point, markers) };
+    let templates = if table.point.is_empty() {
+        Some(vec![])
+    } else {
+        read_templates(reader, &table.point, markers)
+    };
     check_sources(reader, &file, &table.made_with);
     let templates = templates?;
-    let orientation = Orientation { camera_from_survey, covariance_rad2, ground, templates };
-    Some(StoredOrientation { orientation, unused, accepted: table.accepted })
+    let orientation = Orientation {
+        camera_from_survey,
+        covariance_rad2,
+        ground,
+        templates,
+    };
+    Some(StoredOrientation {
+        orientation,
+        unused,
+        accepted: table.accepted,
+    })
 }
 
 /// Reads the templates of points.
-fn read_templates(reader: &mut Reader, entries: &[PointEntry], markers: &[SurveyMarker]) -> Option<Vec<PointTemplate>> {
+fn read_templates(
+    reader: &mut Reader,
+    entries: &[PointEntry],
+    markers: &[SurveyMarker],
+) -> Option<Vec<PointTemplate>> {
     let remedy = "run `wingd orient` again with the ground frames";
     let (file, bytes) = reader.read_bytes(TEMPLATES_FILE, remedy)?;
     let side = TEMPLATE_SIDE_PX;
     let size = (side as u32, (side * entries.len()) as u32);
-    let decoder = PngDecoder::new(std::io::Cursor::new(bytes)).ok().filter(|decoder| decoder.dimensions() == size);
-    let Some(grey) = decoder.and_then(|decoder| DynamicImage::from_decoder(decoder).ok()).map(|i| i.to_luma8()) else {
-        let problem = format!("is not an image of {} templates of {side} px", entries.len());
+    let decoder = PngDecoder::new(std::io::Cursor::new(bytes))
+        .ok()
+        .filter(|decoder| decoder.dimensions() == size);
+    let Some(grey) = decoder
+        .and_then(|decoder| DynamicImage::from_decoder(decoder).ok())
+        .map(|i| i.to_luma8())
+    else {
+        let problem = format!(
+            "is not an image of {} templates of {side} px",
+            entries.len()
+        );
         reader.fault(&file, "file", problem, remedy);
         return None;
     };
     let template = |(entry, patch): (&PointEntry, &[u8])| {
-        let marker = markers.iter().position(|m| m.id == entry.id && m.shape == Shape::Point)?;
+        let marker = markers
+            .iter()
+            .position(|m| m.id == entry.id && m.shape == Shape::Point)?;
         let origin_px = [entry.left_px, entry.top_px];
         let place_px = Vector2::new(entry.u_px, entry.v_px);
-        let template = PointTemplate { marker, patch: Raster::new(side, side, patch.to_vec())?, origin_px, place_px };
+        let template = PointTemplate {
+            marker,
+            patch: Raster::new(side, side, patch.to_vec())?,
+            origin_px,
+            place_px,
+        };
         template.is_centred().then_some(template)
     };
-    let templates = entries.iter().zip(grey.as_raw().chunks_exact(side * side)).map(template);
+    let templates = entries
+        .iter()
+        .zip(grey.as_raw().chunks_exact(side * side))
+        .map(template);
     let found: Option<Vec<PointTemplate>> = templates.collect();
     if found.is_none() {
-        let problem = "has a place outside its template, or names a point that the survey does not have";
-        reader.fault(&reader.directory.join(ORIENTATION_FILE), "point", problem, remedy);
+        let problem =
+            "has a place outside its template, or names a point that the survey does not have";
+        reader.fault(
+            &reader.directory.join(ORIENTATION_FILE),
+            "point",
+            problem,
+            remedy,
+        );
     }
     found
 }
 
 /// Writes the image of the templates, and returns its SHA-256.
-fn write_templates(installation: &Installation, templates: &[PointTemplate]) -> std::io::Result<String> {
-    let (side, height) = (TEMPLATE_SIDE_PX as u32, (TEMPLATE_SIDE_PX * templates.len()) as u32);
-    let all: Vec<u8> = templates.iter().flat_map(|t| t.patch.luma()).copied().collect();
+fn write_templates(
+    installation: &Installation,
+    templates: &[PointTemplate],
+) -> std::io::Result<String> {
+    let (side, height) = (
+        TEMPLATE_SIDE_PX as u32,
+        (TEMPLATE_SIDE_PX * templates.len()) as u32,
+    );
+    let all: Vec<u8> = templates
+        .iter()
+        .flat_map(|t| t.patch.luma())
+        .copied()
+        .collect();
     let mut png = vec![];
     let encoder = PngEncoder::new(&mut png);
-    encoder.write_image(&all, side, height, ExtendedColorType::L8).map_err(std::io::Error::other)?;
+    encoder
+        .write_image(&all, side, height, ExtendedColorType::L8)
+        .map_err(std::io::Error::other)?;
     write_atomically(&installation.directory.join(TEMPLATES_FILE), &png)?;
     Ok(hex::encode(Sha256::digest(&png)))
 }
@@ -157,9 +230,17 @@ fn write_points(text: &mut String, installation: &Installation, templates: &[Poi
         "\n# Templates of points, in the order of {TEMPLATES_FILE}: origin in the ground frame, and place, px"
     );
     for template in templates {
-        let id = installation.setup.markers.get(template.marker).map_or("", |m| m.id.as_str());
+        let id = installation
+            .setup
+            .markers
+            .get(template.marker)
+            .map_or("", |m| m.id.as_str());
         let ([left, top], place) = (template.origin_px, template.place_px);
-        let _ = writeln!(text, "[[point]]\nid = {}\nleft_px = {left}\ntop_px = {top}", toml::Value::from(id));
+        let _ = writeln!(
+            text,
+            "[[point]]\nid = {}\nleft_px = {left}\ntop_px = {top}",
+            toml::Value::from(id)
+        );
         let _ = writeln!(text, "u_px = {:.5}\nv_px = {:.5}\n", place.x, place.y);
     }
 }
@@ -167,13 +248,22 @@ fn write_points(text: &mut String, installation: &Installation, templates: &[Poi
 /// Checks that camera and survey are those that the attitude was computed with.
 fn check_sources(reader: &mut Reader, file: &Path, made_with: &BTreeMap<String, String>) {
     for (name, digest) in made_with {
-        let now = reader.digests.iter().find(|(n, _)| n == name).map(|(_, d)| d);
+        let now = reader
+            .digests
+            .iter()
+            .find(|(n, _)| n == name)
+            .map(|(_, d)| d);
         if now != Some(digest) {
             let problem = match now {
                 Some(_) => format!("{name} has changed since this was computed with it"),
                 None => format!("was computed with {name}, which the installation no longer names"),
             };
-            reader.fault(file, "made_with", problem, "run `wingd orient` again with the ground frames");
+            reader.fault(
+                file,
+                "made_with",
+                problem,
+                "run `wingd orient` again with the ground frames",
+            );
         }
     }
 }
@@ -191,12 +281,21 @@ fn parse_ground_observation(
     let sound = finite && uu > 0.0 && covariance_px2.determinant() > 0.0;
     let problem = match (marker, sound) {
         (Some(marker), true) => {
-            return Some(Observation { marker, pixel: Vector2::new(s.u_px, s.v_px), covariance_px2 });
+            return Some(Observation {
+                marker,
+                pixel: Vector2::new(s.u_px, s.v_px),
+                covariance_px2,
+            });
         }
         (None, _) => "is not in the survey",
         (_, false) => "has no finite pixel with a positive covariance",
     };
-    reader.fault(file, "ground", format!("marker \"{}\" {problem}", s.id), "run `wingd orient` again");
+    reader.fault(
+        file,
+        "ground",
+        format!("marker \"{}\" {problem}", s.id),
+        "run `wingd orient` again",
+    );
     None
 }
 
@@ -217,19 +316,35 @@ pub fn write_orientation(
     accepted: Option<&str>,
 ) -> std::io::Result<()> {
     let m = fit.orientation.camera_from_survey.matrix();
-    let mut text = String::from("# Attitude of the camera on the ground, written by `wingd orient`.\n");
+    let mut text =
+        String::from("# Attitude of the camera on the ground, written by `wingd orient`.\n");
     let _ = writeln!(text, "camera_from_survey = {}", format_rows(m));
     if let Some(c) = &fit.orientation.covariance_rad2 {
-        let sigma: Vec<String> = (0..3).map(|k| format!("{:?}", 1e3 * c[(k, k)].sqrt())).collect();
+        let sigma: Vec<String> = (0..3)
+            .map(|k| format!("{:?}", 1e3 * c[(k, k)].sqrt()))
+            .collect();
         let _ = writeln!(text, "# small rotation about the camera's x, y, z axes");
-        let _ = writeln!(text, "sigma_mrad = [{}]\ncovariance_rad2 = {}", sigma.join(", "), format_rows(c));
+        let _ = writeln!(
+            text,
+            "sigma_mrad = [{}]\ncovariance_rad2 = {}",
+            sigma.join(", "),
+            format_rows(c)
+        );
     }
-    let _ = writeln!(text, "variance_factor = {:?}\nredundancy = {}", fit.variance_factor, fit.redundancy);
+    let _ = writeln!(
+        text,
+        "variance_factor = {:?}\nredundancy = {}",
+        fit.variance_factor, fit.redundancy
+    );
     if let Some(reason) = accepted {
         let _ = writeln!(text, "accepted = {}", toml::Value::from(reason));
     }
     text.push_str("\n# SHA-256 of the files it was computed with: another camera or survey needs another orientation\n[made_with]\n");
-    for (name, digest) in installation.digests.iter().filter(|(name, _)| installation.sources.contains(name)) {
+    for (name, digest) in installation
+        .digests
+        .iter()
+        .filter(|(name, _)| installation.sources.contains(name))
+    {
         let _ = writeln!(text, "{} = \"{digest}\"", toml::Value::from(name.as_str()));
     }
     if !fit.orientation.templates.is_empty() {
@@ -237,16 +352,37 @@ pub fn write_orientation(
         let _ = writeln!(text, "\"{TEMPLATES_FILE}\" = \"{digest}\"");
     }
     for (k, (name, digest)) in images.iter().enumerate() {
-        let _ = writeln!(text, "\n[[image]]\nname = {}\nsha256 = \"{digest}\"", toml::Value::from(name.as_str()));
-        let _ = writeln!(text, "# marker, residual u, v (observed - computed), px\nresiduals = [");
+        let _ = writeln!(
+            text,
+            "\n[[image]]\nname = {}\nsha256 = \"{digest}\"",
+            toml::Value::from(name.as_str())
+        );
+        let _ = writeln!(
+            text,
+            "# marker, residual u, v (observed - computed), px\nresiduals = ["
+        );
         for (_, marker, r) in fit.residuals.iter().filter(|(frame, _, _)| *frame == k) {
-            let id = installation.setup.markers.get(*marker).map_or("", |m| m.id.as_str());
-            let _ = writeln!(text, "  {{ id = {}, u_px = {:.4}, v_px = {:.4} }},", toml::Value::from(id), r.x, r.y);
+            let id = installation
+                .setup
+                .markers
+                .get(*marker)
+                .map_or("", |m| m.id.as_str());
+            let _ = writeln!(
+                text,
+                "  {{ id = {}, u_px = {:.4}, v_px = {:.4} }},",
+                toml::Value::from(id),
+                r.x,
+                r.y
+            );
         }
         text.push_str("]\n");
     }
     for (marker, reason) in fit.unused_markers(&installation.setup) {
-        let id = installation.setup.markers.get(marker).map_or("", |m| m.id.as_str());
+        let id = installation
+            .setup
+            .markers
+            .get(marker)
+            .map_or("", |m| m.id.as_str());
         let (id, reason) = (toml::Value::from(id), toml::Value::from(reason));
         let _ = writeln!(text, "\n[[unused]]\nid = {id}\nreason = {reason}");
     }
@@ -258,11 +394,21 @@ pub fn write_orientation(
 /// Writes the ground-frame observations, which the adjustment of flights refers to.
 fn write_ground(text: &mut String, installation: &Installation, ground: &[Observation]) {
     for s in ground {
-        let id = installation.setup.markers.get(s.marker).map_or("", |m| m.id.as_str());
+        let id = installation
+            .setup
+            .markers
+            .get(s.marker)
+            .map_or("", |m| m.id.as_str());
         let c = &s.covariance_px2;
         let _ = writeln!(text, "\n[[ground]]\nid = {}", toml::Value::from(id));
         let _ = writeln!(text, "u_px = {:.5}\nv_px = {:.5}", s.pixel.x, s.pixel.y);
-        let _ = writeln!(text, "covariance_px2 = [{:e}, {:e}, {:e}]", c[(0, 0)], c[(0, 1)], c[(1, 1)]);
+        let _ = writeln!(
+            text,
+            "covariance_px2 = [{:e}, {:e}, {:e}]",
+            c[(0, 0)],
+            c[(0, 1)],
+            c[(1, 1)]
+        );
     }
 }
 

@@ -40,7 +40,11 @@ impl PendingFile {
     /// Returns an error of the file system.
     pub fn create_output(file: &Path) -> io::Result<Self> {
         let in_place = file.symlink_metadata().is_ok_and(|there| !there.is_file());
-        if in_place { File::create(file).map(Self::InPlace) } else { Self::create(file) }
+        if in_place {
+            File::create(file).map(Self::InPlace)
+        } else {
+            Self::create(file)
+        }
     }
 
     /// Returns the file that is written.
@@ -56,8 +60,12 @@ impl PendingFile {
     /// # Errors
     /// Returns an error of the file system; the old file is unchanged then.
     pub fn commit(self) -> io::Result<()> {
-        let Self::Beside(temporary, file) = self else { return Ok(()) };
-        temporary.as_file().set_permissions(Permissions::from_mode(0o644))?;
+        let Self::Beside(temporary, file) = self else {
+            return Ok(());
+        };
+        temporary
+            .as_file()
+            .set_permissions(Permissions::from_mode(0o644))?;
         temporary.as_file().sync_all()?;
         temporary.persist(&file).map_err(|e| e.error)?;
         File::open(directory_of(&file))?.sync_all()
@@ -85,5 +93,7 @@ pub fn write_atomically(file: &Path, content: impl AsRef<[u8]>) -> io::Result<()
 }
 
 fn directory_of(file: &Path) -> &Path {
-    file.parent().filter(|directory| !directory.as_os_str().is_empty()).unwrap_or(Path::new("."))
+    file.parent()
+        .filter(|directory| !directory.as_os_str().is_empty())
+        .unwrap_or(Path::new("."))
 }

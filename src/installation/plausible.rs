@@ -45,16 +45,30 @@ fn check_units(reader: &mut Reader, file: &Path, survey: &Path, setup: &Setup) {
     let reach_m = points().map(|p| (p - mean).norm()).fold(0.0, f64::max);
     if reach_m > MAX_WING_LENGTH_M {
         let problem = format!("the markers are up to {:.0} m apart", 2.0 * reach_m);
-        reader.fault(survey, "columns x_m, y_m, z_m", problem, "give metres, not millimetres or feet");
+        reader.fault(
+            survey,
+            "columns x_m, y_m, z_m",
+            problem,
+            "give metres, not millimetres or feet",
+        );
         return;
     }
-    let nearest_m = points().map(|p| (p - setup.projection_centre_m).norm()).fold(f64::INFINITY, f64::min);
+    let nearest_m = points()
+        .map(|p| (p - setup.projection_centre_m).norm())
+        .fold(f64::INFINITY, f64::min);
     if nearest_m > MAX_WING_LENGTH_M {
         let apart_m = |survey: f64, centre: f64| {
-            points().map(|p| (p * survey - setup.projection_centre_m * centre).norm()).fold(f64::INFINITY, f64::min)
+            points()
+                .map(|p| (p * survey - setup.projection_centre_m * centre).norm())
+                .fold(f64::INFINITY, f64::min)
         };
-        let of_unit = |(name, m): &(&'static str, f64)| [(*name, "the survey", *m, 1.0), (*name, "it", 1.0, *m)];
-        let nearest = UNITS.iter().flat_map(of_unit).min_by(|a, b| apart_m(a.2, a.3).total_cmp(&apart_m(b.2, b.3)));
+        let of_unit = |(name, m): &(&'static str, f64)| {
+            [(*name, "the survey", *m, 1.0), (*name, "it", 1.0, *m)]
+        };
+        let nearest = UNITS
+            .iter()
+            .flat_map(of_unit)
+            .min_by(|a, b| apart_m(a.2, a.3).total_cmp(&apart_m(b.2, b.3)));
         let (problem, remedy) = (
             format!("is {nearest_m:.0} m from the nearest marker"),
             nearest.map_or(String::new(), |(name, which, survey, centre)| {
@@ -73,43 +87,77 @@ const MAX_TILT_DEG: f64 = 40.0;
 const MAX_FLATNESS: f64 = 0.5;
 
 /// Returns the principal axes of points with the sums of the squared distances from the mean along them.
-pub(super) fn principal_axes(points: impl Iterator<Item = Vector3<f64>> + Clone) -> SymmetricEigen<f64, U3> {
+pub(super) fn principal_axes(
+    points: impl Iterator<Item = Vector3<f64>> + Clone,
+) -> SymmetricEigen<f64, U3> {
     let mean = points.clone().sum::<Vector3<f64>>() / points.clone().count().max(1) as f64;
-    points.map(|p| (p - mean) * (p - mean).transpose()).sum::<Matrix3<f64>>().symmetric_eigen()
+    points
+        .map(|p| (p - mean) * (p - mean).transpose())
+        .sum::<Matrix3<f64>>()
+        .symmetric_eigen()
 }
 
 /// Checks that the markers are in a plane that is nearly horizontal.
 fn check_vertical(reader: &mut Reader, survey: &Path, setup: &Setup) {
-    let wing = || setup.markers.iter().filter(|m| !m.fixed).map(|m| m.position_m);
+    let wing = || {
+        setup
+            .markers
+            .iter()
+            .filter(|m| !m.fixed)
+            .map(|m| m.position_m)
+    };
     let axes = principal_axes(wing());
     let smallest = axes.eigenvalues.imin();
     // Of a single place all three are equal.
-    let middle = (0..3).find(|k| *k != smallest && *k != axes.eigenvalues.imax()).unwrap_or(smallest);
+    let middle = (0..3)
+        .find(|k| *k != smallest && *k != axes.eigenvalues.imax())
+        .unwrap_or(smallest);
     let normal = axes.eigenvectors.column(smallest);
     let flatness = (axes.eigenvalues[smallest].max(0.0) / axes.eigenvalues[middle]).sqrt();
     let tilt_deg = normal.z.abs().min(1.0).acos().to_degrees();
     if wing().count() > 3 && flatness < MAX_FLATNESS && tilt_deg > MAX_TILT_DEG {
         let up = ["x_m", "y_m", "z_m"][normal.iamax()];
-        let problem =
-            format!("the markers' plane is {tilt_deg:.0} degrees off the horizontal: {up} seems to be the height");
-        reader.fault(survey, "column z_m", problem, "give z upwards, here and in camera.projection_centre_m");
+        let problem = format!(
+            "the markers' plane is {tilt_deg:.0} degrees off the horizontal: {up} seems to be the height"
+        );
+        reader.fault(
+            survey,
+            "column z_m",
+            problem,
+            "give z upwards, here and in camera.projection_centre_m",
+        );
     }
 }
 
 /// Checks that the span points towards the markers.
 fn check_sign(reader: &mut Reader, file: &Path, setup: &Setup) {
     let wing = setup.wing_markers();
-    let (markers, behind) = (wing.len(), wing.iter().filter(|(_, point)| point.x < 0.0).count());
+    let (markers, behind) = (
+        wing.len(),
+        wing.iter().filter(|(_, point)| point.x < 0.0).count(),
+    );
     if 2 * behind > markers {
         let [dx, dy] = [setup.span_direction.x, setup.span_direction.y];
-        let problem = format!("is [{dx}, {dy}], but {behind} of {markers} markers are in the opposite direction");
+        let problem = format!(
+            "is [{dx}, {dy}], but {behind} of {markers} markers are in the opposite direction"
+        );
         let ahead_if_flipped = |axis: usize| {
             let mut flipped = setup.clone();
-            flipped.markers.iter_mut().for_each(|m| m.position_m[axis] *= -1.0);
-            2 * flipped.wing_markers().iter().filter(|(_, point)| point.x < 0.0).count() < markers
+            flipped
+                .markers
+                .iter_mut()
+                .for_each(|m| m.position_m[axis] *= -1.0);
+            2 * flipped
+                .wing_markers()
+                .iter()
+                .filter(|(_, point)| point.x < 0.0)
+                .count()
+                < markers
         };
         let axis = (0..2).find(|axis| ahead_if_flipped(*axis));
-        let sign = axis.map_or(String::new(), |axis| format!(" or the sign of {} in the survey", ["x_m", "y_m"][axis]));
+        let sign = axis.map_or(String::new(), |axis| {
+            format!(" or the sign of {} in the survey", ["x_m", "y_m"][axis])
+        });
         let remedy = format!(
             "it must point from the camera to the tip: try [{}, {}], or check camera.projection_centre_m{sign}",
             -dx, -dy
@@ -143,18 +191,35 @@ impl SpanSkew {
     /// Returns the angle between line and span; `None` if the markers form no line.
     pub(super) fn of_setup(setup: &Setup) -> Option<Self> {
         let along_z = setup.wing_frame().wing_from_survey.inverse() * Vector3::z();
-        let straight = |(k, p): (usize, Vector3<f64>)| setup.markers[k].position_m - along_z * setup.swept_m(p.x);
-        let points: Vec<Vector2<f64>> = setup.wing_markers().into_iter().map(|one| straight(one).xy()).collect();
+        let straight = |(k, p): (usize, Vector3<f64>)| {
+            setup.markers[k].position_m - along_z * setup.swept_m(p.x)
+        };
+        let points: Vec<Vector2<f64>> = setup
+            .wing_markers()
+            .into_iter()
+            .map(|one| straight(one).xy())
+            .collect();
         let mean = points.iter().sum::<Vector2<f64>>() / points.len().max(1) as f64;
-        let moments: Matrix2<f64> = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum();
+        let moments: Matrix2<f64> = points
+            .iter()
+            .map(|p| (p - mean) * (p - mean).transpose())
+            .sum();
         let axes = moments.symmetric_eigen();
         let longest = axes.eigenvalues.imax();
-        let (long, short) = (axes.eigenvalues[longest], axes.eigenvalues[1 - longest].max(0.0));
+        let (long, short) = (
+            axes.eigenvalues[longest],
+            axes.eigenvalues[1 - longest].max(0.0),
+        );
         if long <= MIN_ELONGATION * MIN_ELONGATION * short {
             return None;
         }
-        let (line, span) = (axes.eigenvectors.column(longest).into_owned(), setup.span_direction.normalize());
-        let by_places = (short / long / points.len().max(1) as f64).sqrt().to_degrees();
+        let (line, span) = (
+            axes.eigenvectors.column(longest).into_owned(),
+            setup.span_direction.normalize(),
+        );
+        let by_places = (short / long / points.len().max(1) as f64)
+            .sqrt()
+            .to_degrees();
         Some(Self {
             outboard: line * span.dot(&line).signum(),
             angle_deg: span.dot(&line).abs().min(1.0).acos().to_degrees(),
@@ -164,14 +229,26 @@ impl SpanSkew {
 
     /// Returns a warning about a span that contradicts the line of the markers.
     pub(super) fn warning(setup: &Setup, file: &Path) -> Option<Fault> {
-        Self::of_setup(setup).filter(|s| s.angle_deg > SKEW_SIGMAS * s.sigma_deg).map(|skew| skew.fault(file, setup))
+        Self::of_setup(setup)
+            .filter(|s| s.angle_deg > SKEW_SIGMAS * s.sigma_deg)
+            .map(|skew| skew.fault(file, setup))
     }
 
     fn fault(&self, file: &Path, setup: &Setup) -> Fault {
-        let Self { outboard, angle_deg, sigma_deg } = self;
+        let Self {
+            outboard,
+            angle_deg,
+            sigma_deg,
+        } = self;
         let [dx, dy] = [setup.span_direction.x, setup.span_direction.y];
-        let problem = format!("is [{dx}, {dy}], {angle_deg:.0} degrees off the line of the markers (± {sigma_deg:.1})");
-        let swept = if setup.sweeps().next().is_some() { " and wing.breaks.sweep_deg" } else { "" };
+        let problem = format!(
+            "is [{dx}, {dy}], {angle_deg:.0} degrees off the line of the markers (± {sigma_deg:.1})"
+        );
+        let swept = if setup.sweeps().next().is_some() {
+            " and wing.breaks.sweep_deg"
+        } else {
+            ""
+        };
         let remedy = format!(
             "give the direction along the wing from the root to the tip, about [{:.3}, {:.3}], or check the survey's x and y{swept}",
             outboard.x, outboard.y
@@ -183,9 +260,13 @@ impl SpanSkew {
 /// Checks that bending starts inboard of most markers.
 fn check_root(reader: &mut Reader, file: &Path, setup: &Setup) {
     let (wing, root_m) = (setup.wing_markers(), setup.root_offset_m);
-    let (markers, inboard) = (wing.len(), wing.iter().filter(|(_, point)| point.x <= root_m).count());
+    let (markers, inboard) = (
+        wing.len(),
+        wing.iter().filter(|(_, point)| point.x <= root_m).count(),
+    );
     if 2 * inboard > markers {
-        let problem = format!("is {root_m} m, but {inboard} of {markers} markers are inboard of it");
+        let problem =
+            format!("is {root_m} m, but {inboard} of {markers} markers are inboard of it");
         let remedy = "give the distance along the span from the camera to the bending root, m";
         reader.fault(file, "wing.root_offset_m", problem, remedy);
     }
@@ -199,29 +280,43 @@ const MARKERS_BESIDE_BREAK: usize = 2;
 fn check_breaks(reader: &mut Reader, file: &Path, setup: &Setup) {
     let (wing, most) = (setup.wing_markers(), MAX_BREAKS);
     if setup.breaks.len() > most {
-        let problem = format!("has {} breaks, at most {most} can be determined", setup.breaks.len());
+        let problem = format!(
+            "has {} breaks, at most {most} can be determined",
+            setup.breaks.len()
+        );
         reader.fault(file, "wing.breaks", problem, "give the largest ones");
     }
     if setup.side().is_none() && setup.sweeps().next().is_some() {
         let problem = "is given, but not on which side the wing is";
         reader.fault(file, "wing.breaks.sweep_deg", problem, "give wing.side");
     }
-    if let Some((span_m, _)) = setup.sweeps().find(|(span_m, _)| *span_m <= setup.root_offset_m) {
-        let problem = format!("is {span_m} m, inboard of the bending root at {} m", setup.root_offset_m);
+    if let Some((span_m, _)) = setup
+        .sweeps()
+        .find(|(span_m, _)| *span_m <= setup.root_offset_m)
+    {
+        let problem = format!(
+            "is {span_m} m, inboard of the bending root at {} m",
+            setup.root_offset_m
+        );
         let remedy = "leave its sweep_deg out, and give span_direction outboard of it";
         reader.fault(file, "wing.breaks.span_m", problem, remedy);
     }
-    let mut ends: Vec<f64> =
-        [f64::NEG_INFINITY, f64::INFINITY].into_iter().chain(setup.breaks.iter().map(|one| one.span_m)).collect();
+    let mut ends: Vec<f64> = [f64::NEG_INFINITY, f64::INFINITY]
+        .into_iter()
+        .chain(setup.breaks.iter().map(|one| one.span_m))
+        .collect();
     ends.sort_by(f64::total_cmp);
     for (from, to) in ends.iter().zip(ends.iter().skip(1)) {
-        let between = wing.iter().filter(|(_, point)| (*from..*to).contains(&point.x)).count();
+        let between = wing
+            .iter()
+            .filter(|(_, point)| (*from..*to).contains(&point.x))
+            .count();
         if ends.len() > 2 && between < MARKERS_BESIDE_BREAK {
             let at = if from.is_finite() { from } else { to };
-            let problem =
-                format!("is {at} m, but only {between} markers lie between it and the next break or end of the wing");
-            let remedy =
-                "give the distance along the span from the camera, m, or leave the break out: the survey finds it";
+            let problem = format!(
+                "is {at} m, but only {between} markers lie between it and the next break or end of the wing"
+            );
+            let remedy = "give the distance along the span from the camera, m, or leave the break out: the survey finds it";
             return reader.fault(file, "wing.breaks.span_m", problem, remedy);
         }
     }
@@ -230,9 +325,16 @@ fn check_breaks(reader: &mut Reader, file: &Path, setup: &Setup) {
 /// Checks for every pair that the leading marker is ahead of the trailing one.
 fn check_side(reader: &mut Reader, file: &Path, setup: &Setup) {
     let Some(side) = setup.side() else { return };
-    let name = if side == WingSide::Left { "left" } else { "right" };
+    let name = if side == WingSide::Left {
+        "left"
+    } else {
+        "right"
+    };
     for (k, pair) in setup.torsion.iter().enumerate() {
-        if setup.side_from_pair(pair).is_some_and(|other| other != side) {
+        if setup
+            .side_from_pair(pair)
+            .is_some_and(|other| other != side)
+        {
             let place = format!("torsion[{k}]");
             let problem = format!("its leading marker is behind its trailing one on a {name} wing");
             let remedy = match setup.is_lens_below_wing() {
@@ -252,13 +354,25 @@ const MIN_FLOW_COSINE: f64 = 0.34;
 
 /// Checks that the flow runs from the leading to the trailing edge.
 fn check_flow(reader: &mut Reader, file: &Path, setup: &Setup) {
-    let Some((flow, side)) = setup.flow_direction.and_then(|flow| flow.try_normalize(0.0)).zip(setup.side()) else {
+    let Some((flow, side)) = setup
+        .flow_direction
+        .and_then(|flow| flow.try_normalize(0.0))
+        .zip(setup.side())
+    else {
         return;
     };
     let in_wing = setup.wing_frame().wing_from_survey * Vector3::new(flow.x, flow.y, 0.0);
-    let aft = if side == WingSide::Left { -in_wing.z } else { in_wing.z };
+    let aft = if side == WingSide::Left {
+        -in_wing.z
+    } else {
+        in_wing.z
+    };
     if aft < MIN_FLOW_COSINE {
-        let name = if side == WingSide::Left { "left" } else { "right" };
+        let name = if side == WingSide::Left {
+            "left"
+        } else {
+            "right"
+        };
         let problem = format!(
             "is [{}, {}], {:.0} degrees off the chord from leading to trailing edge of a {name} wing",
             flow.x,
@@ -273,16 +387,30 @@ fn check_flow(reader: &mut Reader, file: &Path, setup: &Setup) {
 /// Reports markers whose prints would overlap.
 fn check_overlap(reader: &mut Reader, survey: &Path, setup: &Setup) {
     let has_decal = |m: &&SurveyMarker| m.shape != Shape::Point;
-    for (k, marker) in setup.markers.iter().enumerate().filter(|(_, m)| has_decal(m)) {
+    for (k, marker) in setup
+        .markers
+        .iter()
+        .enumerate()
+        .filter(|(_, m)| has_decal(m))
+    {
         let apart_m = |m: f64, other: &Vector3<f64>| (marker.position_m - other).norm() - m;
         let overlaps = |other: &&SurveyMarker| {
-            has_decal(other) && apart_m(0.5 * (marker.diameter_m + other.diameter_m), &other.position_m) < 0.0
+            has_decal(other)
+                && apart_m(
+                    0.5 * (marker.diameter_m + other.diameter_m),
+                    &other.position_m,
+                ) < 0.0
         };
         if let Some(other) = setup.markers[..k].iter().find(overlaps) {
             let apart_m = apart_m(0.0, &other.position_m);
             let problem = format!("is {apart_m:.3} m from {}: the two would overlap", other.id);
             let remedy = "survey both again, or keep one of them";
-            reader.fault(survey, &format!("marker \"{}\"", marker.id), problem, remedy);
+            reader.fault(
+                survey,
+                &format!("marker \"{}\"", marker.id),
+                problem,
+                remedy,
+            );
         }
     }
 }

@@ -63,7 +63,9 @@ impl RowsError {
     /// Returns the line on which the record begins; 0 if no record is affected.
     pub fn line(&self) -> u64 {
         match self {
-            Self::OpenQuote { line } | Self::AfterQuote { line } | Self::Record { line, .. } => *line,
+            Self::OpenQuote { line } | Self::AfterQuote { line } | Self::Record { line, .. } => {
+                *line
+            }
             Self::Separator(_) => 0,
         }
     }
@@ -84,7 +86,10 @@ pub fn parse_rows(text: &str, separator: char) -> Result<Vec<Row>, RowsError> {
         let begin = csv.position().clone();
         let more = csv.read_record(&mut record).map_err(|error| {
             let line = error.position().map_or(begin.line(), csv::Position::line);
-            RowsError::Record { line, problem: error.to_string() }
+            RowsError::Record {
+                line,
+                problem: error.to_string(),
+            }
         })?;
         if !more {
             return Ok(found);
@@ -100,8 +105,15 @@ pub fn parse_rows(text: &str, separator: char) -> Result<Vec<Row>, RowsError> {
             QuoteState::Open => return Err(RowsError::OpenQuote { line }),
             QuoteState::Followed => return Err(RowsError::AfterQuote { line }),
         }
-        let cells = record.iter().map(|cell| super::cell_text(cell.trim()).to_owned()).collect();
-        let row = Row { line, text: own.to_owned(), cells };
+        let cells = record
+            .iter()
+            .map(|cell| super::cell_text(cell.trim()).to_owned())
+            .collect();
+        let row = Row {
+            line,
+            text: own.to_owned(),
+            cells,
+        };
         if !row.is_blank() {
             found.push(row);
         }
@@ -133,7 +145,11 @@ fn quote_state(record: &str, separator: char) -> QuoteState {
         }
         begins = !quoted && sign == separator;
     }
-    if quoted { QuoteState::Open } else { QuoteState::Sound }
+    if quoted {
+        QuoteState::Open
+    } else {
+        QuoteState::Sound
+    }
 }
 
 /// Returns the separator that a first line `sep=;` names, as spreadsheets write it.
@@ -155,12 +171,28 @@ pub(crate) struct TableLine<const N: usize> {
 
 impl<const N: usize> TableLine<N> {
     /// Reports an error of the line.
-    pub fn fault(&self, reader: &mut Reader, problem: impl Into<String>, remedy: impl Into<String>) {
-        reader.fault(&self.file, &format!("line {}", self.number), problem, remedy);
+    pub fn fault(
+        &self,
+        reader: &mut Reader,
+        problem: impl Into<String>,
+        remedy: impl Into<String>,
+    ) {
+        reader.fault(
+            &self.file,
+            &format!("line {}", self.number),
+            problem,
+            remedy,
+        );
     }
 
     /// Reports an error of a cell.
-    pub fn cell_fault(&self, reader: &mut Reader, k: usize, problem: impl Into<String>, remedy: impl Into<String>) {
+    pub fn cell_fault(
+        &self,
+        reader: &mut Reader,
+        k: usize,
+        problem: impl Into<String>,
+        remedy: impl Into<String>,
+    ) {
         reader.fault(&self.file, &self.cell_place(k), problem, remedy);
     }
 
@@ -179,14 +211,26 @@ impl<const N: usize> TableLine<N> {
     }
 
     /// Parses the numbers of consecutive columns; reports an error for each cell that is not one.
-    pub fn parse_numbers<const M: usize>(&self, reader: &mut Reader, first: usize) -> Option<[f64; M]> {
-        let numbers: [Option<f64>; M] = std::array::from_fn(|k| self.parse_number(reader, first + k));
+    pub fn parse_numbers<const M: usize>(
+        &self,
+        reader: &mut Reader,
+        first: usize,
+    ) -> Option<[f64; M]> {
+        let numbers: [Option<f64>; M] =
+            std::array::from_fn(|k| self.parse_number(reader, first + k));
         let found: Vec<f64> = numbers.into_iter().flatten().collect();
         found.try_into().ok()
     }
 
     /// Reports a number of a cell outside its range.
-    pub fn check_range(&self, reader: &mut Reader, k: usize, value: f64, range: RangeInclusive<f64>, unit: &str) {
+    pub fn check_range(
+        &self,
+        reader: &mut Reader,
+        k: usize,
+        value: f64,
+        range: RangeInclusive<f64>,
+        unit: &str,
+    ) {
         reader.check_range(&self.file, &self.cell_place(k), value, range, unit);
     }
 }
@@ -204,27 +248,54 @@ pub(crate) fn read_table<const N: usize>(
     let needed = columns.iter().filter(|c| !optional.contains(c)).count();
     if text.lines().next().and_then(separator_line).is_some() {
         let remedy = "delete the line: columns are separated by commas";
-        reader.fault(&file, "line 1", "is a spreadsheet's separator line (sep=)", remedy);
+        reader.fault(
+            &file,
+            "line 1",
+            "is a spreadsheet's separator line (sep=)",
+            remedy,
+        );
         return None;
     }
     let text = blank_comments(reader, &file, &text, needed);
     let found = match parse_rows(&text, ',') {
         Ok(found) => found,
         Err(error) => {
-            reader.fault(&file, &format!("line {}", error.line()), error.to_string(), "correct the line");
+            reader.fault(
+                &file,
+                &format!("line {}", error.line()),
+                error.to_string(),
+                "correct the line",
+            );
             return None;
         }
     };
     let mut found = found.into_iter();
-    let header = found.next().unwrap_or_else(|| Row { line: 1, text: String::new(), cells: vec![] });
+    let header = found.next().unwrap_or_else(|| Row {
+        line: 1,
+        text: String::new(),
+        cells: vec![],
+    });
     let index = find_columns(reader, &file, &header, columns, optional)?;
     let (shared, width) = (Rc::from(file.as_path()), header.cells.len());
     let mut lines = vec![];
     for row in found {
-        let cell = |k: Option<usize>| k.and_then(|k| row.cells.get(k)).cloned().unwrap_or_default();
-        let line = TableLine { file: Rc::clone(&shared), columns, number: row.line, cells: index.map(cell) };
+        let cell = |k: Option<usize>| {
+            k.and_then(|k| row.cells.get(k))
+                .cloned()
+                .unwrap_or_default()
+        };
+        let line = TableLine {
+            file: Rc::clone(&shared),
+            columns,
+            number: row.line,
+            cells: index.map(cell),
+        };
         // Optional columns at the end may be omitted with their commas.
-        let short = header.cells.iter().skip(row.cells.len()).any(|name| !optional.contains(&name.as_str()));
+        let short = header
+            .cells
+            .iter()
+            .skip(row.cells.len())
+            .any(|name| !optional.contains(&name.as_str()));
         if short || row.exceeds(width) {
             let problem = format!("has {} cells under a header of {width}", row.cells.len());
             let remedy = "give one cell per column: decimal points in numbers, quotes around a text with a comma";
@@ -244,7 +315,11 @@ fn find_columns<const N: usize>(
     columns: [&str; N],
     optional: &[&str],
 ) -> Option<[Option<usize>; N]> {
-    let needed = columns.iter().filter(|c| !optional.contains(c)).copied().collect::<Vec<_>>();
+    let needed = columns
+        .iter()
+        .filter(|c| !optional.contains(c))
+        .copied()
+        .collect::<Vec<_>>();
     let place = format!("line {}", header.line);
     if let Some(separator) = foreign_separator(&header.cells) {
         let problem = format!("is separated by {separator}");
@@ -259,21 +334,52 @@ fn find_columns<const N: usize>(
     let cells = &header.cells;
     let index = columns.map(|name| cells.iter().position(|h| h == name));
     let before = reader.faults.len();
-    for name in columns.iter().filter(|name| cells.iter().filter(|h| h == *name).count() > 1) {
-        reader.fault(file, &format!("column {name}"), "occurs twice", "keep the valid one");
+    for name in columns
+        .iter()
+        .filter(|name| cells.iter().filter(|h| h == *name).count() > 1)
+    {
+        reader.fault(
+            file,
+            &format!("column {name}"),
+            "occurs twice",
+            "keep the valid one",
+        );
     }
-    let missing: Vec<&str> =
-        columns.iter().zip(&index).filter(|(n, k)| k.is_none() && needed.contains(n)).map(|(n, _)| *n).collect();
-    let otherwise = |name: &str| cells.iter().any(|h| h.eq_ignore_ascii_case(name) && h != name);
+    let missing: Vec<&str> = columns
+        .iter()
+        .zip(&index)
+        .filter(|(n, k)| k.is_none() && needed.contains(n))
+        .map(|(n, _)| *n)
+        .collect();
+    let otherwise = |name: &str| {
+        cells
+            .iter()
+            .any(|h| h.eq_ignore_ascii_case(name) && h != name)
+    };
     let remedy = format!("the header must have {}", needed.join(","));
     if !missing.is_empty() && missing.iter().all(|name| otherwise(name)) {
         let problem = format!("has the header {} in other case", cells.join(","));
-        reader.fault(file, &place, problem, format!("write it in lower case: {}", needed.join(",")));
+        reader.fault(
+            file,
+            &place,
+            problem,
+            format!("write it in lower case: {}", needed.join(",")),
+        );
     } else if missing.len() > MAX_SIMILAR_FAULTS {
-        reader.fault(file, &place, format!("is not a header with {}", missing.join(", ")), remedy);
+        reader.fault(
+            file,
+            &place,
+            format!("is not a header with {}", missing.join(", ")),
+            remedy,
+        );
     } else {
         for name in missing {
-            reader.fault(file, &format!("column {name}"), "is missing", remedy.clone());
+            reader.fault(
+                file,
+                &format!("column {name}"),
+                "is missing",
+                remedy.clone(),
+            );
         }
     }
     (reader.faults.len() == before).then_some(index)
@@ -285,10 +391,17 @@ fn blank_comments(reader: &mut Reader, file: &Path, text: &str, columns: usize) 
     let mut kept = String::with_capacity(text.len());
     for (k, line) in text.lines().enumerate() {
         let comment = line.trim_start().strip_prefix('#');
-        if comment.is_some_and(|c| !c.starts_with([' ', '\t', '#']) && c.split(',').count() >= columns) {
+        if comment
+            .is_some_and(|c| !c.starts_with([' ', '\t', '#']) && c.split(',').count() >= columns)
+        {
             let id = line.split(',').next().unwrap_or_default().trim();
             let remedy = "write a blank after # if it is a comment, or give a name that does not begin with #";
-            reader.fault(file, &format!("line {}", k + 1), format!("\"{id}\" may be a comment or a name"), remedy);
+            reader.fault(
+                file,
+                &format!("line {}", k + 1),
+                format!("\"{id}\" may be a comment or a name"),
+                remedy,
+            );
         }
         kept.push_str(if comment.is_some() { "" } else { line });
         kept.push('\n');
@@ -311,26 +424,45 @@ mod tests {
     use super::*;
 
     fn cells(text: &str, separator: char) -> Vec<(u64, Vec<String>)> {
-        parse_rows(text, separator).unwrap().into_iter().map(|row| (row.line, row.cells)).collect()
+        parse_rows(text, separator)
+            .unwrap()
+            .into_iter()
+            .map(|row| (row.line, row.cells))
+            .collect()
     }
 
     #[test]
     fn quotes_contain_separators_and_line_ends_and_blank_cells_stay() {
-        let found = cells("a,b\r\n\r\n\"x, y\",\"2\n3\"\n\tlast,\" \"\"q\"\" \"\n", ',');
+        let found = cells(
+            "a,b\r\n\r\n\"x, y\",\"2\n3\"\n\tlast,\" \"\"q\"\" \"\n",
+            ',',
+        );
         assert_eq!(found[0], (1, vec!["a".into(), "b".into()]));
         assert_eq!(found[1], (3, vec!["x, y".into(), "2\n3".into()]));
         assert_eq!(found[2], (5, vec!["last".into(), "\"q\"".into()]));
         assert_eq!(cells("T/O\t1\t2\n\t3\t4\n", '\t')[1].1, ["", "3", "4"]);
-        assert_eq!(parse_rows("a,b\n1,\"2\n3,4\n", ','), Err(RowsError::OpenQuote { line: 2 }));
+        assert_eq!(
+            parse_rows("a,b\n1,\"2\n3,4\n", ','),
+            Err(RowsError::OpenQuote { line: 2 })
+        );
         assert_eq!(parse_rows("a,b\n1,5\" pipe\n3,4\n", ',').unwrap().len(), 3);
-        assert_eq!(parse_rows("a,b\n\"1\"2,3\n", ','), Err(RowsError::AfterQuote { line: 2 }));
+        assert_eq!(
+            parse_rows("a,b\n\"1\"2,3\n", ','),
+            Err(RowsError::AfterQuote { line: 2 })
+        );
     }
 
     #[test]
     fn rows_keep_their_text() {
         let found = parse_rows("a;b\n\n \"1\";2 \r\n;;\n3;4", ';').unwrap();
-        let texts: Vec<(u64, &str)> = found.iter().map(|row| (row.line, row.text.as_str())).collect();
+        let texts: Vec<(u64, &str)> = found
+            .iter()
+            .map(|row| (row.line, row.text.as_str()))
+            .collect();
         assert_eq!(texts, [(1, "a;b"), (3, " \"1\";2 "), (5, "3;4")]);
-        assert_eq!((separator_line("sep=;\r"), separator_line("separator")), (Some(';'), None));
+        assert_eq!(
+            (separator_line("sep=;\r"), separator_line("separator")),
+            (Some(';'), None)
+        );
     }
 }

@@ -41,7 +41,9 @@ pub(super) struct GivenWidths(pub Vec<(Width, f64)>);
 impl Serialize for GivenWidths {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
-        self.0.iter().try_for_each(|(width, value)| map.serialize_entry(width.row().key, value))?;
+        self.0
+            .iter()
+            .try_for_each(|(width, value)| map.serialize_entry(width.row().key, value))?;
         map.end()
     }
 }
@@ -63,7 +65,11 @@ impl<'de, T: Deserialize<'de> + SectionTable> Visitor<'de> for SectionVisitor<T>
 
     fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
         let mut widths = GivenWidths::default();
-        let own = SectionKeys { map, section: T::NAME, widths: &mut widths };
+        let own = SectionKeys {
+            map,
+            section: T::NAME,
+            widths: &mut widths,
+        };
         let table = T::deserialize(MapAccessDeserializer::new(own))?;
         Ok(Section { table, widths })
     }
@@ -79,11 +85,19 @@ struct SectionKeys<'a, A> {
 impl<'de, A: MapAccess<'de>> MapAccess<'de> for SectionKeys<'_, A> {
     type Error = A::Error;
 
-    fn next_key_seed<K: DeserializeSeed<'de>>(&mut self, seed: K) -> Result<Option<K::Value>, A::Error> {
+    fn next_key_seed<K: DeserializeSeed<'de>>(
+        &mut self,
+        seed: K,
+    ) -> Result<Option<K::Value>, A::Error> {
         let mut seed = Some(seed);
         loop {
-            match self.map.next_key_seed(KeyReader { section: self.section, seed: &mut seed })? {
-                Some(SectionKey::Width(width)) => self.widths.0.push((width, self.map.next_value()?)),
+            match self.map.next_key_seed(KeyReader {
+                section: self.section,
+                seed: &mut seed,
+            })? {
+                Some(SectionKey::Width(width)) => {
+                    self.widths.0.push((width, self.map.next_value()?))
+                }
                 Some(SectionKey::Own(key)) => return Ok(Some(key)),
                 None => return Ok(None),
             }
@@ -114,11 +128,17 @@ impl<'de, K: DeserializeSeed<'de>> DeserializeSeed<'de> for KeyReader<'_, K> {
         if let Some(width) = Width::from_key(self.section, &key) {
             return Ok(SectionKey::Width(width));
         }
-        let seed = self.seed.take().ok_or_else(|| D::Error::custom("has a key after an error"))?;
+        let seed = self
+            .seed
+            .take()
+            .ok_or_else(|| D::Error::custom("has a key after an error"))?;
         // The error of an unknown key lists the own keys.
         let unknown = |error: D::Error| {
             let rows = Width::ROWS.iter().filter(|row| row.section == self.section);
-            let widths = rows.map(|row| format!("`{}`", row.key)).collect::<Vec<_>>().join(", ");
+            let widths = rows
+                .map(|row| format!("`{}`", row.key))
+                .collect::<Vec<_>>()
+                .join(", ");
             let text = error.to_string();
             let text = text.trim_end();
             D::Error::custom(match text.strip_suffix("there are no fields") {
@@ -126,6 +146,8 @@ impl<'de, K: DeserializeSeed<'de>> DeserializeSeed<'de> for KeyReader<'_, K> {
                 None => format!("{text}, {widths}"),
             })
         };
-        seed.deserialize(key.into_deserializer()).map(SectionKey::Own).map_err(unknown)
+        seed.deserialize(key.into_deserializer())
+            .map(SectionKey::Own)
+            .map_err(unknown)
     }
 }

@@ -51,18 +51,34 @@ pub fn read_stations(file: &Path) -> Result<Vec<PredictedStation>, Vec<Fault>> {
         let (file, lines) = read_table(reader, name, &remedy, columns, &columns[1..])?;
         let before = reader.faults.len();
         if lines.is_empty() {
-            reader.fault(&file, "file", "has no stations", "add one line per station along the span");
+            reader.fault(
+                &file,
+                "file",
+                "has no stations",
+                "add one line per station along the span",
+            );
         }
         let mut stations: Vec<PredictedStation> = vec![];
         for line in &lines {
-            let Some(arc_length_m) = line.parse_number(reader, 0) else { continue };
+            let Some(arc_length_m) = line.parse_number(reader, 0) else {
+                continue;
+            };
             if !(0.0..=MAX_LENGTH_M).contains(&arc_length_m) {
-                let remedy = format!("give the arc length from the bending root, 0 to {MAX_LENGTH_M} m");
+                let remedy =
+                    format!("give the arc length from the bending root, 0 to {MAX_LENGTH_M} m");
                 line.cell_fault(reader, 0, format!("{arc_length_m}"), &remedy);
             }
-            if stations.last().is_some_and(|last| arc_length_m <= last.arc_length_m) {
+            if stations
+                .last()
+                .is_some_and(|last| arc_length_m <= last.arc_length_m)
+            {
                 let remedy = "order the stations from the root to the tip, each once";
-                line.cell_fault(reader, 0, format!("{arc_length_m} m is not outboard of the previous line"), remedy);
+                line.cell_fault(
+                    reader,
+                    0,
+                    format!("{arc_length_m} m is not outboard of the previous line"),
+                    remedy,
+                );
             }
             let mut read = |first: usize| {
                 std::array::from_fn(|k| match line.cells[first + k].is_empty() {
@@ -70,12 +86,25 @@ pub fn read_stations(file: &Path) -> Result<Vec<PredictedStation>, Vec<Fault>> {
                     false => line.parse_number(reader, first + k),
                 })
             };
-            let (values, sigmas): (_, [Option<f64>; PREDICTED_COUNT]) = (read(1), read(1 + PREDICTED_COUNT));
-            if let Some(k) = sigmas.iter().position(|sigma| sigma.is_some_and(|sigma| sigma < 0.0)) {
+            let (values, sigmas): (_, [Option<f64>; PREDICTED_COUNT]) =
+                (read(1), read(1 + PREDICTED_COUNT));
+            if let Some(k) = sigmas
+                .iter()
+                .position(|sigma| sigma.is_some_and(|sigma| sigma < 0.0))
+            {
                 let problem = "is a negative standard deviation".to_owned();
-                line.cell_fault(reader, 1 + PREDICTED_COUNT + k, problem, "give 0 or a positive number");
+                line.cell_fault(
+                    reader,
+                    1 + PREDICTED_COUNT + k,
+                    problem,
+                    "give 0 or a positive number",
+                );
             }
-            stations.push(PredictedStation { arc_length_m, values, sigmas });
+            stations.push(PredictedStation {
+                arc_length_m,
+                values,
+                sigmas,
+            });
         }
         (reader.faults.len() == before).then_some(stations)
     })

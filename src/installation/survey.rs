@@ -8,8 +8,18 @@ use nalgebra::Vector3;
 use super::{Reader, TableLine, read_table};
 use crate::measure::setup::{POINT_EXTENT_M, Shape, SurveyMarker, fixed_target};
 
-const COLUMNS: [&str; 10] =
-    ["id", "shape", "diameter_m", "x_m", "y_m", "z_m", "sigma_m", FIXED_COLUMN, PART_COLUMN, MOTION_COLUMN];
+const COLUMNS: [&str; 10] = [
+    "id",
+    "shape",
+    "diameter_m",
+    "x_m",
+    "y_m",
+    "z_m",
+    "sigma_m",
+    FIXED_COLUMN,
+    PART_COLUMN,
+    MOTION_COLUMN,
+];
 /// Optional column: `yes` for a target that is fixed to the cabin.
 const FIXED_COLUMN: &str = "fixed";
 /// Optional column: control surface that the marker is on.
@@ -21,9 +31,20 @@ const MOTION_COLUMN: &str = "flight_motion_m";
 
 pub(super) fn read_survey(reader: &mut Reader, name: &str) -> Option<Vec<SurveyMarker>> {
     let remedy = "name the survey in wing.survey of installation.toml";
-    let (file, lines) = read_table(reader, name, remedy, COLUMNS, &[FIXED_COLUMN, PART_COLUMN, MOTION_COLUMN])?;
+    let (file, lines) = read_table(
+        reader,
+        name,
+        remedy,
+        COLUMNS,
+        &[FIXED_COLUMN, PART_COLUMN, MOTION_COLUMN],
+    )?;
     if lines.is_empty() {
-        reader.fault(&file, "file", "has no markers", "add one line per surveyed marker");
+        reader.fault(
+            &file,
+            "file",
+            "has no markers",
+            "add one line per surveyed marker",
+        );
         return None;
     }
     let before = reader.faults.len();
@@ -44,8 +65,13 @@ const MAX_SIGMA_M: f64 = 0.5;
 fn check_sigmas(reader: &mut Reader, file: &Path, markers: &[SurveyMarker]) {
     let coarse: Vec<&SurveyMarker> = markers.iter().filter(|m| m.sigma_m > MAX_SIGMA_M).collect();
     if let Some(first) = coarse.first() {
-        let problem =
-            format!("is {} m for {} of {} markers, {} first", first.sigma_m, coarse.len(), markers.len(), first.id);
+        let problem = format!(
+            "is {} m for {} of {} markers, {} first",
+            first.sigma_m,
+            coarse.len(),
+            markers.len(),
+            first.id
+        );
         let remedy = format!("give metres, at most {MAX_SIGMA_M}: 0.002 for 2 mm");
         reader.fault(file, "column sigma_m", problem, remedy);
     }
@@ -65,15 +91,26 @@ fn check_id(reader: &mut Reader, line: &TableLine<10>, seen: &mut HashMap<String
 fn check_motion_and_part(reader: &mut Reader, line: &TableLine<10>, marker: &SurveyMarker) {
     let motion_m = marker.flight_motion_m;
     if !(0.0..=1.0).contains(&motion_m) {
-        line.cell_fault(reader, 9, format!("is {motion_m:?} m"), "give a number from 0 to 1 m, or nothing");
+        line.cell_fault(
+            reader,
+            9,
+            format!("is {motion_m:?} m"),
+            "give a number from 0 to 1 m, or nothing",
+        );
     }
     if !marker.fixed && motion_m > 0.0 {
-        let remedy = "leave it empty: for markers on the wing, set wing.skin_motion_m in installation.toml";
+        let remedy =
+            "leave it empty: for markers on the wing, set wing.skin_motion_m in installation.toml";
         line.cell_fault(reader, 9, "is given for a marker that is not fixed", remedy);
     }
     if let Some(part) = marker.part.as_ref().filter(|_| marker.fixed) {
         let remedy = "leave part empty, or write no under fixed";
-        line.cell_fault(reader, 8, format!("is \"{part}\" for a fixed target"), remedy);
+        line.cell_fault(
+            reader,
+            8,
+            format!("is \"{part}\" for a fixed target"),
+            remedy,
+        );
     }
 }
 
@@ -83,7 +120,12 @@ fn parse_diameter(reader: &mut Reader, line: &TableLine<10>, shape: Shape) -> Op
     if shape == Shape::Point {
         if !cell.is_empty() {
             let remedy = "leave it empty, or write the shape of the decal: quadrant or circle";
-            line.cell_fault(reader, 2, format!("is \"{cell}\" for a point, which has no decal"), remedy);
+            line.cell_fault(
+                reader,
+                2,
+                format!("is \"{cell}\" for a point, which has no decal"),
+                remedy,
+            );
         }
         return Some(POINT_EXTENT_M);
     }
@@ -102,7 +144,12 @@ fn parse_marker(reader: &mut Reader, line: &TableLine<10>) -> Option<SurveyMarke
         "circle" => Shape::Circle,
         "point" => Shape::Point,
         other => {
-            line.cell_fault(reader, 1, format!("\"{other}\" is not known"), "write quadrant, circle or point");
+            line.cell_fault(
+                reader,
+                1,
+                format!("\"{other}\" is not known"),
+                "write quadrant, circle or point",
+            );
             // The other faults of the line are reported too.
             Shape::Circle
         }
@@ -115,7 +162,8 @@ fn parse_marker(reader: &mut Reader, line: &TableLine<10>) -> Option<SurveyMarke
         "yes" => true,
         "" | "no" => false,
         other => {
-            let remedy = "write yes for a target fixed to the cabin, no or nothing for a marker on the wing";
+            let remedy =
+                "write yes for a target fixed to the cabin, no or nothing for a marker on the wing";
             line.cell_fault(reader, 7, format!("\"{other}\" is not known"), remedy);
             return None;
         }
@@ -126,9 +174,20 @@ fn parse_marker(reader: &mut Reader, line: &TableLine<10>) -> Option<SurveyMarke
         "" => 0.0,
         _ => line.parse_number(reader, 9)?,
     };
-    let part = Some(part).filter(|part| !part.is_empty() && *part != WING_PART).cloned();
+    let part = Some(part)
+        .filter(|part| !part.is_empty() && *part != WING_PART)
+        .cloned();
     let id = id.clone();
-    let marker = SurveyMarker { id, shape, diameter_m, position_m, sigma_m, fixed, flight_motion_m, part };
+    let marker = SurveyMarker {
+        id,
+        shape,
+        diameter_m,
+        position_m,
+        sigma_m,
+        fixed,
+        flight_motion_m,
+        part,
+    };
     check_motion_and_part(reader, line, &marker);
     Some(marker)
 }

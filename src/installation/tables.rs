@@ -104,13 +104,17 @@ pub(super) enum Side {
 }
 
 /// Deserializes an array of numbers; `[]`, as in a template, yields NaN.
-fn or_blank<'de, const N: usize, D: serde::Deserializer<'de>>(source: D) -> Result<[f64; N], D::Error> {
+fn or_blank<'de, const N: usize, D: serde::Deserializer<'de>>(
+    source: D,
+) -> Result<[f64; N], D::Error> {
     let all = Vec::<f64>::deserialize(source)?;
     if all.is_empty() {
         return Ok([f64::NAN; N]);
     }
     let count = all.len();
-    all.try_into().map_err(|_| serde::de::Error::invalid_length(count, &format!("an array of length {N}").as_str()))
+    all.try_into().map_err(|_| {
+        serde::de::Error::invalid_length(count, &format!("an array of length {N}").as_str())
+    })
 }
 
 #[derive(Serialize, Deserialize)]

@@ -58,37 +58,77 @@ pub(super) fn read_cad(reader: &mut Reader, cad: &tables::CadTable) -> Option<Ca
     reader.check_range(&installation, "cad.sigma_m", sigma_m, 1e-6..=10.0, "m");
     let before = reader.faults.len();
     let unit = cad.unit.as_deref().unwrap_or(LENGTH_UNITS[0].name);
-    let unit_m = LENGTH_UNITS.iter().find(|one| one.name == unit).map_or(f64::NAN, |one| one.metres);
+    let unit_m = LENGTH_UNITS
+        .iter()
+        .find(|one| one.name == unit)
+        .map_or(f64::NAN, |one| one.metres);
     if unit_m.is_nan() {
-        let remedy = format!("give one of {}", LENGTH_UNITS.map(|one| one.name).join(", "));
+        let remedy = format!(
+            "give one of {}",
+            LENGTH_UNITS.map(|one| one.name).join(", ")
+        );
         reader.fault(&installation, "cad.unit", format!("is \"{unit}\""), remedy);
     }
     let [up, aft] = [("cad.up", &cad.up), ("cad.aft", &cad.aft)]
         .map(|(key, value)| read_direction(reader, &installation, key, value.as_ref()?));
-    if up.zip(aft).is_some_and(|(up, aft)| up.dot(&aft).abs() > MAX_TILT_DEG.to_radians().sin()) {
-        reader.fault(&installation, "cad.aft", "is not at a right angle to cad.up", "give two axes of the CAD frame");
+    if up
+        .zip(aft)
+        .is_some_and(|(up, aft)| up.dot(&aft).abs() > MAX_TILT_DEG.to_radians().sin())
+    {
+        reader.fault(
+            &installation,
+            "cad.aft",
+            "is not at a right angle to cad.up",
+            "give two axes of the CAD frame",
+        );
     }
-    let mut model = CadModel { ids: vec![], points: vec![], unit_m, similarity: cad.similarity, up, aft };
+    let mut model = CadModel {
+        ids: vec![],
+        points: vec![],
+        unit_m,
+        similarity: cad.similarity,
+        up,
+        aft,
+    };
     for line in lines {
         let id = &line.cells[0];
         if model.ids.contains(id) {
-            line.cell_fault(reader, 0, format!("\"{id}\" occurs twice"), "give every tie point a unique name");
+            line.cell_fault(
+                reader,
+                0,
+                format!("\"{id}\" occurs twice"),
+                "give every tie point a unique name",
+            );
         }
         if let Some([x, y, z, cx, cy, cz]) = line.parse_numbers(reader, 1) {
             let (source_m, cad) = (Vector3::new(x, y, z), Vector3::new(cx, cy, cz));
             model.ids.push(id.clone());
-            model.points.push(PointPair { source_m, target_m: cad * unit_m, sigma_m });
+            model.points.push(PointPair {
+                source_m,
+                target_m: cad * unit_m,
+                sigma_m,
+            });
         }
     }
     if model.points.len() < 3 && reader.faults.len() == before {
         let problem = format!("has {} tie points", model.points.len());
-        reader.fault(&file, "file", problem, "a transform needs at least 3, not on one line");
+        reader.fault(
+            &file,
+            "file",
+            problem,
+            "a transform needs at least 3, not on one line",
+        );
     }
     (reader.faults.len() == before).then_some(model)
 }
 
 /// Reads the name of an axis or a vector in the CAD frame.
-fn read_direction(reader: &mut Reader, file: &Path, key: &str, value: &toml::Value) -> Option<Vector3<f64>> {
+fn read_direction(
+    reader: &mut Reader,
+    file: &Path,
+    key: &str,
+    value: &toml::Value,
+) -> Option<Vector3<f64>> {
     let number = |v: &toml::Value| v.as_float().or_else(|| v.as_integer().map(|k| k as f64));
     let vector = |all: &Vec<toml::Value>| {
         let numbers: Vec<f64> = all.iter().map(number).collect::<Option<_>>()?;
@@ -97,12 +137,19 @@ fn read_direction(reader: &mut Reader, file: &Path, key: &str, value: &toml::Val
     let axis = |text: &str| {
         let name = text.trim_start_matches(['-', '+']);
         let axis = AXES.iter().position(|axis| *axis == name)?;
-        Some(Vector3::ith(axis, if text.starts_with('-') { -1.0 } else { 1.0 }))
+        Some(Vector3::ith(
+            axis,
+            if text.starts_with('-') { -1.0 } else { 1.0 },
+        ))
     };
-    let found = value.as_str().map_or_else(|| value.as_array().and_then(vector).map(Vector3::from), axis);
+    let found = value.as_str().map_or_else(
+        || value.as_array().and_then(vector).map(Vector3::from),
+        axis,
+    );
     let found = found.and_then(|v: Vector3<f64>| v.try_normalize(1e-9));
     if found.is_none() {
-        let remedy = "name an axis of the CAD frame (x, y, z, -x, -y or -z), or give a vector: [x, y, z]";
+        let remedy =
+            "name an axis of the CAD frame (x, y, z, -x, -y or -z), or give a vector: [x, y, z]";
         reader.fault(file, key, format!("is {value}"), remedy);
     }
     found
@@ -114,14 +161,21 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 fn nearest_axis(direction: &Vector3<f64>) -> (String, Vector3<f64>) {
     let axis = direction.iamax();
     let sign = direction[axis].signum();
-    (format!("{}{}", if sign < 0.0 { "-" } else { "" }, AXES[axis]), Vector3::ith(axis, sign))
+    (
+        format!("{}{}", if sign < 0.0 { "-" } else { "" }, AXES[axis]),
+        Vector3::ith(axis, sign),
+    )
 }
 
 /// Problem of `[cad]`: key, problem and remedy.
 type CadFault = (&'static str, String, String);
 
 /// Estimates the transform from the tie points; reports an error if they determine none or contradict the survey.
-pub(super) fn estimate_transform(reader: &mut Reader, model: &CadModel, setup: &Setup) -> Option<TransformFit> {
+pub(super) fn estimate_transform(
+    reader: &mut Reader,
+    model: &CadModel,
+    setup: &Setup,
+) -> Option<TransformFit> {
     let file = reader.directory.join(INSTALLATION_FILE);
     match model.fit_checked(setup) {
         Ok(fit) => Some(fit),
@@ -157,7 +211,11 @@ impl CadModel {
         let change = (scale - 1.0).abs();
         let unit_of = |factor: f64, stated_m: f64| {
             let is_unit = |one: &&LengthUnit| (factor * one.metres).ln().abs() < MAX_UNIT_CHANGE;
-            LENGTH_UNITS.iter().find(is_unit).filter(|one| one.metres != stated_m).map(|one| one.name)
+            LENGTH_UNITS
+                .iter()
+                .find(is_unit)
+                .filter(|one| one.metres != stated_m)
+                .map(|one| one.name)
         };
         let problem = format!("the CAD coordinates are {scale:.4} times as large as the survey's");
         let is_certain = change > SIGMAS * scaled.covariance[(6, 6)].sqrt() && passes(scaled);
@@ -168,7 +226,8 @@ impl CadModel {
         } else if is_certain && change > MAX_SCALE_CHANGE {
             "give cad.unit, or correct the points".into()
         } else if is_certain && !passes(fit) {
-            "set cad.similarity = true if the model has another temperature, or correct the points".into()
+            "set cad.similarity = true if the model has another temperature, or correct the points"
+                .into()
         } else {
             return Ok(());
         };
@@ -181,17 +240,30 @@ impl CadModel {
         let up = rotation * Vector3::z();
         let (name, nearest) = nearest_axis(&up);
         let tilt_deg = up.angle(&self.up.unwrap_or(nearest)).to_degrees();
-        let sigma_deg = fit.covariance.view((0, 0), (3, 3)).trace().sqrt().to_degrees();
+        let sigma_deg = fit
+            .covariance
+            .view((0, 0), (3, 3))
+            .trace()
+            .sqrt()
+            .to_degrees();
         if tilt_deg - SIGMAS * sigma_deg > MAX_TILT_DEG {
-            let stated = if self.up.is_some() { "is" } else { "nearest axis is" };
+            let stated = if self.up.is_some() {
+                "is"
+            } else {
+                "nearest axis is"
+            };
             let problem = format!(
                 "{stated} {tilt_deg:.0} degrees off the survey's vertical, which is about {name} by the tie points"
             );
-            let remedy = "correct the sign or order of the coordinates of tie points, or the direction";
+            let remedy =
+                "correct the sign or order of the coordinates of tie points, or the direction";
             return Err(("cad.up", problem, remedy.into()));
         }
-        let side = setup.side().map(|side| if side == WingSide::Right { 1.0 } else { -1.0 });
-        let aft_survey = side.map(|side| setup.wing_frame().wing_from_survey.inverse() * Vector3::z() * side);
+        let side = setup
+            .side()
+            .map(|side| if side == WingSide::Right { 1.0 } else { -1.0 });
+        let aft_survey =
+            side.map(|side| setup.wing_frame().wing_from_survey.inverse() * Vector3::z() * side);
         let aft = self.aft.zip(aft_survey);
         if let Some((stated, survey)) = aft
             && stated.angle(&(rotation * survey)).to_degrees() > MAX_SWEEP_DEG
@@ -205,21 +277,28 @@ impl CadModel {
             return Err(("cad.aft", problem, remedy.into()));
         }
         let axes = principal_axes(self.points.iter().map(|p| p.source_m));
-        let normal = axes.eigenvectors.column(axes.eigenvalues.imin()).into_owned();
+        let normal = axes
+            .eigenvectors
+            .column(axes.eigenvalues.imin())
+            .into_owned();
         let heights = self.points.iter().map(|p| p.source_m.dot(&normal));
         let extent_m = heights.clone().fold(f64::MIN, f64::max) - heights.fold(f64::MAX, f64::min);
         let sigma_m = self.points.iter().map(|p| p.sigma_m).fold(0.0, f64::max);
         // A mirror image turns a direction by twice its angle to the plane.
-        let decides = |off: f64, limit_deg: f64| 2.0 * off.abs().min(1.0).asin().to_degrees() > limit_deg;
+        let decides =
+            |off: f64, limit_deg: f64| 2.0 * off.abs().min(1.0).asin().to_degrees() > limit_deg;
         let is_decided = self.up.is_some() && decides(normal.z, 2.0 * MAX_TILT_DEG)
             || aft.is_some_and(|(_, survey)| decides(normal.dot(&survey), 90.0));
         if extent_m > FLAT_SIGMAS * sigma_m || is_decided {
             return Ok(());
         }
-        let problem = format!("are within {extent_m:.3} m of one plane, so that a mirrored axis fits too");
+        let problem =
+            format!("are within {extent_m:.3} m of one plane, so that a mirrored axis fits too");
         let remedy = match decides(normal.z, 2.0 * MAX_TILT_DEG) {
             true => {
-                format!("upwards is {name} of the CAD frame by them: if so, give it as cad.up, else correct a sign")
+                format!(
+                    "upwards is {name} of the CAD frame by them: if so, give it as cad.up, else correct a sign"
+                )
             }
             false => "add a point off the plane".into(),
         };
@@ -230,7 +309,9 @@ impl CadModel {
     fn explain_rejection(&self, fit: Result<&TransformFit, FitError>) -> CadFault {
         let contradict = |cause: String| {
             let factor = fit.ok().and_then(|fit| fit.variance_factor);
-            let factor = factor.map_or(String::new(), |factor| format!(" (variance factor {factor:.1})"));
+            let factor = factor.map_or(String::new(), |factor| {
+                format!(" (variance factor {factor:.1})")
+            });
             format!("contradict each other{factor}: {cause}")
         };
         let is_right = |change: &dyn Fn(&mut Vec<PointPair>)| {
@@ -238,7 +319,13 @@ impl CadModel {
             change(&mut points);
             TransformFit::estimate(&points, self.similarity).is_ok_and(|fit| passes(&fit))
         };
-        let mirrored = || (TIES, FitError::Mirrored.to_string(), "correct the sign of an axis".into());
+        let mirrored = || {
+            (
+                TIES,
+                FitError::Mirrored.to_string(),
+                "correct the sign of an axis".into(),
+            )
+        };
         if is_right(&|points| points.iter_mut().for_each(|p| p.target_m.x *= -1.0)) {
             return mirrored();
         }
@@ -247,12 +334,20 @@ impl CadModel {
             sort_by_value(&mut suspects, |k| -fit.residuals_m[*k].norm());
         }
         suspects.truncate(MAX_SUSPECTS);
-        let pairs = || suspects.iter().enumerate().flat_map(|(n, i)| suspects[..n].iter().map(|k| (*k, *i)));
+        let pairs = || {
+            suspects
+                .iter()
+                .enumerate()
+                .flat_map(|(n, i)| suspects[..n].iter().map(|k| (*k, *i)))
+        };
         let exchange = |points: &mut Vec<PointPair>, (k, i): (usize, usize)| {
             (points[k].target_m, points[i].target_m) = (points[i].target_m, points[k].target_m);
         };
         if let Some((k, i)) = pairs().find(|pair| is_right(&|points| exchange(points, *pair))) {
-            let cause = format!("{} and {} have each other's CAD coordinates", self.ids[k], self.ids[i]);
+            let cause = format!(
+                "{} and {} have each other's CAD coordinates",
+                self.ids[k], self.ids[i]
+            );
             return (TIES, contradict(cause), "exchange them".into());
         }
         let remedy = "correct them in tie_points.csv, in both frames, or give their standard deviation as cad.sigma_m";
@@ -263,16 +358,23 @@ impl CadModel {
             let [a, b] = [k, i].map(|k| self.points[k]);
             (a.target_m - b.target_m).norm() - (a.source_m - b.source_m).norm()
         };
-        match (fit, pairs().max_by(|a, b| change_m(a).abs().total_cmp(&change_m(b).abs()))) {
+        match (
+            fit,
+            pairs().max_by(|a, b| change_m(a).abs().total_cmp(&change_m(b).abs())),
+        ) {
             (Ok(_), Some(worst)) => {
                 let [a, b] = [worst.0, worst.1].map(|k| &self.ids[k]);
                 let off_m = change_m(&worst);
-                let cause = format!("{a} and {b} are {off_m:.3} m farther apart in the CAD model than in the survey");
+                let cause = format!(
+                    "{a} and {b} are {off_m:.3} m farther apart in the CAD model than in the survey"
+                );
                 (TIES, contradict(cause), remedy.into())
             }
-            (Err(error), _) if error != FitError::Mirrored => {
-                (TIES, error.to_string(), "correct the tie points, or delete [cad]".into())
-            }
+            (Err(error), _) if error != FitError::Mirrored => (
+                TIES,
+                error.to_string(),
+                "correct the tie points, or delete [cad]".into(),
+            ),
             _ => mirrored(),
         }
     }
@@ -292,16 +394,26 @@ impl CadModel {
             if count < left_out.len() + 5 || left_out.len() >= count / 3 {
                 return None;
             }
-            let others = suspects.iter().filter(|k| !left_out.contains(k)).filter_map(|k| estimate(&left_out, *k));
+            let others = suspects
+                .iter()
+                .filter(|k| !left_out.contains(k))
+                .filter_map(|k| estimate(&left_out, *k));
             let (k, fit) = others.min_by(|a, b| factor(&a.1).total_cmp(&factor(&b.1)))?;
             left_out.push(k);
             if passes(&fit) {
                 let off = |k: &usize| {
-                    let off = self.points[*k].target_m - fit.transform.apply(&self.points[*k].source_m);
-                    format!("{} by {:.3} m in x, {:.3} m in y, {:.3} m in z", self.ids[*k], off.x, off.y, off.z)
+                    let off =
+                        self.points[*k].target_m - fit.transform.apply(&self.points[*k].source_m);
+                    format!(
+                        "{} by {:.3} m in x, {:.3} m in y, {:.3} m in z",
+                        self.ids[*k], off.x, off.y, off.z
+                    )
                 };
                 let points: Vec<String> = left_out.iter().map(off).collect();
-                return Some(format!("off the fit of the others, in the CAD frame, is {}", points.join("; ")));
+                return Some(format!(
+                    "off the fit of the others, in the CAD frame, is {}",
+                    points.join("; ")
+                ));
             }
         }
     }

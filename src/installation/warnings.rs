@@ -14,7 +14,11 @@ pub fn find_warnings(installation: &Installation) -> Vec<Fault> {
         let problem = format!(
             "is {:.3} m {} the smooth skin through the others ({:.0} standard deviations)",
             point.height_m.abs(),
-            if point.height_m > 0.0 { "above" } else { "below" },
+            if point.height_m > 0.0 {
+                "above"
+            } else {
+                "below"
+            },
             point.height_m.abs() / point.sigma_m
         );
         Some(Fault {
@@ -26,7 +30,12 @@ pub fn find_warnings(installation: &Installation) -> Vec<Fault> {
     };
     let accepted = |reason: &Option<String>, name: &str, what: &str, remedy: &str| {
         let problem = format!("a refused {what} was accepted: {}", reason.as_ref()?);
-        Some(Fault::new(installation.directory.join(name), "accepted", problem, remedy))
+        Some(Fault::new(
+            installation.directory.join(name),
+            "accepted",
+            problem,
+            remedy,
+        ))
     };
     let camera = accepted(
         &installation.accepted,
@@ -42,8 +51,17 @@ pub fn find_warnings(installation: &Installation) -> Vec<Fault> {
     );
     let setup_file = installation.directory.join(INSTALLATION_FILE);
     let span = SpanSkew::warning(&installation.setup, &setup_file);
-    let own = camera.into_iter().chain(orientation).chain(span).chain(length_warning(installation));
-    own.chain(find_skin_outliers(&installation.setup).into_iter().filter_map(warning)).collect()
+    let own = camera
+        .into_iter()
+        .chain(orientation)
+        .chain(span)
+        .chain(length_warning(installation));
+    own.chain(
+        find_skin_outliers(&installation.setup)
+            .into_iter()
+            .filter_map(warning),
+    )
+    .collect()
 }
 
 /// Distance of the outermost marker from the lens beyond which metres are doubtful, m: wings of flying aircraft end at 60.
@@ -52,12 +70,23 @@ const MAX_USUAL_DISTANCE_M: f64 = 70.0;
 /// Warns of lengths that are more likely feet.
 fn length_warning(installation: &Installation) -> Option<Fault> {
     let setup = &installation.setup;
-    let distances = setup.markers.iter().map(|m| (m.position_m - setup.projection_centre_m).norm());
-    let (last_m, largest_m) =
-        (distances.fold(0.0, f64::max), setup.markers.iter().map(|m| m.diameter_m).fold(0.0, f64::max));
-    let problem =
-        format!("the outermost marker is {last_m:.0} m from the lens, and the largest is {largest_m:.2} m wide");
+    let distances = setup
+        .markers
+        .iter()
+        .map(|m| (m.position_m - setup.projection_centre_m).norm());
+    let (last_m, largest_m) = (
+        distances.fold(0.0, f64::max),
+        setup
+            .markers
+            .iter()
+            .map(|m| m.diameter_m)
+            .fold(0.0, f64::max),
+    );
+    let problem = format!(
+        "the outermost marker is {last_m:.0} m from the lens, and the largest is {largest_m:.2} m wide"
+    );
     let remedy = "if these are feet, convert all lengths to metres";
     let file = installation.directory.join(&installation.sources[1]);
-    (last_m > MAX_USUAL_DISTANCE_M).then(|| Fault::new(file, "columns x_m, y_m, z_m", problem, remedy))
+    (last_m > MAX_USUAL_DISTANCE_M)
+        .then(|| Fault::new(file, "columns x_m, y_m, z_m", problem, remedy))
 }

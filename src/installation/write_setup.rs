@@ -6,12 +6,13 @@ use std::path::{Path, PathBuf};
 use super::document::{DEFAULT_CENTRE_SIGMA_M, DEFAULT_TEMPERATURE_SIGMA_K};
 use super::section::{GivenWidths, Section, SectionTable};
 use super::tables::{
-    BreakTable, CameraTable, InstallationDocument, Side, SkinTable, SurveyTable, ThermalTable, TorsionTable,
-    VibrationTable, WingTable,
+    BreakTable, CameraTable, InstallationDocument, Side, SkinTable, SurveyTable, ThermalTable,
+    TorsionTable, VibrationTable, WingTable,
 };
 use super::{INSTALLATION_FILE, write_camera};
 use crate::measure::setup::{
-    Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Vibration, Width, WingBreak, WingSide, fixed_target,
+    Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Vibration, Width, WingBreak,
+    WingSide, fixed_target,
 };
 use crate::measure::widths::WidthRow;
 
@@ -42,7 +43,8 @@ pub fn write_installation(
     write_camera(&camera, &setup.lens, None).map_err(at(&camera))?;
     let file = folder.join(INSTALLATION_FILE);
     let document = |setup: &Setup| {
-        toml::to_string(&installation_document(setup)).map_err(|error| at(&file)(io::Error::other(error)))
+        toml::to_string(&installation_document(setup))
+            .map_err(|error| at(&file)(io::Error::other(error)))
     };
     let mut text = document(setup)?;
     if let Some(facts) = facts {
@@ -69,7 +71,11 @@ fn comment_assumptions(text: &str, facts: &str) -> String {
     let known = with_sections(facts);
     let line = |(section, line): (String, String)| {
         let fact = line.is_empty() || known.contains(&(section, line.clone()));
-        if fact { format!("{line}\n") } else { format!("# {line} # assumed\n") }
+        if fact {
+            format!("{line}\n")
+        } else {
+            format!("# {line} # assumed\n")
+        }
     };
     with_sections(text).into_iter().map(line).collect()
 }
@@ -87,9 +93,16 @@ fn installation_document(setup: &Setup) -> InstallationDocument {
         ground_temperature_c: thermal.ground_temperature_c,
         flight_temperature_c: thermal.flight_temperature_c,
         flight_temperature_sigma_k: None,
-        sigma_k: thermal.flight_temperature_sigma_k.and_then(|sigma| nondefault(sigma, DEFAULT_TEMPERATURE_SIGMA_K)),
+        sigma_k: thermal
+            .flight_temperature_sigma_k
+            .and_then(|sigma| nondefault(sigma, DEFAULT_TEMPERATURE_SIGMA_K)),
     };
-    let id = |i: usize| setup.markers.get(i).map_or(String::new(), |marker| marker.id.clone());
+    let id = |i: usize| {
+        setup
+            .markers
+            .get(i)
+            .map_or(String::new(), |marker| marker.id.clone())
+    };
     let torsion = |pair: &TorsionPair| TorsionTable {
         name: pair.name.clone(),
         leading: id(pair.leading),
@@ -114,39 +127,73 @@ fn section<T: SectionTable>(setup: &Setup, table: T) -> Section<T> {
     let (uncertainty, reach_m) = (&setup.uncertainty, setup.reach_m());
     let given = |row: &WidthRow| match row.width {
         // A configured motion of the skin is not estimated from the frames.
-        Width::SkinMotion => Some(uncertainty[row.width]).filter(|_| !uncertainty.skin_scaled_by_frames),
-        width => nondefault(uncertainty[width], row.default_for(reach_m)).map(|value| value / row.unit.factor),
+        Width::SkinMotion => {
+            Some(uncertainty[row.width]).filter(|_| !uncertainty.skin_scaled_by_frames)
+        }
+        width => nondefault(uncertainty[width], row.default_for(reach_m))
+            .map(|value| value / row.unit.factor),
     };
     let rows = Width::ROWS.iter().filter(|row| row.section == T::NAME);
-    Section { table, widths: GivenWidths(rows.filter_map(|row| Some((row.width, given(row)?))).collect()) }
+    Section {
+        table,
+        widths: GivenWidths(
+            rows.filter_map(|row| Some((row.width, given(row)?)))
+                .collect(),
+        ),
+    }
 }
 
 fn camera_table(setup: &Setup) -> CameraTable {
     CameraTable {
         calibration: CAMERA_FILE.into(),
         projection_centre_m: setup.projection_centre_m.into(),
-        projection_centre_sigma_m: nondefault(setup.projection_centre_sigma_m, DEFAULT_CENTRE_SIGMA_M),
+        projection_centre_sigma_m: nondefault(
+            setup.projection_centre_sigma_m,
+            DEFAULT_CENTRE_SIGMA_M,
+        ),
         mount_repeatability_px: Some(setup.mount_repeatability_px),
         optics: None,
     }
 }
 
 fn wing_table(setup: &Setup) -> WingTable {
-    let skin = |skin: SkinHeight| SkinTable { root: skin.root_m, tip: skin.tip_m, tip_span_m: skin.tip_span_m };
-    let Vibration { amplitude, frequency_hz, scaled_by_frames } = setup.uncertainty.vibration;
+    let skin = |skin: SkinHeight| SkinTable {
+        root: skin.root_m,
+        tip: skin.tip_m,
+        tip_span_m: skin.tip_span_m,
+    };
+    let Vibration {
+        amplitude,
+        frequency_hz,
+        scaled_by_frames,
+    } = setup.uncertainty.vibration;
     let vibrates = !scaled_by_frames && setup.uncertainty[Width::Readout] > 0.0;
-    let break_table =
-        |one: &WingBreak| BreakTable { span_m: one.span_m, sweep_deg: one.sweep_rad.map(f64::to_degrees) };
+    let break_table = |one: &WingBreak| BreakTable {
+        span_m: one.span_m,
+        sweep_deg: one.sweep_rad.map(f64::to_degrees),
+    };
     WingTable {
         survey: SURVEY_FILE.into(),
         span_direction: setup.span_direction.into(),
         flow_direction: setup.flow_direction.map(Into::into),
-        side: setup.configured_side.map(|side| if side == WingSide::Left { Side::Left } else { Side::Right }),
+        side: setup.configured_side.map(|side| {
+            if side == WingSide::Left {
+                Side::Left
+            } else {
+                Side::Right
+            }
+        }),
         root_offset_m: setup.root_offset_m,
-        breaks: Some(setup.breaks.iter().map(break_table).collect()).filter(|all: &Vec<_>| !all.is_empty()),
+        breaks: Some(setup.breaks.iter().map(break_table).collect())
+            .filter(|all: &Vec<_>| !all.is_empty()),
         axis_chord_offset_m: setup.axis_chord_offset_m,
         skin_height_m: setup.skin_height.map(skin),
-        vibration: vibrates.then(|| vec![VibrationTable { frequency_hz, amplitude_m: amplitude }]),
+        vibration: vibrates.then(|| {
+            vec![VibrationTable {
+                frequency_hz,
+                amplitude_m: amplitude,
+            }]
+        }),
     }
 }
 
@@ -155,33 +202,64 @@ type OptionalColumn = (&'static str, fn(&SurveyMarker) -> String);
 
 /// Returns the default motion of a fixed target, m; 0 for a marker on the wing.
 fn default_motion(marker: &SurveyMarker) -> f64 {
-    if marker.fixed { fixed_target::FLIGHT_MOTION_M } else { 0.0 }
+    if marker.fixed {
+        fixed_target::FLIGHT_MOTION_M
+    } else {
+        0.0
+    }
 }
 
 fn survey_csv(markers: &[SurveyMarker]) -> io::Result<Vec<u8>> {
     let any = |is: fn(&SurveyMarker) -> bool| markers.iter().any(is);
     let columns: [(bool, OptionalColumn); 3] = [
-        (any(|m| m.fixed), ("fixed", |m| if m.fixed { "yes" } else { "no" }.into())),
-        (any(|m| m.part.is_some()), ("part", |m| m.part.clone().unwrap_or_default())),
+        (
+            any(|m| m.fixed),
+            ("fixed", |m| if m.fixed { "yes" } else { "no" }.into()),
+        ),
+        (
+            any(|m| m.part.is_some()),
+            ("part", |m| m.part.clone().unwrap_or_default()),
+        ),
         (
             any(|m| (m.flight_motion_m - default_motion(m)).abs() > 0.0),
-            ("flight_motion_m", |m| if m.fixed { format!("{:?}", m.flight_motion_m) } else { String::new() }),
+            ("flight_motion_m", |m| {
+                if m.fixed {
+                    format!("{:?}", m.flight_motion_m)
+                } else {
+                    String::new()
+                }
+            }),
         ),
     ];
-    let columns: Vec<OptionalColumn> = columns.into_iter().filter_map(|(any, column)| any.then_some(column)).collect();
+    let columns: Vec<OptionalColumn> = columns
+        .into_iter()
+        .filter_map(|(any, column)| any.then_some(column))
+        .collect();
     let own = ["id", "shape", "diameter_m", "x_m", "y_m", "z_m", "sigma_m"].map(str::to_owned);
-    let head = own.into_iter().chain(columns.iter().map(|(name, _)| (*name).to_owned()));
+    let head = own
+        .into_iter()
+        .chain(columns.iter().map(|(name, _)| (*name).to_owned()));
     let line = |m: &SurveyMarker| {
         let [x, y, z] = [m.position_m.x, m.position_m.y, m.position_m.z].map(|v| format!("{v:.4}"));
         let (id, shape) = (m.id.clone(), m.shape.name().to_owned());
-        let diameter = if m.shape == Shape::Point { String::new() } else { m.diameter_m.to_string() };
+        let diameter = if m.shape == Shape::Point {
+            String::new()
+        } else {
+            m.diameter_m.to_string()
+        };
         let own = [id, shape, diameter, x, y, z, m.sigma_m.to_string()];
-        own.into_iter().chain(columns.iter().map(|(_, cell)| cell(m))).collect::<Vec<_>>()
+        own.into_iter()
+            .chain(columns.iter().map(|(_, cell)| cell(m)))
+            .collect::<Vec<_>>()
     };
     let mut csv = csv::Writer::from_writer(vec![]);
     csv.write_record(head)?;
-    markers.iter().map(line).try_for_each(|line| csv.write_record(line))?;
-    csv.into_inner().map_err(|error| io::Error::other(error.to_string()))
+    markers
+        .iter()
+        .map(line)
+        .try_for_each(|line| csv.write_record(line))?;
+    csv.into_inner()
+        .map_err(|error| io::Error::other(error.to_string()))
 }
 
 #[cfg(test)]
@@ -207,7 +285,13 @@ mod tests {
 
     #[test]
     fn an_installation_reads_back_as_written() {
-        let setup = Setup { breaks: vec![WingBreak { span_m: 12.5, sweep_rad: Some(0.015625) }], ..fixture() };
+        let setup = Setup {
+            breaks: vec![WingBreak {
+                span_m: 12.5,
+                sweep_rad: Some(0.015625),
+            }],
+            ..fixture()
+        };
         assert_eq!(read_back(&setup), setup);
     }
 
@@ -225,9 +309,20 @@ mod tests {
     fn every_prior_sigma_reads_back() {
         let mut setup = fixture();
         let own = &mut setup.uncertainty;
-        *own = SetupUncertainty { lens: own.lens, ..SetupUncertainty::from_drawings() };
-        (own[Width::MountShift], own[Width::Readout], own[Width::FlightScale]) = (0.0007, 0.02, 3e-4);
-        own.vibration = Vibration { amplitude: 0.02, frequency_hz: 2.5, scaled_by_frames: false };
+        *own = SetupUncertainty {
+            lens: own.lens,
+            ..SetupUncertainty::from_drawings()
+        };
+        (
+            own[Width::MountShift],
+            own[Width::Readout],
+            own[Width::FlightScale],
+        ) = (0.0007, 0.02, 3e-4);
+        own.vibration = Vibration {
+            amplitude: 0.02,
+            frequency_hz: 2.5,
+            scaled_by_frames: false,
+        };
         own.shake = SetupUncertainty::DEFAULT.shake;
         let back = read_back(&setup);
         assert_eq!(back, setup);
@@ -235,7 +330,12 @@ mod tests {
             setup.uncertainty[row.width] = row.unit.factor * 0.3 * row.max;
         }
         let back = read_back(&setup).uncertainty;
-        assert!(Width::ROWS.iter().all(|row| near(back[row.width], setup.uncertainty[row.width])), "{back:?}");
+        assert!(
+            Width::ROWS
+                .iter()
+                .all(|row| near(back[row.width], setup.uncertainty[row.width])),
+            "{back:?}"
+        );
     }
 
     #[test]
@@ -243,7 +343,8 @@ mod tests {
         let mut setup = fixture();
         setup.markers[3].part = Some("aileron".into());
         let mut mark = setup.markers[0].clone();
-        (mark.id, mark.shape, mark.fixed, mark.flight_motion_m) = ("F \"1\", left".into(), Shape::Circle, true, 2e-4);
+        (mark.id, mark.shape, mark.fixed, mark.flight_motion_m) =
+            ("F \"1\", left".into(), Shape::Circle, true, 2e-4);
         mark.position_m = nalgebra::Vector3::new(36.0, 20.5, 5.0);
         setup.markers.push(mark);
         setup.thermal = Some(Thermal {

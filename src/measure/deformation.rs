@@ -42,7 +42,9 @@ pub struct SectionPose {
 impl SectionPose {
     /// Returns the pose in another frame.
     pub fn transformed(&self, target_from_survey: &Similarity) -> Self {
-        let Similarity { scale, rotation, .. } = target_from_survey;
+        let Similarity {
+            scale, rotation, ..
+        } = target_from_survey;
         Self {
             arc_m: self.arc_m * scale,
             ground_m: target_from_survey.apply(&self.ground_m),
@@ -55,7 +57,10 @@ impl SectionPose {
 /// Thermal scale of a wing: length of its axis in flight over that on the ground, by the chords between its sections.
 fn thermal_scale(sections: &[SectionPose]) -> f64 {
     let length = |at: fn(&SectionPose) -> Vector3<f64>| {
-        sections.windows(2).map(|pair| (at(&pair[1]) - at(&pair[0])).norm()).sum::<f64>()
+        sections
+            .windows(2)
+            .map(|pair| (at(&pair[1]) - at(&pair[0])).norm())
+            .sum::<f64>()
     };
     length(|s| s.ground_m + s.displacement_m) / length(|s| s.ground_m)
 }
@@ -63,11 +68,20 @@ fn thermal_scale(sections: &[SectionPose]) -> f64 {
 /// Returns the poses of a wing at the temperature of the ground: the axis in flight has its length on the ground, from the
 /// root.
 pub fn remove_thermal_scale(sections: &[SectionPose]) -> Vec<SectionPose> {
-    let Some(root) = sections.first() else { return vec![] };
+    let Some(root) = sections.first() else {
+        return vec![];
+    };
     let root_m = root.ground_m + root.displacement_m;
     let scale = thermal_scale(sections);
-    let displacement = |s: &SectionPose| root_m + (s.ground_m + s.displacement_m - root_m) / scale - s.ground_m;
-    sections.iter().map(|s| SectionPose { displacement_m: displacement(s), ..*s }).collect()
+    let displacement =
+        |s: &SectionPose| root_m + (s.ground_m + s.displacement_m - root_m) / scale - s.ground_m;
+    sections
+        .iter()
+        .map(|s| SectionPose {
+            displacement_m: displacement(s),
+            ..*s
+        })
+        .collect()
 }
 
 /// Reason why poses of sections describe no deformation.
@@ -132,22 +146,34 @@ impl WingDeformation {
     /// # Errors
     /// Returns an error if there are fewer than two sections, out of order or with implausible poses.
     pub fn new(sections: &[SectionPose]) -> Result<Self, DeformationError> {
-        let [first, _, ..] = sections else { return Err(DeformationError::TooFewSections(sections.len())) };
+        let [first, _, ..] = sections else {
+            return Err(DeformationError::TooFewSections(sections.len()));
+        };
         if first.arc_m.abs() > 1e-9 {
             return Err(DeformationError::NoRoot(first.arc_m));
         }
         let to_values = |s: &SectionPose| {
             let turn = s.rotation.scaled_axis();
-            AxisValues::from_iterator(s.ground_m.iter().chain(&s.displacement_m).chain(&turn).copied())
+            AxisValues::from_iterator(
+                s.ground_m
+                    .iter()
+                    .chain(&s.displacement_m)
+                    .chain(&turn)
+                    .copied(),
+            )
         };
         let values: Vec<AxisValues> = sections.iter().map(to_values).collect();
-        let is_plausible =
-            |v: &AxisValues| v.iter().all(|x| x.is_finite()) && v.fixed_rows::<3>(6).norm() < MAX_ROTATION_RAD;
+        let is_plausible = |v: &AxisValues| {
+            v.iter().all(|x| x.is_finite()) && v.fixed_rows::<3>(6).norm() < MAX_ROTATION_RAD
+        };
         if let Some(k) = values.iter().position(|v| !is_plausible(v)) {
             return Err(DeformationError::Pose(sections[k].arc_m));
         }
         let is_ordered = |pair: &[SectionPose]| {
-            let (step_m, moved_m) = (pair[1].arc_m - pair[0].arc_m, pair[1].ground_m - pair[0].ground_m);
+            let (step_m, moved_m) = (
+                pair[1].arc_m - pair[0].arc_m,
+                pair[1].ground_m - pair[0].ground_m,
+            );
             step_m > 0.0 && moved_m.norm() > 0.5 * step_m
         };
         if let Some(k) = sections.windows(2).position(|pair| !is_ordered(pair)) {
@@ -157,7 +183,13 @@ impl WingDeformation {
         let scale = thermal_scale(sections);
         let slopes = parabolic_slopes(&arcs_m, &values);
         let knots = arcs_m.iter().zip(&values).zip(&slopes);
-        let knots = knots.map(|((&arc_m, &values), &slopes)| AxisKnot { arc_m, values, slopes }).collect();
+        let knots = knots
+            .map(|((&arc_m, &values), &slopes)| AxisKnot {
+                arc_m,
+                values,
+                slopes,
+            })
+            .collect();
         Ok(Self { knots, scale })
     }
 
@@ -180,15 +212,21 @@ impl WingDeformation {
         let last_m = self.length_m();
         let weight = blend_weight(arc_m / (BLEND_FRACTION * last_m));
         let axis = self.axis_at(arc_m.min(last_m));
-        let [axis_m, displacement_m, turn_rad] = [0, 3, 6].map(|k| axis.values.fixed_rows::<3>(k).into_owned());
+        let [axis_m, displacement_m, turn_rad] =
+            [0, 3, 6].map(|k| axis.values.fixed_rows::<3>(k).into_owned());
         let turned = Rotation3::new(turn_rad * weight) * (ground_m - axis_m);
         axis_m + displacement_m * weight + turned * (1.0 + (self.scale - 1.0) * weight)
     }
 
     /// Finds the section through a point, m.
     pub fn find_foot(&self, point_m: &Vector3<f64>) -> SectionFoot {
-        let inboard = self.knots.partition_point(|knot| knot.distance_outboard_m(point_m) > 0.0);
-        let (low, high) = (&self.knots[inboard.max(1) - 1], &self.knots[inboard.min(self.knots.len() - 1)]);
+        let inboard = self
+            .knots
+            .partition_point(|knot| knot.distance_outboard_m(point_m) > 0.0);
+        let (low, high) = (
+            &self.knots[inboard.max(1) - 1],
+            &self.knots[inboard.min(self.knots.len() - 1)],
+        );
         let mut axis = *low;
         for _ in 0..FOOT_STEPS {
             let step_m = axis.distance_outboard_m(point_m) / axis.slopes.fixed_rows::<3>(0).norm();
@@ -199,21 +237,35 @@ impl WingDeformation {
             axis = self.axis_at(next_m);
         }
         // Only beyond the ends, where both knots are one.
-        let beyond_m = if low.arc_m == high.arc_m { low.distance_outboard_m(point_m) } else { 0.0 };
+        let beyond_m = if low.arc_m == high.arc_m {
+            low.distance_outboard_m(point_m)
+        } else {
+            0.0
+        };
         let arm_m = point_m - axis.values.fixed_rows::<3>(0) - axis.tangent() * beyond_m;
-        SectionFoot { arc_m: axis.arc_m + beyond_m, distance_m: arm_m.norm() }
+        SectionFoot {
+            arc_m: axis.arc_m + beyond_m,
+            distance_m: arm_m.norm(),
+        }
     }
 
     /// Axis at an arc length of the wing, m: cubic between two sections, by values and slopes there.
     fn axis_at(&self, arc_m: f64) -> AxisKnot {
-        let k = self.knots.partition_point(|knot| knot.arc_m <= arc_m).clamp(1, self.knots.len() - 1);
+        let k = self
+            .knots
+            .partition_point(|knot| knot.arc_m <= arc_m)
+            .clamp(1, self.knots.len() - 1);
         let (low, high) = (&self.knots[k - 1], &self.knots[k]);
         let step_m = high.arc_m - low.arc_m;
         let t = (arc_m - low.arc_m) / step_m;
         let (a, b, rise) = (low.slopes, high.slopes, (high.values - low.values) / step_m);
         let (second, third) = (rise * 3.0 - a * 2.0 - b, a + b - rise * 2.0);
         let values = low.values + (a + (second + third * t) * t) * (t * step_m);
-        AxisKnot { arc_m, values, slopes: a + (second * 2.0 + third * (3.0 * t)) * t }
+        AxisKnot {
+            arc_m,
+            values,
+            slopes: a + (second * 2.0 + third * (3.0 * t)) * t,
+        }
     }
 }
 
@@ -241,14 +293,23 @@ fn blend_weight(fraction: f64) -> f64 {
 
 /// Standard deviations of a moved point's coordinates over sampled deformations, m; `None` for fewer than two, or if the
 /// point is inboard of the root of each and does not move.
-pub fn sample_sigma_m(samples: &[WingDeformation], ground_m: &Vector3<f64>) -> Option<Vector3<f64>> {
-    let moved: Vec<Vector3<f64>> = samples.iter().map(|one| one.move_point(ground_m) - ground_m).collect();
+pub fn sample_sigma_m(
+    samples: &[WingDeformation],
+    ground_m: &Vector3<f64>,
+) -> Option<Vector3<f64>> {
+    let moved: Vec<Vector3<f64>> = samples
+        .iter()
+        .map(|one| one.move_point(ground_m) - ground_m)
+        .collect();
     if moved.len() < 2 || moved.iter().all(|m| *m == Vector3::zeros()) {
         return None;
     }
     let count = moved.len() as f64;
     let mean = moved.iter().sum::<Vector3<f64>>() / count;
-    let squares = moved.iter().map(|m| (m - mean).component_mul(&(m - mean))).sum::<Vector3<f64>>();
+    let squares = moved
+        .iter()
+        .map(|m| (m - mean).component_mul(&(m - mean)))
+        .sum::<Vector3<f64>>();
     Some((squares / (count - 1.0)).map(f64::sqrt))
 }
 
@@ -265,15 +326,34 @@ impl SampledPoses {
     /// Samples the mean shape over frames of a flight, or the shape of one frame. Errors that the frames share do not
     /// become smaller by averaging.
     pub fn new(shape: &JointShape, frames: &[usize], count: usize, seed: u64) -> Self {
-        let ShapeMean { values, lasting, shared, own, .. } = shape.mean(frames);
+        let ShapeMean {
+            values,
+            lasting,
+            shared,
+            own,
+            ..
+        } = shape.mean(frames);
         if values.is_empty() {
-            return Self { mean: vec![], samples: vec![] };
+            return Self {
+                mean: vec![],
+                samples: vec![],
+            };
         }
         let mut random = SeededRandom::new(seed, SAMPLING_STREAM);
-        let mut error = |factor: &DMatrix<f64>| factor * DVector::from_fn(factor.ncols(), |_, _| random.normal());
-        let sample = |_| section_poses(shape, &(&values + error(&lasting) + error(&shared) + error(&own)));
+        let mut error = |factor: &DMatrix<f64>| {
+            factor * DVector::from_fn(factor.ncols(), |_, _| random.normal())
+        };
+        let sample = |_| {
+            section_poses(
+                shape,
+                &(&values + error(&lasting) + error(&shared) + error(&own)),
+            )
+        };
         let samples = (0..count).map(sample).collect();
-        Self { mean: section_poses(shape, &values), samples }
+        Self {
+            mean: section_poses(shape, &values),
+            samples,
+        }
     }
 }
 
@@ -282,12 +362,20 @@ const SAMPLING_STREAM: u64 = 31;
 
 /// Poses of the stations of a shape from values of its functions.
 fn section_poses(shape: &JointShape, values: &DVector<f64>) -> Vec<SectionPose> {
-    let vector = |first: usize, k: usize| Vector3::from_fn(|i, _| values[shape.station_function(first + i, k)]);
+    let vector = |first: usize, k: usize| {
+        Vector3::from_fn(|i, _| values[shape.station_function(first + i, k)])
+    };
     let pose = |(k, (&arc_m, &ground_m)): (usize, (&f64, &Vector3<f64>))| SectionPose {
         arc_m,
         ground_m,
         displacement_m: vector(0, k),
         rotation: Rotation3::new(vector(6, k)),
     };
-    shape.arcs_m.iter().zip(&shape.ground_m).enumerate().map(pose).collect()
+    shape
+        .arcs_m
+        .iter()
+        .zip(&shape.ground_m)
+        .enumerate()
+        .map(pose)
+        .collect()
 }

@@ -53,7 +53,11 @@ const MIN_MARKERS: usize = 3;
 
 /// Estimates the movement; `None` if too few markers are in both frames. `shift_sigma_m`: prior standard deviation of the
 /// shift, because distant markers alone separate it poorly from a rotation.
-pub fn estimate_movement(lens: &Lens, pairs: &[MarkerShift], shift_sigma_m: f64) -> Option<CameraMovement> {
+pub fn estimate_movement(
+    lens: &Lens,
+    pairs: &[MarkerShift],
+    shift_sigma_m: f64,
+) -> Option<CameraMovement> {
     if pairs.len() < MIN_MARKERS {
         return None;
     }
@@ -66,7 +70,8 @@ pub fn estimate_movement(lens: &Lens, pairs: &[MarkerShift], shift_sigma_m: f64)
         let (_, by_point) = lens.project_with_jacobian(&pair.point_m)?;
         let mut rows = SMatrix::<f64, 2, 6>::zeros();
         // The scene turns and shifts the other way.
-        rows.fixed_columns_mut::<3>(0).copy_from(&(by_point * cross_matrix(&pair.point_m)));
+        rows.fixed_columns_mut::<3>(0)
+            .copy_from(&(by_point * cross_matrix(&pair.point_m)));
         rows.fixed_columns_mut::<3>(3).copy_from(&-by_point);
         Some((rows, pair.covariance_px2.try_inverse()?))
     };
@@ -78,7 +83,10 @@ pub fn estimate_movement(lens: &Lens, pairs: &[MarkerShift], shift_sigma_m: f64)
     let covariance = normal.cholesky()?.inverse();
     let found = covariance * right;
     let n = pairs.len() as f64;
-    let left: f64 = pairs.iter().filter_map(|p| Some((p.moved_px - design(p)?.0 * found).norm_squared())).sum();
+    let left: f64 = pairs
+        .iter()
+        .filter_map(|p| Some((p.moved_px - design(p)?.0 * found).norm_squared()))
+        .sum();
     let moved: f64 = pairs.iter().map(|p| p.moved_px.norm_squared()).sum();
     let mean_px = pairs.iter().map(|p| p.moved_px).sum::<Vector2<f64>>() / n;
     let weighted = |pair: &MarkerShift, residual: Vector2<f64>| {
@@ -112,14 +120,25 @@ mod tests {
     #[test]
     fn a_rotation_and_a_shift_come_back() {
         let lens = Lens::pinhole(4000, 3000, 7800.0, 2000.0, 1500.0);
-        let (turn, shift) = (Vector3::new(1e-4, -2e-4, 3e-4), Vector3::new(0.002, -0.001, 0.0005));
+        let (turn, shift) = (
+            Vector3::new(1e-4, -2e-4, 3e-4),
+            Vector3::new(0.002, -0.001, 0.0005),
+        );
         let camera = Rotation3::new(turn);
         let pair = |k: usize| {
             let z = 3.0 + 2.5 * k as f64;
-            let point_m = Vector3::new(0.15 * z * (k as f64 * 1.7).sin(), 0.1 * z * (k as f64 * 2.3).cos(), z);
+            let point_m = Vector3::new(
+                0.15 * z * (k as f64 * 1.7).sin(),
+                0.1 * z * (k as f64 * 2.3).cos(),
+                z,
+            );
             let after = camera.inverse() * (point_m - shift);
             let moved_px = lens.project(&after).unwrap() - lens.project(&point_m).unwrap();
-            MarkerShift { point_m, moved_px, covariance_px2: Matrix2::identity() * 0.05 * 0.05 }
+            MarkerShift {
+                point_m,
+                moved_px,
+                covariance_px2: Matrix2::identity() * 0.05 * 0.05,
+            }
         };
         let pairs: Vec<MarkerShift> = (0..14).map(pair).collect();
         let found = estimate_movement(&lens, &pairs, 1.0).unwrap();

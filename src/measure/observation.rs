@@ -16,7 +16,10 @@ pub struct Observation {
 
 impl Observation {
     /// Returns the mean observation of each observed marker below `markers`, weighted by the covariances.
-    pub fn mean_observations(markers: usize, observations: impl IntoIterator<Item = Self>) -> Vec<Self> {
+    pub fn mean_observations(
+        markers: usize,
+        observations: impl IntoIterator<Item = Self>,
+    ) -> Vec<Self> {
         let mut sums = vec![(Matrix2::zeros(), Vector2::zeros()); markers];
         for observation in observations {
             let weight = observation.covariance_px2.try_inverse();
@@ -27,7 +30,11 @@ impl Observation {
         }
         let mean = |(marker, (weight, sum)): (usize, (Matrix2<f64>, Vector2<f64>))| {
             let covariance_px2 = weight.try_inverse()?;
-            Some(Self { marker, pixel: covariance_px2 * sum, covariance_px2 })
+            Some(Self {
+                marker,
+                pixel: covariance_px2 * sum,
+                covariance_px2,
+            })
         };
         sums.into_iter().enumerate().filter_map(mean).collect()
     }

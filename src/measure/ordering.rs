@@ -7,7 +7,11 @@ pub fn sort_by_value<T>(items: &mut Vec<T>, value: impl Fn(&T) -> f64) {
     let mut order: Vec<(f64, usize)> = items.iter().map(value).zip(0..).collect();
     sort_pairs(&mut order);
     let mut moved: Vec<Option<T>> = std::mem::take(items).into_iter().map(Some).collect();
-    items.extend(order.into_iter().filter_map(|(_, place)| moved.get_mut(place)?.take()));
+    items.extend(
+        order
+            .into_iter()
+            .filter_map(|(_, place)| moved.get_mut(place)?.take()),
+    );
 }
 
 #[inline(never)]

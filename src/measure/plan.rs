@@ -15,9 +15,12 @@ mod view;
 pub use draft::{DraftVariant, LayoutDraft, best_layout, even_layout, predict_variants};
 pub use narrow_widths::{NarrowWidth, find_narrow_widths};
 pub use optics::{Optics, OpticsPlan};
-pub use prediction::{AlternativeLayout, LayoutChange, LayoutPrecision, LayoutPrediction, MarkerSigma, TipSigma};
+pub use prediction::{
+    AlternativeLayout, LayoutChange, LayoutPrecision, LayoutPrediction, MarkerSigma, TipSigma,
+};
 pub use requirement::{
-    Remedy, Requirement, RequirementResult, VarianceFraction, assumed_attitude, check_requirement, predict_precision,
+    Remedy, Requirement, RequirementResult, VarianceFraction, assumed_attitude, check_requirement,
+    predict_precision,
 };
 pub use resolution::{Footprint, SkinProfile, skin_footprint};
 
@@ -43,7 +46,12 @@ pub struct PlanOptions {
 
 impl Default for PlanOptions {
     fn default() -> Self {
-        Self { tip_deflection_m: 2.5, pixel_sigma: 0.1, optics: None, curvature_terms: 8 }
+        Self {
+            tip_deflection_m: 2.5,
+            pixel_sigma: 0.1,
+            optics: None,
+            curvature_terms: 8,
+        }
     }
 }
 
@@ -132,21 +140,30 @@ pub fn plan_installation(
     let simulation = SimulatedFlight::new(setup, orientation, options)?;
     let (prediction, failure) = match simulation.predict_layout() {
         Ok(prediction) => (Some(prediction), None),
-        Err(error) => (None, Some(format!("the uncertainty cannot be predicted: {error}"))),
+        Err(error) => (
+            None,
+            Some(format!("the uncertainty cannot be predicted: {error}")),
+        ),
     };
     let mut markers = plan_markers(setup, &simulation, prediction.as_ref());
     let optics = options.optics.map(|o| {
         // Fixed targets are so near that focusing on them would blur the wing.
         let seen = |select: &dyn Fn(bool) -> bool| -> Vec<f64> {
-            let seen = markers.iter().zip(&setup.markers).filter(|(m, s)| m.visible && select(s.fixed));
+            let seen = markers
+                .iter()
+                .zip(&setup.markers)
+                .filter(|(m, s)| m.visible && select(s.fixed));
             seen.map(|(m, _)| m.distance_m).collect()
         };
         let mut distances = seen(&|fixed| !fixed);
         if distances.is_empty() {
             distances = seen(&|_| true);
         }
-        let (nearest, farthest) =
-            distances.iter().fold((f64::INFINITY, 0.0), |(n, f): (f64, f64), d| (n.min(*d), f.max(*d)));
+        let (nearest, farthest) = distances
+            .iter()
+            .fold((f64::INFINITY, 0.0), |(n, f): (f64, f64), d| {
+                (n.min(*d), f.max(*d))
+            });
         OpticsPlan::new(&o, nearest, farthest)
     });
     for marker in &mut markers {
@@ -170,12 +187,19 @@ pub fn plan_installation(
 
 fn field_of_view_deg(setup: &Setup) -> [f64; 3] {
     let lens = &setup.lens;
-    let (x, y) = (0.5 * f64::from(lens.width) / lens.fx, 0.5 * f64::from(lens.height) / lens.fy);
+    let (x, y) = (
+        0.5 * f64::from(lens.width) / lens.fx,
+        0.5 * f64::from(lens.height) / lens.fy,
+    );
     [x, y, x.hypot(y)].map(|tangent| (2.0 * tangent.atan()).to_degrees())
 }
 
 /// Predicts footprint and size in the image, visibility and standard deviation of each marker.
-fn plan_markers(setup: &Setup, simulation: &SimulatedFlight, prediction: Option<&LayoutPrediction>) -> Vec<MarkerPlan> {
+fn plan_markers(
+    setup: &Setup,
+    simulation: &SimulatedFlight,
+    prediction: Option<&LayoutPrediction>,
+) -> Vec<MarkerPlan> {
     let one = |(index, marker): (usize, &super::setup::SurveyMarker)| {
         let ground = simulation.ground[index];
         let [on_ground, in_flight] = simulation.footprints(index);
@@ -227,7 +251,12 @@ fn predict_along_span(
 fn layout_fault_remarks(plan: &InstallationPlan) -> Vec<String> {
     let mut remarks = Vec::new();
     let ids = |select: &dyn Fn(&MarkerPlan) -> bool| {
-        let found: Vec<&str> = plan.markers.iter().filter(|m| select(m)).map(|m| m.id.as_str()).collect();
+        let found: Vec<&str> = plan
+            .markers
+            .iter()
+            .filter(|m| select(m))
+            .map(|m| m.id.as_str())
+            .collect();
         (!found.is_empty()).then(|| found.join(", "))
     };
     if let Some(hidden) = ids(&|m| !m.visible && !m.too_small) {

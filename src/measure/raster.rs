@@ -20,7 +20,11 @@ impl Raster {
     /// Creates an image from `width * height` values; `None` if their number differs or a side is 0.
     pub fn new(width: usize, height: usize, luma: Vec<u8>) -> Option<Self> {
         let area = width.checked_mul(height)?;
-        (area > 0 && luma.len() == area).then_some(Self { width, height, luma })
+        (area > 0 && luma.len() == area).then_some(Self {
+            width,
+            height,
+            luma,
+        })
     }
 
     /// Returns the number of pixels per row.
@@ -46,7 +50,9 @@ impl Raster {
     /// Returns a row of `width` values; empty if `y` is outside.
     pub fn row(&self, y: usize) -> &[u8] {
         let start = y.saturating_mul(self.width);
-        self.luma.get(start..start.saturating_add(self.width)).unwrap_or(&[])
+        self.luma
+            .get(start..start.saturating_add(self.width))
+            .unwrap_or(&[])
     }
 
     /// Returns column, row and value of every `step`-th pixel of a box, px, across and down, clipped to the image; the far
@@ -57,14 +63,22 @@ impl Raster {
         high: Vector2<f64>,
         step: usize,
     ) -> impl Iterator<Item = (usize, usize, u8)> {
-        self.rows_in_box(low, high).step_by(step).flat_map(move |(first, y, row)| {
-            let values = row.iter().step_by(step);
-            values.zip((first..).step_by(step)).map(move |(&value, x)| (x, y, value))
-        })
+        self.rows_in_box(low, high)
+            .step_by(step)
+            .flat_map(move |(first, y, row)| {
+                let values = row.iter().step_by(step);
+                values
+                    .zip((first..).step_by(step))
+                    .map(move |(&value, x)| (x, y, value))
+            })
     }
 
     /// Returns the rows of a box, clipped to the image: first column, row, values.
-    pub fn rows_in_box(&self, low: Vector2<f64>, high: Vector2<f64>) -> impl Iterator<Item = (usize, usize, &[u8])> {
+    pub fn rows_in_box(
+        &self,
+        low: Vector2<f64>,
+        high: Vector2<f64>,
+    ) -> impl Iterator<Item = (usize, usize, &[u8])> {
         let [x0, y0, x1, y1] = [low.x, low.y, high.x, high.y].map(|v| v.max(0.0) as usize);
         let (first, last) = (x0.min(self.width), x1.clamp(x0.min(self.width), self.width));
         (y0..y1.min(self.height)).map(move |y| (first, y, &self.row(y)[first..last]))

@@ -10,7 +10,9 @@ use crate::raster::Raster;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SamplesError {
     /// The pixel format is not supported.
-    #[error("pixel format {0} is not supported; use GREY, YUYV or a Bayer format of 8, 10 or 12 bits")]
+    #[error(
+        "pixel format {0} is not supported; use GREY, YUYV or a Bayer format of 8, 10 or 12 bits"
+    )]
     Format(String),
     /// The data are too short for the image's size.
     #[error("{have} bytes, but {width} x {height} px with a stride of {stride} need {need}")]
@@ -84,11 +86,15 @@ impl Packing {
     fn unpack(self, row: &[u8], out: &mut [u16]) {
         match self {
             Self::Byte => {
-                out.iter_mut().zip(row).for_each(|(sample, byte)| *sample = u16::from(*byte));
+                out.iter_mut()
+                    .zip(row)
+                    .for_each(|(sample, byte)| *sample = u16::from(*byte));
             }
             Self::Second(first) => {
                 let luma = row.iter().skip(first).step_by(2);
-                out.iter_mut().zip(luma).for_each(|(sample, byte)| *sample = u16::from(*byte));
+                out.iter_mut()
+                    .zip(luma)
+                    .for_each(|(sample, byte)| *sample = u16::from(*byte));
             }
             Self::Word(bits) => {
                 let top = u16::MAX >> (16 - bits);
@@ -124,10 +130,20 @@ pub fn decode_luma(
     stride: usize,
     bytes: &[u8],
 ) -> Result<Raster, SamplesError> {
-    let (packing, mosaic) = sample_layout(fourcc).ok_or_else(|| SamplesError::Format(fourcc.to_owned()))?;
+    let (packing, mosaic) =
+        sample_layout(fourcc).ok_or_else(|| SamplesError::Format(fourcc.to_owned()))?;
     let row_bytes = packing.row_bytes(width);
-    let need = height.saturating_sub(1).saturating_mul(stride).saturating_add(row_bytes);
-    let short = SamplesError::Length { have: bytes.len(), need, width, height, stride };
+    let need = height
+        .saturating_sub(1)
+        .saturating_mul(stride)
+        .saturating_add(row_bytes);
+    let short = SamplesError::Length {
+        have: bytes.len(),
+        need,
+        width,
+        height,
+        stride,
+    };
     if bytes.len() < need || stride < row_bytes || width < 2 || height < 2 {
         return Err(short);
     }
@@ -139,7 +155,9 @@ pub fn decode_luma(
         let mut samples = vec![0; width];
         for (y, line) in out.chunks_mut(width).enumerate() {
             packing.unpack(row(y), &mut samples);
-            line.iter_mut().zip(&samples).for_each(|(luma, sample)| *luma = (sample >> (packing.bits() - 8)) as u8);
+            line.iter_mut()
+                .zip(&samples)
+                .for_each(|(luma, sample)| *luma = (sample >> (packing.bits() - 8)) as u8);
         }
     }
     Raster::new(width, height, out).ok_or(short)
@@ -147,7 +165,13 @@ pub fn decode_luma(
 
 /// Converts a colour mosaic to luma, three rows at a time: unpacked, blended along the row, then across rows. Beyond the
 /// edge the mosaic is mirrored at the outermost sample, which keeps its colours in step.
-fn blend_mosaic<'a>(packing: Packing, width: usize, height: usize, row: impl Fn(usize) -> &'a [u8], out: &mut [u8]) {
+fn blend_mosaic<'a>(
+    packing: Packing,
+    width: usize,
+    height: usize,
+    row: impl Fn(usize) -> &'a [u8],
+    out: &mut [u8],
+) {
     let mut samples = vec![0; width];
     let mut along = |y: usize, target: &mut Vec<u32>| {
         packing.unpack(row(y), &mut samples);
@@ -185,17 +209,28 @@ mod tests {
 
     /// Creates a grey ramp over x and y, with different values in every pixel's neighbourhood.
     fn ramp(width: usize, height: usize) -> Vec<u8> {
-        (0..width * height).map(|i| ((i % width) * 3 + (i / width) * 5) as u8).collect()
+        (0..width * height)
+            .map(|i| ((i % width) * 3 + (i / width) * 5) as u8)
+            .collect()
     }
 
     #[test]
     fn grey_honours_the_stride() {
         let grey = ramp(6, 4);
-        let padded: Vec<u8> = grey.chunks(6).flat_map(|row| row.iter().copied().chain([9, 9])).collect();
+        let padded: Vec<u8> = grey
+            .chunks(6)
+            .flat_map(|row| row.iter().copied().chain([9, 9]))
+            .collect();
         assert_eq!(decode_luma("GREY", 6, 4, 8, &padded).unwrap().luma(), grey);
         // The last row's padding may be missing.
-        assert_eq!(decode_luma("GREY", 6, 4, 8, &padded[..30]).unwrap().luma(), grey);
-        assert!(matches!(decode_luma("GREY", 6, 4, 8, &padded[..29]), Err(SamplesError::Length { need: 30, .. })));
+        assert_eq!(
+            decode_luma("GREY", 6, 4, 8, &padded[..30]).unwrap().luma(),
+            grey
+        );
+        assert!(matches!(
+            decode_luma("GREY", 6, 4, 8, &padded[..29]),
+            Err(SamplesError::Length { need: 30, .. })
+        ));
         assert!(decode_luma("GREY", 6, 4, 5, &padded).is_err());
     }
 
@@ -217,9 +252,15 @@ mod tests {
             ("GRBG", [green, red, blue, green]),
             ("GBRG", [green, blue, red, green]),
         ] {
-            let bytes: Vec<u8> = (0..8 * 6).map(|i| tile[(i / 8 % 2) * 2 + i % 2] as u8).collect();
+            let bytes: Vec<u8> = (0..8 * 6)
+                .map(|i| tile[(i / 8 % 2) * 2 + i % 2] as u8)
+                .collect();
             let raster = decode_luma(fourcc, 8, 6, 8, &bytes).unwrap();
-            assert!(raster.luma().iter().all(|l| *l == 110), "{fourcc}: {:?}", raster.luma());
+            assert!(
+                raster.luma().iter().all(|l| *l == 110),
+                "{fourcc}: {:?}",
+                raster.luma()
+            );
         }
     }
 
@@ -239,24 +280,48 @@ mod tests {
         let packed: Vec<u8> = values
             .chunks(4)
             .flat_map(|v| {
-                let low = v.iter().enumerate().fold(0, |low, (i, v)| low | ((v & 3) << (2 * i)) as u8);
-                v.iter().map(|v| (v >> 2) as u8).chain([low]).collect::<Vec<_>>()
+                let low = v
+                    .iter()
+                    .enumerate()
+                    .fold(0, |low, (i, v)| low | ((v & 3) << (2 * i)) as u8);
+                v.iter()
+                    .map(|v| (v >> 2) as u8)
+                    .chain([low])
+                    .collect::<Vec<_>>()
             })
             .collect();
-        assert_eq!(decode_luma("RG10", 8, 4, 16, &words), decode_luma("pRAA", 8, 4, 10, &packed));
+        assert_eq!(
+            decode_luma("RG10", 8, 4, 16, &words),
+            decode_luma("pRAA", 8, 4, 10, &packed)
+        );
         let twelve: Vec<u16> = values.iter().map(|v| v * 4).collect();
         let words12: Vec<u8> = twelve.iter().flat_map(|v| v.to_le_bytes()).collect();
         let packed12: Vec<u8> = twelve
             .chunks(2)
-            .flat_map(|v| [(v[0] >> 4) as u8, (v[1] >> 4) as u8, ((v[0] & 15) | ((v[1] & 15) << 4)) as u8])
+            .flat_map(|v| {
+                [
+                    (v[0] >> 4) as u8,
+                    (v[1] >> 4) as u8,
+                    ((v[0] & 15) | ((v[1] & 15) << 4)) as u8,
+                ]
+            })
             .collect();
-        assert_eq!(decode_luma("RG12", 8, 4, 16, &words12), decode_luma("pRCC", 8, 4, 12, &packed12));
-        assert_eq!(decode_luma("RG10", 8, 4, 16, &words), decode_luma("RG12", 8, 4, 16, &words12));
+        assert_eq!(
+            decode_luma("RG12", 8, 4, 16, &words12),
+            decode_luma("pRCC", 8, 4, 12, &packed12)
+        );
+        assert_eq!(
+            decode_luma("RG10", 8, 4, 16, &words),
+            decode_luma("RG12", 8, 4, 16, &words12)
+        );
     }
 
     #[test]
     fn unknown_formats_and_tiny_sizes_are_refused() {
-        assert!(matches!(decode_luma("H264", 8, 4, 8, &[0; 32]), Err(SamplesError::Format(_))));
+        assert!(matches!(
+            decode_luma("H264", 8, 4, 8, &[0; 32]),
+            Err(SamplesError::Format(_))
+        ));
         assert!(decode_luma("GREY", 0, 0, 0, &[]).is_err());
         assert!(decode_luma("GREY", usize::MAX, usize::MAX, usize::MAX, &[0; 8]).is_err());
     }

@@ -10,7 +10,19 @@ pub use super::widths::Width;
 use crate::ordering::sort_by_value;
 
 /// Kind of marker (docs/detection.md).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    Hash,
+    PartialOrd,
+    Ord,
+    serde::Serialize,
+    serde::Deserialize,
+)]
 #[serde(rename_all = "lowercase")]
 pub enum Shape {
     /// Four alternating quadrants, near the fuselage.
@@ -76,7 +88,9 @@ impl PointTemplate {
     /// Returns whether the point is at the middle of the patch, to a pixel.
     pub fn is_centred(&self) -> bool {
         let origin = Vector2::new(self.origin_px[0] as f64, self.origin_px[1] as f64);
-        let middle = Vector2::new(self.patch.width() as f64, self.patch.height() as f64).add_scalar(-1.0) * 0.5;
+        let middle = Vector2::new(self.patch.width() as f64, self.patch.height() as f64)
+            .add_scalar(-1.0)
+            * 0.5;
         (self.place_px - origin - middle).amax() <= 0.5
     }
 }
@@ -286,30 +300,50 @@ impl Setup {
     /// or else from the sweep of the span relative to the window's normal. Returns `None` if none is available: a wing's
     /// shape alone equals that of its mirror image.
     pub fn side(&self) -> Option<WingSide> {
-        self.configured_side.or_else(|| self.side_from_pair(self.torsion.first()?)).or_else(|| self.side_from_sweep())
+        self.configured_side
+            .or_else(|| self.side_from_pair(self.torsion.first()?))
+            .or_else(|| self.side_from_sweep())
     }
 
     /// Returns the side of the wing from the leading and trailing markers of a pair.
     pub fn side_from_pair(&self, pair: &TorsionPair) -> Option<WingSide> {
-        let z = |k: usize| Some(self.wing_frame().wing_point(&self.markers.get(k)?.position_m).z);
+        let z = |k: usize| {
+            Some(
+                self.wing_frame()
+                    .wing_point(&self.markers.get(k)?.position_m)
+                    .z,
+            )
+        };
         let aft = z(pair.trailing)? - z(pair.leading)?;
-        (aft != 0.0).then_some(if aft > 0.0 { WingSide::Right } else { WingSide::Left })
+        (aft != 0.0).then_some(if aft > 0.0 {
+            WingSide::Right
+        } else {
+            WingSide::Left
+        })
     }
 
     /// Returns the sign of Z of the wing frame towards the tail: 1 on a right wing, and if the side is unknown.
     pub fn aft_sign(&self) -> f64 {
-        if self.side() == Some(WingSide::Left) { -1.0 } else { 1.0 }
+        if self.side() == Some(WingSide::Left) {
+            -1.0
+        } else {
+            1.0
+        }
     }
 
     /// Returns the stated changes of the sweep: span from the projection centre, m, and angle towards Z of the wing frame, rad.
     pub fn sweeps(&self) -> impl Iterator<Item = (f64, f64)> {
         let aft = self.aft_sign();
-        self.breaks.iter().filter_map(move |one| Some((one.span_m, aft * one.sweep_rad?)))
+        self.breaks
+            .iter()
+            .filter_map(move |one| Some((one.span_m, aft * one.sweep_rad?)))
     }
 
     /// Returns the distance of the swept axis at a span from that inboard of all stated breaks, along Z of the wing frame, m.
     pub fn swept_m(&self, span_m: f64) -> f64 {
-        self.sweeps().map(|(from_m, sweep_rad)| sweep_rad.tan() * (span_m - from_m).max(0.0)).sum()
+        self.sweeps()
+            .map(|(from_m, sweep_rad)| sweep_rad.tan() * (span_m - from_m).max(0.0))
+            .sum()
     }
 
     fn side_from_sweep(&self) -> Option<WingSide> {
@@ -329,25 +363,41 @@ impl Setup {
     pub fn wing_markers(&self) -> Vec<(usize, Vector3<f64>)> {
         let frame = self.wing_frame();
         let wing = self.markers.iter().enumerate().filter(|(_, m)| !m.fixed);
-        wing.map(|(k, m)| (k, frame.wing_point(&m.position_m))).collect()
+        wing.map(|(k, m)| (k, frame.wing_point(&m.position_m)))
+            .collect()
     }
 
     /// Returns whether a marker of the survey is a point without a decal.
     pub fn is_point(&self, marker: usize) -> bool {
-        self.markers.get(marker).is_some_and(|m| m.shape == Shape::Point)
+        self.markers
+            .get(marker)
+            .is_some_and(|m| m.shape == Shape::Point)
     }
 
     /// Returns the span from the bending root to the outermost marker on the wing, m; 0 without one.
     pub fn reach_m(&self) -> f64 {
-        self.wing_markers().iter().fold(0.0, |reach: f64, (_, point)| reach.max(point.x - self.root_offset_m))
+        self.wing_markers()
+            .iter()
+            .fold(0.0, |reach: f64, (_, point)| {
+                reach.max(point.x - self.root_offset_m)
+            })
     }
 
     /// Returns whether the lens is below the inner third of the markers on the wing, as on a high wing or in a survey whose
     /// z points down.
     pub fn is_lens_below_wing(&self) -> bool {
-        let mut points: Vec<Vector3<f64>> = self.wing_markers().into_iter().map(|(_, point)| point).collect();
+        let mut points: Vec<Vector3<f64>> = self
+            .wing_markers()
+            .into_iter()
+            .map(|(_, point)| point)
+            .collect();
         sort_by_value(&mut points, |one| one.x);
-        points.iter().take(points.len().div_ceil(3)).map(|p| p.y).sum::<f64>() > 0.0
+        points
+            .iter()
+            .take(points.len().div_ceil(3))
+            .map(|p| p.y)
+            .sum::<f64>()
+            > 0.0
     }
 
     /// Returns the frame of the adjustment: X outboard, Y up, Z = X x Y, origin in the projection centre.
@@ -378,14 +428,23 @@ const MIN_SURFACE_POINTS: usize = 14;
 impl Orientation {
     /// Creates an orientation of which only the rotation is known.
     pub fn from_rotation(camera_from_survey: Rotation3<f64>) -> Self {
-        Self { camera_from_survey, covariance_rad2: None, ground: Vec::new(), templates: Vec::new() }
+        Self {
+            camera_from_survey,
+            covariance_rad2: None,
+            ground: Vec::new(),
+            templates: Vec::new(),
+        }
     }
 
     /// Returns for each marker of the survey whether it may shape the wing's surface: the markers that ground frames
     /// showed. Other points cannot be checked; if hardly any marker was observed, all may.
     pub fn shaping_markers(&self, markers: usize) -> Vec<bool> {
         let mut seen = vec![false; markers];
-        self.ground.iter().for_each(|observation| seen.get_mut(observation.marker).into_iter().for_each(|s| *s = true));
+        self.ground.iter().for_each(|observation| {
+            seen.get_mut(observation.marker)
+                .into_iter()
+                .for_each(|s| *s = true)
+        });
         if seen.iter().filter(|s| **s).count() < MIN_SURFACE_POINTS {
             seen.fill(true);
         }

@@ -21,7 +21,12 @@ impl Tiles {
     /// Creates a mask of an image of `width` x `height` px without marked tiles.
     pub fn none(width: usize, height: usize) -> Self {
         let across = width.div_ceil(TILE_SIDE);
-        Self { width, height, across, marked: vec![false; across * height.div_ceil(TILE_SIDE)] }
+        Self {
+            width,
+            height,
+            across,
+            marked: vec![false; across * height.div_ceil(TILE_SIDE)],
+        }
     }
 
     /// Creates a mask of an image of `width` x `height` px with all tiles marked.
@@ -33,7 +38,10 @@ impl Tiles {
 
     /// Marks the tiles that overlap a box, px, clipped to the image.
     pub fn mark(&mut self, columns: Range<usize>, rows: Range<usize>) {
-        let (columns, rows) = (columns.start..columns.end.min(self.width), rows.start..rows.end.min(self.height));
+        let (columns, rows) = (
+            columns.start..columns.end.min(self.width),
+            rows.start..rows.end.min(self.height),
+        );
         if columns.is_empty() || rows.is_empty() {
             return;
         }
@@ -45,14 +53,19 @@ impl Tiles {
 
     /// Returns the marks of a row of tiles; empty outside the image.
     pub fn row(&self, row: usize) -> &[bool] {
-        self.marked.chunks(self.across.max(1)).nth(row).unwrap_or_default()
+        self.marked
+            .chunks(self.across.max(1))
+            .nth(row)
+            .unwrap_or_default()
     }
 
     /// Returns the columns between the first and the last marked tile of a pixel row, px.
     pub fn columns(&self, y: usize) -> Range<usize> {
         let row = self.row(y / TILE_SIDE);
         match (row.iter().position(|m| *m), row.iter().rposition(|m| *m)) {
-            (Some(first), Some(last)) => first * TILE_SIDE..((last + 1) * TILE_SIDE).min(self.width),
+            (Some(first), Some(last)) => {
+                first * TILE_SIDE..((last + 1) * TILE_SIDE).min(self.width)
+            }
             _ => 0..0,
         }
     }
@@ -68,7 +81,12 @@ impl Tiles {
 
 /// Copies a tile's pixels to its position, given in tiles across and down, in an image of some width, px, clipped to it.
 #[inline(always)]
-pub fn copy_tile(pixels: &[u8; TILE_SIDE * TILE_SIDE], [column, row]: [usize; 2], image: &mut [u8], width: usize) {
+pub fn copy_tile(
+    pixels: &[u8; TILE_SIDE * TILE_SIDE],
+    [column, row]: [usize; 2],
+    image: &mut [u8],
+    width: usize,
+) {
     let x = column * TILE_SIDE;
     let wide = TILE_SIDE.min(width.saturating_sub(x));
     let rows = pixels.as_chunks::<TILE_SIDE>().0.iter().enumerate();
@@ -94,9 +112,15 @@ mod tests {
         tiles.mark(40..99, 40..99);
         tiles.mark(70..80, 0..43);
         tiles.mark(5..5, 0..9);
-        assert_eq!(tiles.row(1), [true, true, false, false, false, false, false, false]);
+        assert_eq!(
+            tiles.row(1),
+            [true, true, false, false, false, false, false, false]
+        );
         assert_eq!([tiles.row(0), tiles.row(2)], [[false; 8]; 2]);
-        assert_eq!([tiles.columns(8), tiles.columns(42), tiles.columns(0)], [0..16, 40..61, 0..0]);
+        assert_eq!(
+            [tiles.columns(8), tiles.columns(42), tiles.columns(0)],
+            [0..16, 40..61, 0..0]
+        );
         assert!(tiles.row(9).is_empty());
         let mut new = Tiles::none(61, 43);
         new.mark(0..24, 8..16);

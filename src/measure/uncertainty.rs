@@ -47,25 +47,45 @@ impl SetupUncertainty {
         },
         skin_scaled_by_frames: true,
         // An airliner's first mode in light turbulence.
-        vibration: Vibration { amplitude: 0.01, frequency_hz: 3.0, scaled_by_frames: true },
+        vibration: Vibration {
+            amplitude: 0.01,
+            frequency_hz: 3.0,
+            scaled_by_frames: true,
+        },
         // A camera on a seat rail, by engines and floor: 0.2 px.
-        shake: Vibration { amplitude: 3e-5, frequency_hz: 15.0, scaled_by_frames: true },
+        shake: Vibration {
+            amplitude: 3e-5,
+            frequency_hz: 15.0,
+            scaled_by_frames: true,
+        },
         lens: None,
     };
 
     /// Returns the defaults of a wing of this length, from the root to the outermost marker, m.
     pub fn default_for(reach_m: f64) -> Self {
         let mut defaults = Self::DEFAULT;
-        Width::ROWS.iter().for_each(|row| defaults[row.width] = row.default_for(reach_m));
+        Width::ROWS
+            .iter()
+            .for_each(|row| defaults[row.width] = row.default_for(reach_m));
         defaults
     }
 
     /// Returns the priors of drawings that are accurate to some millimetres and a mount that neither shifts nor creeps,
     /// without effects of flight, for rendered scenes.
     pub const fn from_drawings() -> Self {
-        let none = Vibration { amplitude: 0.0, frequency_hz: 0.0, scaled_by_frames: false };
-        Self { widths: [0.0; WIDTHS], skin_scaled_by_frames: false, vibration: none, shake: none, lens: None }
-            .with_width(Width::SkinHeight, 0.003)
+        let none = Vibration {
+            amplitude: 0.0,
+            frequency_hz: 0.0,
+            scaled_by_frames: false,
+        };
+        Self {
+            widths: [0.0; WIDTHS],
+            skin_scaled_by_frames: false,
+            vibration: none,
+            shake: none,
+            lens: None,
+        }
+        .with_width(Width::SkinHeight, 0.003)
     }
 
     /// Returns the priors with another value of one width.
@@ -76,13 +96,22 @@ impl SetupUncertainty {
 
     /// Returns the priors with the effects of flight of `other`.
     pub fn with_flight_effects(mut self, other: &Self) -> Self {
-        Width::ROWS.iter().filter(|row| row.of_flight).for_each(|row| self[row.width] = other[row.width]);
-        Self { widths: self.widths, lens: self.lens, ..*other }
+        Width::ROWS
+            .iter()
+            .filter(|row| row.of_flight)
+            .for_each(|row| self[row.width] = other[row.width]);
+        Self {
+            widths: self.widths,
+            lens: self.lens,
+            ..*other
+        }
     }
 
     /// Returns whether any effect of flight is possible, unlike in a laboratory.
     pub fn has_flight_effects(&self) -> bool {
-        Width::ROWS.iter().any(|row| row.of_flight && self[row.width] > 0.0)
+        Width::ROWS
+            .iter()
+            .any(|row| row.of_flight && self[row.width] > 0.0)
     }
 
     /// Returns the priors without effects of flight on wing, cabin and camera, which a laboratory does not have.
@@ -92,8 +121,11 @@ impl SetupUncertainty {
 
     /// Returns these priors as fixed ones that the frames of a flight do not scale.
     pub fn without_frame_scaling(mut self) -> Self {
-        (self.skin_scaled_by_frames, self.vibration.scaled_by_frames, self.shake.scaled_by_frames) =
-            (false, false, false);
+        (
+            self.skin_scaled_by_frames,
+            self.vibration.scaled_by_frames,
+            self.shake.scaled_by_frames,
+        ) = (false, false, false);
         self
     }
 }

@@ -86,12 +86,30 @@ pub struct KeyUnit {
     pub factor: f64,
 }
 
-const RATIO: KeyUnit = KeyUnit { name: "", factor: 1.0 };
-const METRE: KeyUnit = KeyUnit { name: "m", factor: 1.0 };
-const MILLIRADIAN: KeyUnit = KeyUnit { name: "mrad", factor: 1e-3 };
-const DEGREE: KeyUnit = KeyUnit { name: "degrees", factor: std::f64::consts::PI / 180.0 };
-const PIXEL: KeyUnit = KeyUnit { name: "px", factor: 1.0 };
-const SECOND: KeyUnit = KeyUnit { name: "s", factor: 1.0 };
+const RATIO: KeyUnit = KeyUnit {
+    name: "",
+    factor: 1.0,
+};
+const METRE: KeyUnit = KeyUnit {
+    name: "m",
+    factor: 1.0,
+};
+const MILLIRADIAN: KeyUnit = KeyUnit {
+    name: "mrad",
+    factor: 1e-3,
+};
+const DEGREE: KeyUnit = KeyUnit {
+    name: "degrees",
+    factor: std::f64::consts::PI / 180.0,
+};
+const PIXEL: KeyUnit = KeyUnit {
+    name: "px",
+    factor: 1.0,
+};
+const SECOND: KeyUnit = KeyUnit {
+    name: "s",
+    factor: 1.0,
+};
 
 /// Row of the registry of widths.
 #[derive(Clone, Copy, Debug)]
@@ -222,7 +240,11 @@ impl WidthRow {
     /// itself, not of the camera, are smaller in proportion on wings that are shorter than an airliner's.
     pub fn default_for(&self, reach_m: f64) -> f64 {
         let follows = self.unit == METRE && self.section != "camera";
-        let share = if follows { (reach_m / AIRLINER_REACH_M).clamp(0.0, 1.0) } else { 1.0 };
+        let share = if follows {
+            (reach_m / AIRLINER_REACH_M).clamp(0.0, 1.0)
+        } else {
+            1.0
+        };
         share * self.unit.factor * self.default
     }
 }
@@ -235,6 +257,9 @@ impl Width {
 
     /// Finds the width of a key in a section of `installation.toml`.
     pub fn from_key(section: &str, key: &str) -> Option<Self> {
-        Self::ROWS.iter().find(|row| row.section == section && row.key == key).map(|row| row.width)
+        Self::ROWS
+            .iter()
+            .find(|row| row.section == section && row.key == key)
+            .map(|row| row.width)
     }
 }

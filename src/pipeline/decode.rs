@@ -17,10 +17,14 @@ pub enum DecodeError {
     #[error("the file is empty; copy the frame again from the camera or the store")]
     Empty,
     /// The JPEG is truncated or damaged.
-    #[error("the JPEG is damaged or cut short ({0}); copy the frame again from the camera or the store")]
+    #[error(
+        "the JPEG is damaged or cut short ({0}); copy the frame again from the camera or the store"
+    )]
     Jpeg(String),
     /// Intact JPEG of an unsupported kind.
-    #[error("this kind of JPEG ({0}) is not supported; set the camera to baseline JPEG, 8 bits, YCbCr colour or grey")]
+    #[error(
+        "this kind of JPEG ({0}) is not supported; set the camera to baseline JPEG, 8 bits, YCbCr colour or grey"
+    )]
     UnsupportedJpeg(String),
     /// Bytes before the first marker of a JPEG.
     #[error("{0} bytes precede the JPEG's first marker; save the frame again, or remove them")]
@@ -69,7 +73,8 @@ pub fn decode_partial(
     format: Option<&Format>,
     wanted: &TileSelection,
 ) -> Result<PartialImage, DecodeError> {
-    catch_panic(|| decode_without_panic_guard(bytes, format, wanted)).unwrap_or(Err(DecodeError::DecoderPanic))
+    catch_panic(|| decode_without_panic_guard(bytes, format, wanted))
+        .unwrap_or(Err(DecodeError::DecoderPanic))
 }
 
 /// Returns width and height of an image file, px. Of a JPEG only the header is read, and a damaged one gives `None`: it is
@@ -80,7 +85,8 @@ pub fn decode_partial(
 pub fn read_size(bytes: &[u8]) -> Result<Option<(usize, usize)>, DecodeError> {
     let zeros = bytes.iter().take_while(|b| **b == 0).count();
     if bytes[zeros..].starts_with(&JPEG_START) {
-        let header = catch_panic(|| jpeg::header::read_header(&bytes[zeros..])).and_then(Result::ok);
+        let header =
+            catch_panic(|| jpeg::header::read_header(&bytes[zeros..])).and_then(Result::ok);
         return Ok(header.map(|(data, _)| (data.frame.width.into(), data.frame.height.into())));
     }
     decode_image(bytes, None).map(|raster| Some((raster.width(), raster.height())))
@@ -100,7 +106,13 @@ fn decode_without_panic_guard(
     if bytes.is_empty() {
         return Err(DecodeError::Empty);
     }
-    if let Some(Format::Raw { fourcc, width, height, stride }) = format {
+    if let Some(Format::Raw {
+        fourcc,
+        width,
+        height,
+        stride,
+    }) = format
+    {
         let size = (*width as usize, *height as usize, *stride as usize);
         return samples::decode_luma(fourcc, size.0, size.1, size.2, bytes)
             .map(PartialImage::from_raster)
@@ -113,9 +125,14 @@ fn decode_without_panic_guard(
     }
     // Such files may hold a preview as JPEG.
     if bytes.get(4..8) == Some(b"ftyp") {
-        return Err(DecodeError::Unreadable("it is HEIC, AVIF, CR3 or a video".into()));
+        return Err(DecodeError::Unreadable(
+            "it is HEIC, AVIF, CR3 or a video".into(),
+        ));
     }
-    match (image::guess_format(bytes), memchr::memmem::find(bytes, &JPEG_START)) {
+    match (
+        image::guess_format(bytes),
+        memchr::memmem::find(bytes, &JPEG_START),
+    ) {
         (Ok(format), _) => image_file::decode_luma(bytes, format).map(PartialImage::from_raster),
         (Err(_), Some(before)) => Err(DecodeError::LeadingBytes(before)),
         (Err(_), None) => Err(DecodeError::Unreadable("its format is unknown".into())),
@@ -140,7 +157,11 @@ mod tests {
             let mut bytes = vec![];
             let mut encoder = Encoder::new(&mut bytes, 90);
             set(&mut encoder);
-            let (data, kind) = if rgb { (&colour, ColorType::Rgb) } else { (&grey, ColorType::Luma) };
+            let (data, kind) = if rgb {
+                (&colour, ColorType::Rgb)
+            } else {
+                (&grey, ColorType::Luma)
+            };
             encoder.encode(data, width, height, kind).unwrap();
             bytes
         };
@@ -163,7 +184,10 @@ mod tests {
             let (header, colour) = jpeg::header::read_header(bytes).unwrap();
             let general = jpeg::scans::decode_luma(bytes, &header, colour).unwrap();
             assert_eq!((general.width(), general.height()), (61, 43));
-            assert!(decode_image(bytes, None).unwrap().luma() == general.luma(), "file {k}");
+            assert!(
+                decode_image(bytes, None).unwrap().luma() == general.luma(),
+                "file {k}"
+            );
         }
     }
 
@@ -184,9 +208,17 @@ mod tests {
             let mut part = decode_partial(bytes, None, &slanted).unwrap();
             let tiles = slanted(61, 43);
             for (x, y) in (0..61).flat_map(|x| (0..43).map(move |y| (x, y))) {
-                let known = if tiles.row(y / 8)[x / 8] || k == 7 { whole.row(y)[x] } else { 0 };
+                let known = if tiles.row(y / 8)[x / 8] || k == 7 {
+                    whole.row(y)[x]
+                } else {
+                    0
+                };
                 // Only the progressive file has several scans.
-                assert_eq!(part.raster().row(y)[x], known, "file {k}, row {y}, column {x}");
+                assert_eq!(
+                    part.raster().row(y)[x],
+                    known,
+                    "file {k}, row {y}, column {x}"
+                );
             }
             let mut more = Tiles::none(61, 43);
             more.mark(20..21, 20..21);
@@ -195,9 +227,15 @@ mod tests {
             assert_eq!(part.raster().row(20)[9..], whole.row(20)[9..], "file {k}");
             assert!(k == 7 || part.raster().row(20)[..8] == [0; 8], "file {k}");
             part.decode_tiles(Tiles::all(61, 43));
-            assert!(part.into_raster() == whole, "file {k}: what was read later is otherwise");
+            assert!(
+                part.into_raster() == whole,
+                "file {k}: what was read later is otherwise"
+            );
             let cut = &bytes[..bytes.len() - bytes.len() / 4];
-            assert!(decode_partial(cut, None, &slanted).is_err(), "file {k}: the end was not read");
+            assert!(
+                decode_partial(cut, None, &slanted).is_err(),
+                "file {k}: the end was not read"
+            );
             assert!(decode_partial(bytes, None, &|_, _| Tiles::none(1, 1)).is_ok());
         }
     }
@@ -235,10 +273,26 @@ mod tests {
     #[test]
     fn yuyv_takes_the_luma_and_honours_the_stride() {
         let bytes = [10, 128, 20, 128, 0, 0, 30, 128, 40, 128, 0, 0];
-        let format = Format::Raw { fourcc: "YUYV".into(), width: 2, height: 2, stride: 6 };
-        assert_eq!(decode_image(&bytes, Some(&format)).unwrap().luma(), [10, 20, 30, 40]);
-        let short = Format::Raw { fourcc: "YUYV".into(), width: 2, height: 3, stride: 6 };
-        assert!(matches!(decode_image(&bytes, Some(&short)), Err(DecodeError::Raw(_))));
+        let format = Format::Raw {
+            fourcc: "YUYV".into(),
+            width: 2,
+            height: 2,
+            stride: 6,
+        };
+        assert_eq!(
+            decode_image(&bytes, Some(&format)).unwrap().luma(),
+            [10, 20, 30, 40]
+        );
+        let short = Format::Raw {
+            fourcc: "YUYV".into(),
+            width: 2,
+            height: 3,
+            stride: 6,
+        };
+        assert!(matches!(
+            decode_image(&bytes, Some(&short)),
+            Err(DecodeError::Raw(_))
+        ));
     }
 
     proptest! {

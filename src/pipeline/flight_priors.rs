@@ -2,7 +2,8 @@
 //! twice.
 
 use super::{
-    CorrectedObservations, ProcessedFrame, SolveJob, correct_refraction, mean_temperature, with_frame_conditions,
+    CorrectedObservations, ProcessedFrame, SolveJob, correct_refraction, mean_temperature,
+    with_frame_conditions,
 };
 use crate::installation::Installation;
 use crate::measure::adjust::flight_prior::FlightContribution;
@@ -20,8 +21,14 @@ pub(super) fn with_flight_prior(
     installation: &Installation,
     processed_frames: &[ProcessedFrame],
 ) -> (Options, Vec<String>) {
-    let Some(prior) = &installation.flight_prior else { return (options, vec![]) };
-    let frames: Vec<&str> = processed_frames.iter().map(|s| s.digest.as_str()).filter(|d| !d.is_empty()).collect();
+    let Some(prior) = &installation.flight_prior else {
+        return (options, vec![]);
+    };
+    let frames: Vec<&str> = processed_frames
+        .iter()
+        .map(|s| s.digest.as_str())
+        .filter(|d| !d.is_empty())
+        .collect();
     let remark = |source: &crate::installation::PriorFlight| {
         let store: String = source.store.chars().take(STORE_ID_LENGTH).collect();
         format!(
@@ -29,8 +36,18 @@ pub(super) fn with_flight_prior(
             source.flight
         )
     };
-    let remarks = prior.flights_with_frames(&frames).into_iter().map(remark).collect();
-    (Options { flight_prior: prior.prior_without(&frames, &installation.setup), ..options }, remarks)
+    let remarks = prior
+        .flights_with_frames(&frames)
+        .into_iter()
+        .map(remark)
+        .collect();
+    (
+        Options {
+            flight_prior: prior.prior_without(&frames, &installation.setup),
+            ..options
+        },
+        remarks,
+    )
 }
 
 /// Frames of a flight, ready for the joint adjustment.
@@ -57,7 +74,10 @@ impl<'a> PreparedFlight<'a> {
         orientation: &Orientation,
         job: &SolveJob,
     ) -> Self {
-        let installations: Vec<_> = processed_frames.iter().map(|s| with_frame_conditions(s, installation)).collect();
+        let installations: Vec<_> = processed_frames
+            .iter()
+            .map(|s| with_frame_conditions(s, installation))
+            .collect();
         let corrected: Vec<_> = processed_frames
             .iter()
             .zip(&installations)
@@ -66,10 +86,24 @@ impl<'a> PreparedFlight<'a> {
         let mut setup = installation.setup.clone();
         mean_temperature(processed_frames).apply(&mut setup);
         let frames = corrected.iter().flatten().map(|(o, _)| o.clone()).collect();
-        let succeeded = processed_frames.iter().zip(&corrected).filter(|(_, c)| c.is_ok());
+        let succeeded = processed_frames
+            .iter()
+            .zip(&corrected)
+            .filter(|(_, c)| c.is_ok());
         let mountings = succeeded.map(|(s, _)| s.mounting).collect();
-        let (options, remarks) = with_flight_prior(job.options.clone(), installation, processed_frames);
-        Self { setup, installations, corrected, frames, options: Options { mountings, ..options }, remarks }
+        let (options, remarks) =
+            with_flight_prior(job.options.clone(), installation, processed_frames);
+        Self {
+            setup,
+            installations,
+            corrected,
+            frames,
+            options: Options {
+                mountings,
+                ..options
+            },
+            remarks,
+        }
     }
 }
 
@@ -84,11 +118,17 @@ pub fn learn_flight(
     orientation: &Orientation,
     job: &SolveJob,
 ) -> Result<FlightContribution, Reason> {
-    let PreparedFlight { setup, frames, options, .. } =
-        PreparedFlight::new(processed_frames, installation, orientation, job);
+    let PreparedFlight {
+        setup,
+        frames,
+        options,
+        ..
+    } = PreparedFlight::new(processed_frames, installation, orientation, job);
     if frames.is_empty() {
         return Err("no frame of the flight shows enough markers".into());
     }
     let learned = catch_panic(|| adjust::learn_from_flight(&setup, orientation, &frames, &options));
-    learned.ok_or_else(|| PANIC_REASON.into()).and_then(|contribution| contribution.map_err(Reason::from_error))
+    learned
+        .ok_or_else(|| PANIC_REASON.into())
+        .and_then(|contribution| contribution.map_err(Reason::from_error))
 }

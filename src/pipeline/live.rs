@@ -57,7 +57,14 @@ impl TrackedFrame {
     /// Creates the result of a frame without numbers, whose record says why.
     pub fn failed(record: ImageRecord) -> Self {
         let (outlines, curvature) = (vec![], None);
-        Self { record, search: SearchMode::Full, mounting: 0, mount_disturbed: false, outlines, curvature }
+        Self {
+            record,
+            search: SearchMode::Full,
+            mounting: 0,
+            mount_disturbed: false,
+            outlines,
+            curvature,
+        }
     }
 }
 
@@ -85,7 +92,10 @@ impl LiveResult {
 
     /// Returns the number of curvature coefficients.
     pub fn curvature_terms(&self) -> usize {
-        self.tracked.curvature.as_ref().map_or(0, |curvature| curvature.per_m.len())
+        self.tracked
+            .curvature
+            .as_ref()
+            .map_or(0, |curvature| curvature.per_m.len())
     }
 
     /// Returns whether the global test rejects, so that the standard deviations are doubtful.
@@ -107,17 +117,26 @@ impl CurvatureEstimate {
     /// Extracts the curvature of a solution; `None` if a coefficient has no standard deviation.
     fn from_solution(solution: &Solution) -> Option<Self> {
         let before = |p: &&Parameter| p.name != "curvature_per_m";
-        let first: usize = solution.parameters.iter().take_while(before).map(|p| p.values.len()).sum();
+        let first: usize = solution
+            .parameters
+            .iter()
+            .take_while(before)
+            .map(|p| p.values.len())
+            .sum();
         let own = &solution.parameters.iter().find(|p| !before(p))?.values;
         let sigmas: Vec<f64> = own.iter().map(|e| e.sigma).collect::<Option<_>>()?;
-        let correlation = |i: usize, j: usize| solution.correlation.get((first + i, first + j)).copied();
+        let correlation =
+            |i: usize, j: usize| solution.correlation.get((first + i, first + j)).copied();
         let mut covariance = vec![];
         for (i, row) in sigmas.iter().enumerate() {
             for (j, column) in sigmas.iter().enumerate().skip(i) {
                 covariance.push(row * column * correlation(i, j)?);
             }
         }
-        Some(Self { per_m: own.iter().map(|e| e.value).collect(), covariance })
+        Some(Self {
+            per_m: own.iter().map(|e| e.value).collect(),
+            covariance,
+        })
     }
 }
 
@@ -136,7 +155,8 @@ impl PreviousFrame {
         if !(0.0..=MAX_GAP_S).contains(&elapsed_s) {
             return vec![];
         }
-        let deflection_m = (MAX_TIP_SPEED_M_S * elapsed_s).clamp(MAX_DEFLECTION_CHANGE_M, MAX_DISTANCE_M);
+        let deflection_m =
+            (MAX_TIP_SPEED_M_S * elapsed_s).clamp(MAX_DEFLECTION_CHANGE_M, MAX_DISTANCE_M);
         wing.predict_next_frame(&self.detections, &self.identities, deflection_m)
     }
 }
@@ -166,21 +186,48 @@ impl Tracker {
     ///
     /// # Errors
     /// Returns an error if the installation cannot be adjusted.
-    pub fn new(installation: Arc<Installation>, orientation: Orientation, job: SolveJob) -> Result<Self, AdjustError> {
-        let (options, _) = flight_priors::with_flight_prior(job.options.clone(), &installation, &[]);
+    pub fn new(
+        installation: Arc<Installation>,
+        orientation: Orientation,
+        job: SolveJob,
+    ) -> Result<Self, AdjustError> {
+        let (options, _) =
+            flight_priors::with_flight_prior(job.options.clone(), &installation, &[]);
         let live = LiveAdjustment::new(installation.setup.clone(), orientation.clone(), options)?;
-        Ok(Self { installation, orientation, job, live, seen: None, last_s: None })
+        Ok(Self {
+            installation,
+            orientation,
+            job,
+            live,
+            seen: None,
+            last_s: None,
+        })
     }
 
     /// Solves the next frame, exposed `at_s` seconds after boot. An error is in the record; the state is then unchanged.
-    pub fn track_frame(&mut self, name: &str, bytes: &[u8], format: Option<&Format>, at_s: f64) -> TrackedFrame {
+    pub fn track_frame(
+        &mut self,
+        name: &str,
+        bytes: &[u8],
+        format: Option<&Format>,
+        at_s: f64,
+    ) -> TrackedFrame {
         let tracked = catch_panic(|| {
-            let mut processed = ProcessedFrame { image: name.into(), ..ProcessedFrame::default() };
+            let mut processed = ProcessedFrame {
+                image: name.into(),
+                ..ProcessedFrame::default()
+            };
             let search = self.search(&mut processed, bytes, format, at_s);
             self.solve_processed_frame(processed, search, at_s)
         });
         tracked.unwrap_or_else(|| {
-            self.build_failed_frame(&ProcessedFrame { image: name.into(), ..ProcessedFrame::default() }, PANIC_REASON)
+            self.build_failed_frame(
+                &ProcessedFrame {
+                    image: name.into(),
+                    ..ProcessedFrame::default()
+                },
+                PANIC_REASON,
+            )
         })
     }
 
@@ -194,53 +241,85 @@ impl Tracker {
     ) -> SearchMode {
         let wing = WingView::in_flight(&self.installation.setup, &self.orientation);
         let seen = self.seen.take();
-        let predictions = seen.as_ref().map_or(vec![], |seen| seen.predict_markers(&wing, at_s));
+        let predictions = seen
+            .as_ref()
+            .map_or(vec![], |seen| seen.predict_markers(&wing, at_s));
         let first = |width, height| match &predictions[..] {
             [] => Tiles::all(width, height),
             _ => detect::tiles_read(&predictions, width, height),
         };
-        let unread = if predictions.is_empty() { SearchMode::Full } else { SearchMode::Guided };
-        let Some(mut picture) = processed.decode(|| decode::decode_partial(bytes, format, &first)) else {
+        let unread = if predictions.is_empty() {
+            SearchMode::Full
+        } else {
+            SearchMode::Guided
+        };
+        let Some(mut picture) = processed.decode(|| decode::decode_partial(bytes, format, &first))
+        else {
             return unread;
         };
         if wing.has_points_alone() {
-            let markers = processed.timed(|ended| view::process_frame(&mut picture, Some(&wing), ended));
+            let markers =
+                processed.timed(|ended| view::process_frame(&mut picture, Some(&wing), ended));
             processed.set_markers(markers);
             return SearchMode::Full;
         }
         // A fast tip is not at its previous position; the markers near the root predict it.
-        let predict_again = |found: &[Detection]| wing.predict_from_found(found, &seen.as_ref()?.identities);
-        let (found, search) =
-            processed.timed(|ended| view::search_guided(&mut picture, &predictions, predict_again, ended));
-        let markers = processed.timed(|ended| FrameView::new(&wing, &mut picture, ended).name(found.clone()));
+        let predict_again =
+            |found: &[Detection]| wing.predict_from_found(found, &seen.as_ref()?.identities);
+        let (found, search) = processed
+            .timed(|ended| view::search_guided(&mut picture, &predictions, predict_again, ended));
+        let markers =
+            processed.timed(|ended| FrameView::new(&wing, &mut picture, ended).name(found.clone()));
         // Guided detection does not find markers that need a second pass: if they were predicted, every frame would be
         // searched in full.
         let first = markers.first_identities.clone();
-        self.seen = first.map(|identities| PreviousFrame { detections: found.markers, identities, at_s });
+        self.seen = first.map(|identities| PreviousFrame {
+            detections: found.markers,
+            identities,
+            at_s,
+        });
         processed.set_markers(markers);
         search
     }
 
     fn build_failed_frame(&self, processed: &ProcessedFrame, reason: &str) -> TrackedFrame {
-        let mut record = recording::build_record(processed, &self.installation, &self.job, Err(reason.into()));
+        let mut record =
+            recording::build_record(processed, &self.installation, &self.job, Err(reason.into()));
         record.provenance = Provenance::default();
-        TrackedFrame { mounting: self.live.mounting_count(), ..TrackedFrame::failed(record) }
+        TrackedFrame {
+            mounting: self.live.mounting_count(),
+            ..TrackedFrame::failed(record)
+        }
     }
 
-    fn solve_processed_frame(&mut self, mut processed: ProcessedFrame, search: SearchMode, at_s: f64) -> TrackedFrame {
+    fn solve_processed_frame(
+        &mut self,
+        mut processed: ProcessedFrame,
+        search: SearchMode,
+        at_s: f64,
+    ) -> TrackedFrame {
         let before = self.live.mounting_count();
         let started = std::time::Instant::now();
         let outcome = correct_refraction(&processed, &self.installation, &self.orientation);
         let outcome = outcome.and_then(|(observations, report)| {
             // Negative if the clock was set back or the frame has no time: no time has passed then.
             let elapsed_s = self.last_s.map_or(0.0, |last| (at_s - last).max(0.0));
-            let solution = self.live.adjust_frame(&observations, elapsed_s).map_err(Reason::from_error)?;
+            let solution = self
+                .live
+                .adjust_frame(&observations, elapsed_s)
+                .map_err(Reason::from_error)?;
             self.last_s = Some(at_s);
             Ok((solution, report))
         });
-        processed.stages.push(StageTime::since(Work::Solve, started));
-        let curvature = outcome.as_ref().ok().and_then(|(solution, _)| CurvatureEstimate::from_solution(solution));
-        let mut record = recording::build_record(&processed, &self.installation, &self.job, outcome);
+        processed
+            .stages
+            .push(StageTime::since(Work::Solve, started));
+        let curvature = outcome
+            .as_ref()
+            .ok()
+            .and_then(|(solution, _)| CurvatureEstimate::from_solution(solution));
+        let mut record =
+            recording::build_record(&processed, &self.installation, &self.job, outcome);
         // Provenance is equal in all lines and written once with the table of results.
         record.provenance = Provenance::default();
         record.quality.correlation = None;
@@ -271,5 +350,11 @@ fn detected_outlines(processed: &ProcessedFrame, installation: &Installation) ->
         semi_minor_px: tenth(seen.semi_minor_px),
         angle_deg: tenth(seen.angle_rad.to_degrees()),
     };
-    processed.detections.markers.iter().enumerate().map(outline).collect()
+    processed
+        .detections
+        .markers
+        .iter()
+        .enumerate()
+        .map(outline)
+        .collect()
 }

@@ -26,7 +26,11 @@ const MAX_OFFSET_SIGMAS: f64 = 3.0;
 /// Image that a person marks, with its detections.
 pub enum MarkingSession {
     /// Frame in flight.
-    Flight { raster: Raster, processed: Box<ProcessedFrame>, orientation: Box<Orientation> },
+    Flight {
+        raster: Raster,
+        processed: Box<ProcessedFrame>,
+        orientation: Box<Orientation>,
+    },
     /// Frame of the wing on the ground.
     Ground(Box<GroundFrame>),
 }
@@ -56,14 +60,21 @@ impl MarkingSession {
         orientation: Option<&Orientation>,
     ) -> Result<Self, Reason> {
         let load = || match orientation {
-            None => Ok(Self::Ground(Box::new(orienting::process_ground_frame(name, bytes, setup)?))),
+            None => Ok(Self::Ground(Box::new(orienting::process_ground_frame(
+                name, bytes, setup,
+            )?))),
             Some(orientation) => {
                 let raster = decode::decode_image(bytes, format).map_err(Reason::from_error)?;
                 if let Some(fault) = ViewFault::from_size(&raster, &setup.lens) {
                     return Err(Reason::from_error(fault));
                 }
-                let processed = stages::process_frame(name, bytes, format, setup, Some(orientation)).into();
-                Ok(Self::Flight { raster, processed, orientation: orientation.clone().into() })
+                let processed =
+                    stages::process_frame(name, bytes, format, setup, Some(orientation)).into();
+                Ok(Self::Flight {
+                    raster,
+                    processed,
+                    orientation: orientation.clone().into(),
+                })
             }
         };
         catch_panic(load).unwrap_or_else(|| Err(PANIC_REASON.into()))
@@ -78,11 +89,17 @@ impl MarkingSession {
     }
 
     /// Solves the image with the manual observations.
-    pub fn solve(&self, manual: &[ManualObservation], installation: &Installation) -> MarkingResult {
+    pub fn solve(
+        &self,
+        manual: &[ManualObservation],
+        installation: &Installation,
+    ) -> MarkingResult {
         let solve = || match self {
-            Self::Flight { processed, orientation, .. } => {
-                solve_flight_image(processed, orientation, manual, installation)
-            }
+            Self::Flight {
+                processed,
+                orientation,
+                ..
+            } => solve_flight_image(processed, orientation, manual, installation),
             Self::Ground(frame) => solve_ground_image(frame, manual, installation),
         };
         catch_panic(solve).unwrap_or_else(|| MarkingResult {
@@ -109,16 +126,27 @@ impl MarkingSession {
             let reach = MAX_OFFSET_SIGMAS * manual_sigma_px;
             let centre_px = at + predicted.prediction.centre_px - predicted.point_px;
             let search_px = Vector2::repeat(reach);
-            let prediction = MarkerPrediction { centre_px, search_px, ..predicted.prediction.clone() };
-            let plain = detect::detect_guided(self.raster(), std::slice::from_ref(&prediction)).markers;
+            let prediction = MarkerPrediction {
+                centre_px,
+                search_px,
+                ..predicted.prediction.clone()
+            };
+            let plain =
+                detect::detect_guided(self.raster(), std::slice::from_ref(&prediction)).markers;
             let refine = || self.detect_closer(marker, &prediction);
             let near = |d: &Detection| (d.centre_px - centre_px).norm() <= reach;
-            let found = plain.into_iter().find(near).or_else(|| refine().filter(near))?;
+            let found = plain
+                .into_iter()
+                .find(near)
+                .or_else(|| refine().filter(near))?;
             let wing = WingView::in_flight(setup, orientation);
             let centred = wing.correct_marker_centre(&result.observations, marker, &found);
             let covariance_px2 = *centred.covariance_px2;
             let is_better = covariance_px2.trace() < 2.0 * manual_sigma_px * manual_sigma_px;
-            is_better.then_some(ManualPosition { pixel: centred.centre_px, covariance_px2 })
+            is_better.then_some(ManualPosition {
+                pixel: centred.centre_px,
+                covariance_px2,
+            })
         };
         catch_panic(measured).flatten()
     }
@@ -130,12 +158,20 @@ impl MarkingSession {
             Self::Ground(frame) => frame.processed.detections.clone(),
         };
         // The detection there was identified as something else.
-        let elsewhere = |d: &Detection| (d.centre_px - prediction.centre_px).norm() > prediction.semi_minor_px;
+        let elsewhere =
+            |d: &Detection| (d.centre_px - prediction.centre_px).norm() > prediction.semi_minor_px;
         found.markers.retain(elsewhere);
         let before = found.markers.clone();
-        let expected = ExpectedMarker { prediction: prediction.clone(), found: None, marker };
+        let expected = ExpectedMarker {
+            prediction: prediction.clone(),
+            found: None,
+            marker,
+        };
         detect::second_pass(self.raster(), &mut found, &[expected]);
-        found.markers.into_iter().find(|d| before.iter().all(|b| b.centre_px != d.centre_px))
+        found
+            .markers
+            .into_iter()
+            .find(|d| before.iter().all(|b| b.centre_px != d.centre_px))
     }
 }
 
@@ -151,10 +187,19 @@ fn solve_flight_image(
     let wing = WingView::in_flight(&installation.setup, orientation);
     let predicted = wing.predict_markers(&processed.observations);
     let orientation = Some(orientation.clone());
-    MarkingResult { record, observations: processed.observations, predicted, orientation }
+    MarkingResult {
+        record,
+        observations: processed.observations,
+        predicted,
+        orientation,
+    }
 }
 
-fn solve_ground_image(frame: &GroundFrame, manual: &[ManualObservation], installation: &Installation) -> MarkingResult {
+fn solve_ground_image(
+    frame: &GroundFrame,
+    manual: &[ManualObservation],
+    installation: &Installation,
+) -> MarkingResult {
     let setup = &installation.setup;
     let mut frame = frame.clone();
     frame.set_manual_observations(manual.to_vec());
@@ -164,13 +209,26 @@ fn solve_ground_image(frame: &GroundFrame, manual: &[ManualObservation], install
             let observations = fit.orientation.ground.clone();
             let predicted = WingView::on_ground(setup, &fit.orientation).predict_markers(&[]);
             let record = ground_record(&fit, &observations, manual, installation);
-            MarkingResult { record, observations, predicted, orientation: Some(fit.orientation) }
+            MarkingResult {
+                record,
+                observations,
+                predicted,
+                orientation: Some(fit.orientation),
+            }
         }
         Err(error) => {
             let reason = Some(error.to_string());
-            let record =
-                ImageRecord { reason, markers: ground_markers(&[], manual, installation), ..ImageRecord::default() };
-            MarkingResult { record, observations: vec![], predicted: vec![], orientation: None }
+            let record = ImageRecord {
+                reason,
+                markers: ground_markers(&[], manual, installation),
+                ..ImageRecord::default()
+            };
+            MarkingResult {
+                record,
+                observations: vec![],
+                predicted: vec![],
+                orientation: None,
+            }
         }
     }
 }
@@ -181,7 +239,10 @@ fn ground_markers(
     installation: &Installation,
 ) -> Vec<crate::record::MarkerRecord> {
     let observations = observations.to_vec();
-    let mut processed = ProcessedFrame { observations, ..ProcessedFrame::default() };
+    let mut processed = ProcessedFrame {
+        observations,
+        ..ProcessedFrame::default()
+    };
     processed.add_manual(manual);
     super::recording::marker_records(&processed, installation)
 }

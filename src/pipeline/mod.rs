@@ -60,7 +60,10 @@ pub struct SolveJob {
 
 impl Default for SolveJob {
     fn default() -> Self {
-        Self { method: AdjustmentMethod::Spatial, options: Options::default() }
+        Self {
+            method: AdjustmentMethod::Spatial,
+            options: Options::default(),
+        }
     }
 }
 
@@ -81,12 +84,14 @@ pub fn solve_frame(
     job: &SolveJob,
 ) -> ImageRecord {
     let solve = || {
-        let processed = stages::process_frame(name, bytes, format, &installation.setup, Some(orientation));
+        let processed =
+            stages::process_frame(name, bytes, format, &installation.setup, Some(orientation));
         solve_processed_frame(&processed, installation, orientation, job)
     };
     let broken = || ProcessedFrame::failed(name, PANIC_REASON);
-    catch_panic(solve)
-        .unwrap_or_else(|| recording::build_record(&broken(), installation, job, Err(PANIC_REASON.into())))
+    catch_panic(solve).unwrap_or_else(|| {
+        recording::build_record(&broken(), installation, job, Err(PANIC_REASON.into()))
+    })
 }
 
 /// Adjusts the observations of one processed frame.
@@ -100,14 +105,21 @@ pub fn solve_processed_frame(
     let installation = &*with_frame_conditions(processed, installation);
     let corrected = correct_refraction(processed, installation, orientation);
     let (options, remarks) = single_frame_options(processed, installation, job);
-    let job = &SolveJob { options, ..job.clone() };
+    let job = &SolveJob {
+        options,
+        ..job.clone()
+    };
     let outcome = corrected.and_then(|(observations, report)| {
         let solution = adjust_single_frame(installation, orientation, &observations, job);
-        solution.map(|s| (append_remarks(s, &remarks), report)).map_err(Reason::from_error)
+        solution
+            .map(|s| (append_remarks(s, &remarks), report))
+            .map_err(Reason::from_error)
     });
     let mut record = recording::build_record(processed, installation, job, outcome);
     add_diagnosis(&mut record, processed, installation, orientation);
-    record.timing_ms.solve = Some(recording::round_ms(StageTime::since(Work::Solve, started).ms));
+    record.timing_ms.solve = Some(recording::round_ms(
+        StageTime::since(Work::Solve, started).ms,
+    ));
     record
 }
 
@@ -118,7 +130,10 @@ fn single_frame_options(
     job: &SolveJob,
 ) -> (Options, Vec<String>) {
     let mountings = processed.mounting.map(|m| vec![m]);
-    let options = Options { mountings, ..job.options.clone() };
+    let options = Options {
+        mountings,
+        ..job.options.clone()
+    };
     flight_priors::with_flight_prior(options, installation, std::slice::from_ref(processed))
 }
 
@@ -142,9 +157,13 @@ fn add_diagnosis(
     let setup = &installation.setup;
     let size = || {
         let identities = processed.identities.as_ref()?;
-        WingView::in_flight(setup, orientation).log_size_ratio(&processed.detections.markers, identities)
+        WingView::in_flight(setup, orientation)
+            .log_size_ratio(&processed.detections.markers, identities)
     };
-    let is_off = |e: Estimate| e.sigma.is_some_and(|sigma| e.value.abs() > MAX_SIZE_SIGMAS * sigma);
+    let is_off = |e: Estimate| {
+        e.sigma
+            .is_some_and(|sigma| e.value.abs() > MAX_SIZE_SIGMAS * sigma)
+    };
     let is_needed = match record.status {
         RecordStatus::Ok if record.global_test == Some(GlobalTest::Rejected) => true,
         RecordStatus::Ok => {
@@ -153,18 +172,27 @@ fn add_diagnosis(
             };
             let used = record.markers.iter().filter(|marker| marker.used).count();
             let removes_several = used + SUSPECT_REMOVALS <= processed.observations.len();
-            removes_several || size().is_some_and(is_off) && is_scale_off(outlined_observations(processed))
+            removes_several
+                || size().is_some_and(is_off) && is_scale_off(outlined_observations(processed))
         }
         // A frame that could be identified, but not adjusted.
         RecordStatus::Failed => processed.identities.is_some(),
         _ => true,
     };
-    let cause = || diagnose_frame(processed, setup, orientation).map_or_else(|cause| cause, |found| found.text());
+    let cause = || {
+        diagnose_frame(processed, setup, orientation)
+            .map_or_else(|cause| cause, |found| found.text())
+    };
     match (is_needed.then(cause).flatten(), &mut record.reason) {
         (Some(cause), Some(reason)) => {
             // The cause replaces the general remedy of an adjustment that failed.
-            let general = reason.split_once("; ").filter(|_| record.status == RecordStatus::Failed);
-            *reason = format!("{}; {cause}", general.map_or(reason.as_str(), |(stated, _)| stated));
+            let general = reason
+                .split_once("; ")
+                .filter(|_| record.status == RecordStatus::Failed);
+            *reason = format!(
+                "{}; {cause}",
+                general.map_or(reason.as_str(), |(stated, _)| stated)
+            );
         }
         (Some(cause), None) => record.remarks.push(cause),
         (None, _) => {}
@@ -181,8 +209,12 @@ pub fn diagnose_frame(
     orientation: &Orientation,
 ) -> Result<Diagnosis, Option<String>> {
     let detections = &processed.detections.markers;
-    let identified = processed.identities.as_ref().map_or(0, Identities::count_named);
-    if 3 * identified < 2 * detections.len().min(setup.markers.len()) && processed.manual.is_empty() {
+    let identified = processed
+        .identities
+        .as_ref()
+        .map_or(0, Identities::count_named);
+    if 3 * identified < 2 * detections.len().min(setup.markers.len()) && processed.manual.is_empty()
+    {
         return Err(WingView::in_flight(setup, orientation).diagnose_frame(detections));
     }
     let (observations, outlines) = outlined_observations(processed);
@@ -193,19 +225,29 @@ pub fn diagnose_frame(
 fn outlined_observations(processed: &ProcessedFrame) -> (&[Observation], Vec<Option<SizedShape>>) {
     let identities = processed.identities.as_ref();
     let detection = |marker: usize| {
-        let at = identities?.marker_of.iter().position(|m| *m == Some(marker))?;
+        let at = identities?
+            .marker_of
+            .iter()
+            .position(|m| *m == Some(marker))?;
         processed.detections.markers.get(at)
     };
     let is_manual = |marker: usize| processed.manual.iter().any(|(other, _)| *other == marker);
     let outline = |o: &Observation| {
-        let found = detection(o.marker).filter(|d| d.shape != Shape::Point && !is_manual(o.marker))?;
+        let found =
+            detection(o.marker).filter(|d| d.shape != Shape::Point && !is_manual(o.marker))?;
         Some((found.shape, Some(found.semi_major_px)))
     };
-    (&processed.observations, processed.observations.iter().map(outline).collect())
+    (
+        &processed.observations,
+        processed.observations.iter().map(outline).collect(),
+    )
 }
 
 /// Returns the installation with the air and wing temperature at the time of the frame, if the aircraft data have them.
-fn with_frame_conditions<'a>(processed: &ProcessedFrame, installation: &'a Installation) -> Cow<'a, Installation> {
+fn with_frame_conditions<'a>(
+    processed: &ProcessedFrame,
+    installation: &'a Installation,
+) -> Cow<'a, Installation> {
     if processed.aircraft.is_empty() {
         return Cow::Borrowed(installation);
     }
@@ -220,9 +262,17 @@ fn with_refraction_sigma(
     processed: &ProcessedFrame,
     installation: &Installation,
 ) -> RefractionReport {
-    let measured = installation.setup.window.as_ref().filter(|_| !processed.aircraft.is_empty());
-    let share = measured.map(|w| aircraft::flight_conditions(&processed.aircraft).relative_refraction_sigma(w));
-    RefractionReport { sigma_max_shift_px: share.map(|s| s * report.max_shift_px.abs()), ..report }
+    let measured = installation
+        .setup
+        .window
+        .as_ref()
+        .filter(|_| !processed.aircraft.is_empty());
+    let share = measured
+        .map(|w| aircraft::flight_conditions(&processed.aircraft).relative_refraction_sigma(w));
+    RefractionReport {
+        sigma_max_shift_px: share.map(|s| s * report.max_shift_px.abs()),
+        ..report
+    }
 }
 
 /// Computes the mean wing temperature over a flight, whose frames share one length.
@@ -236,7 +286,10 @@ fn mean_temperature(processed_frames: &[ProcessedFrame]) -> FlightConditions {
     let structure_sigma = all.iter().filter_map(|e| e.sigma).fold(0.0, f64::max);
     let sigma = Some(structure_sigma.hypot(variance.sqrt()));
     let wing_temperature_c = (count > 0.0).then_some(Estimate { value: mean, sigma });
-    FlightConditions { wing_temperature_c, ..FlightConditions::default() }
+    FlightConditions {
+        wing_temperature_c,
+        ..FlightConditions::default()
+    }
 }
 
 /// Observations without the window's refraction and the correction applied, or the reason why there are none.
@@ -258,8 +311,11 @@ fn correct_refraction(
     }
     let mut observations = processed.observations.clone();
     let report = correct_observations(&installation.setup, orientation, &mut observations);
-    let report = report.map(|report| report.map(|r| with_refraction_sigma(r, processed, installation)));
-    report.map(|report| (observations, report)).map_err(Reason::from_error)
+    let report =
+        report.map(|report| report.map(|r| with_refraction_sigma(r, processed, installation)));
+    report
+        .map(|report| (observations, report))
+        .map_err(Reason::from_error)
 }
 
 fn adjust_single_frame(
@@ -270,8 +326,12 @@ fn adjust_single_frame(
 ) -> Result<adjust::Solution, adjust::AdjustError> {
     let setup = &installation.setup;
     match job.method {
-        AdjustmentMethod::Profile => adjust::solve_profile(setup, orientation, observations, &job.options),
-        AdjustmentMethod::Spatial => adjust::solve_spatial(setup, orientation, observations, &job.options),
+        AdjustmentMethod::Profile => {
+            adjust::solve_profile(setup, orientation, observations, &job.options)
+        }
+        AdjustmentMethod::Spatial => {
+            adjust::solve_spatial(setup, orientation, observations, &job.options)
+        }
     }
 }
 
@@ -284,11 +344,23 @@ pub fn solve_flight(
     job: &SolveJob,
 ) -> Vec<ImageRecord> {
     let started = Instant::now();
-    let job = SolveJob { method: AdjustmentMethod::Spatial, ..job.clone() };
+    let job = SolveJob {
+        method: AdjustmentMethod::Spatial,
+        ..job.clone()
+    };
     let together = PreparedFlight::new(processed_frames, installation, orientation, &job);
-    let PreparedFlight { setup, installations, corrected, frames, options, remarks } = together;
+    let PreparedFlight {
+        setup,
+        installations,
+        corrected,
+        frames,
+        options,
+        remarks,
+    } = together;
     let solved = catch_panic(|| adjust::solve_flight(&setup, orientation, &frames, &options));
-    let solved = solved.ok_or_else(|| PANIC_REASON.into()).and_then(|s| s.map_err(Reason::from_error));
+    let solved = solved
+        .ok_or_else(|| PANIC_REASON.into())
+        .and_then(|s| s.map_err(Reason::from_error));
     let mut solutions = match solved {
         Ok(solutions) => solutions.into_iter().map(Ok).collect::<Vec<_>>(),
         Err(reason) => vec![Err(reason); frames.len()],
@@ -296,10 +368,14 @@ pub fn solve_flight(
     .into_iter();
     let solve_ms = 1e3 * started.elapsed().as_secs_f64() / frames.len().max(1) as f64;
     let mut records = vec![];
-    for ((processed, corrected), own) in processed_frames.iter().zip(corrected).zip(&installations) {
+    for ((processed, corrected), own) in processed_frames.iter().zip(corrected).zip(&installations)
+    {
         let outcome = corrected.and_then(|(_, report)| {
             let excluded = || Err("the flight adjustment omitted this frame".into());
-            solutions.next().unwrap_or_else(excluded).map(|s| (append_remarks(s, &remarks), report))
+            solutions
+                .next()
+                .unwrap_or_else(excluded)
+                .map(|s| (append_remarks(s, &remarks), report))
         });
         let mut record = recording::build_record(processed, own, &job, outcome);
         add_diagnosis(&mut record, processed, own, orientation);
@@ -313,7 +389,8 @@ pub fn solve_flight(
 
 /// Returns the hashes and versions that a result depends on.
 pub fn provenance(installation: &Installation, job: &SolveJob) -> Provenance {
-    let file = |(name, digest): &(String, String)| (format!("{name}.sha256"), digest.clone().into());
+    let file =
+        |(name, digest): &(String, String)| (format!("{name}.sha256"), digest.clone().into());
     Provenance {
         program: Some(format!("wingd {}", env!("CARGO_PKG_VERSION"))),
         files: installation.digests.iter().map(file).collect(),
@@ -336,16 +413,32 @@ mod tests {
 
     #[test]
     fn a_decoder_crash_costs_one_record_that_reports_it() {
-        let fixture = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation");
+        let fixture =
+            std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation");
         let installation = crate::installation::load_without_orientation(&fixture).unwrap();
         let camera_from_survey = nalgebra::Rotation3::identity();
         let orientation = Orientation::from_rotation(camera_from_survey);
         for format in [None, Some(Format::Jpeg)] {
             let bytes = decode::BREAKS;
-            let record =
-                solve_frame("one.jpg", bytes, format.as_ref(), &installation, &orientation, &SolveJob::default());
-            assert_eq!((record.image.as_str(), record.status), ("one.jpg", crate::record::RecordStatus::Failed));
-            assert!(record.reason.as_ref().is_some_and(|r| r.contains("decoder failed")), "{record:?}");
+            let record = solve_frame(
+                "one.jpg",
+                bytes,
+                format.as_ref(),
+                &installation,
+                &orientation,
+                &SolveJob::default(),
+            );
+            assert_eq!(
+                (record.image.as_str(), record.status),
+                ("one.jpg", crate::record::RecordStatus::Failed)
+            );
+            assert!(
+                record
+                    .reason
+                    .as_ref()
+                    .is_some_and(|r| r.contains("decoder failed")),
+                "{record:?}"
+            );
             assert_eq!(record.markers.len(), installation.setup.markers.len());
         }
     }

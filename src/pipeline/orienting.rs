@@ -41,18 +41,32 @@ impl GroundFrame {
 ///
 /// # Errors
 /// Returns an error if the frame cannot be read or does not have the calibrated camera's size.
-pub fn process_ground_frame(name: &str, bytes: &[u8], setup: &Setup) -> Result<GroundFrame, Reason> {
+pub fn process_ground_frame(
+    name: &str,
+    bytes: &[u8],
+    setup: &Setup,
+) -> Result<GroundFrame, Reason> {
     let (mut processed, raster) = stages::detect_only(name, bytes, None);
-    raster.iter().for_each(|raster| processed.check_size(raster, setup));
+    raster
+        .iter()
+        .for_each(|raster| processed.check_size(raster, setup));
     match (processed.failure.take(), raster) {
-        (None, Some(raster)) => Ok(GroundFrame { processed, raster, manual: vec![], contradictions: vec![] }),
+        (None, Some(raster)) => Ok(GroundFrame {
+            processed,
+            raster,
+            manual: vec![],
+            contradictions: vec![],
+        }),
         (reason, _) => Err(reason.unwrap_or_else(|| PANIC_REASON.into())),
     }
 }
 
 /// Returns the detected markers of each frame.
 pub fn detected_markers(frames: &[GroundFrame]) -> Vec<Vec<Detection>> {
-    frames.iter().map(|frame| frame.processed.detections.markers.clone()).collect()
+    frames
+        .iter()
+        .map(|frame| frame.processed.detections.markers.clone())
+        .collect()
 }
 
 /// Estimates the orientation from ground frames, perspective bias removed.
@@ -62,16 +76,27 @@ pub fn detected_markers(frames: &[GroundFrame]) -> Vec<Vec<Detection>> {
 ///
 /// # Errors
 /// Returns an error if the frames fit the survey in no orientation.
-pub fn orient_frames(setup: &Setup, frames: &mut [GroundFrame]) -> Result<OrientationFit, IdentifyError> {
+pub fn orient_frames(
+    setup: &Setup,
+    frames: &mut [GroundFrame],
+) -> Result<OrientationFit, IdentifyError> {
     let mut fit = first_orientation(setup, frames)?;
     for _ in 0..MAX_PASSES {
-        let before: Vec<_> = frames.iter().map(|frame| frame.processed.detections.clone()).collect();
+        let before: Vec<_> = frames
+            .iter()
+            .map(|frame| frame.processed.detections.clone())
+            .collect();
         let mut changed = false;
         let wing = WingView::on_ground(setup, &fit.orientation);
         for (frame, identities) in frames.iter_mut().zip(&fit.identities) {
             let found = &mut frame.processed.detections;
             let mut expected = wing.predict_second_pass(&found.markers, identities);
-            expected.retain(|e: &ExpectedMarker| frame.manual.iter().all(|observation| observation.marker != e.marker));
+            expected.retain(|e: &ExpectedMarker| {
+                frame
+                    .manual
+                    .iter()
+                    .all(|observation| observation.marker != e.marker)
+            });
             changed |= detect::second_pass(&frame.raster, found, &expected);
         }
         apply_manual_observations(setup, Some(&fit), frames);
@@ -103,19 +128,43 @@ const TEMPLATE_SIGMAS: f64 = 4.0;
 fn cut_templates(setup: &Setup, frames: &[GroundFrame], fit: &mut OrientationFit) {
     let mut first: Vec<(usize, PointTemplate)> = vec![];
     for (k, frame) in frames.iter().enumerate() {
-        for mark in frame.manual.iter().filter(|mark| setup.is_point(mark.marker)) {
-            let is_used = fit.residuals.iter().any(|(frame, marker, _)| (*frame, *marker) == (k, mark.marker));
-            let is_new = first.iter().all(|(_, template)| template.marker != mark.marker);
-            let (Some(place), true) = (mark.place, is_used && is_new) else { continue };
-            first.extend(points::cut_template(&frame.raster, mark.marker, place.pixel).map(|template| (k, template)));
-            let ground = fit.orientation.ground.iter_mut().filter(|o| o.marker == mark.marker);
+        for mark in frame
+            .manual
+            .iter()
+            .filter(|mark| setup.is_point(mark.marker))
+        {
+            let is_used = fit
+                .residuals
+                .iter()
+                .any(|(frame, marker, _)| (*frame, *marker) == (k, mark.marker));
+            let is_new = first
+                .iter()
+                .all(|(_, template)| template.marker != mark.marker);
+            let (Some(place), true) = (mark.place, is_used && is_new) else {
+                continue;
+            };
+            first.extend(
+                points::cut_template(&frame.raster, mark.marker, place.pixel)
+                    .map(|template| (k, template)),
+            );
+            let ground = fit
+                .orientation
+                .ground
+                .iter_mut()
+                .filter(|o| o.marker == mark.marker);
             ground.for_each(|o| (o.pixel, o.covariance_px2) = (place.pixel, place.covariance_px2));
         }
     }
-    let mut templates: Vec<PointTemplate> = first.iter().map(|(_, template)| template.clone()).collect();
-    let defined = Orientation { templates: templates.clone(), ..fit.orientation.clone() };
+    let mut templates: Vec<PointTemplate> =
+        first.iter().map(|(_, template)| template.clone()).collect();
+    let defined = Orientation {
+        templates: templates.clone(),
+        ..fit.orientation.clone()
+    };
     for patch in WingView::on_ground(setup, &defined).predict_patches_on_ground(TEMPLATE_SIGMAS) {
-        let Some((defining, template)) = first.get(patch.template) else { continue };
+        let Some((defining, template)) = first.get(patch.template) else {
+            continue;
+        };
         let others = frames.iter().enumerate().filter(|(k, _)| k != defining);
         templates.extend(others.filter_map(|(_, frame)| {
             let found = points::match_point(&frame.raster, template, &patch).ok()?;
@@ -126,7 +175,10 @@ fn cut_templates(setup: &Setup, frames: &[GroundFrame], fit: &mut OrientationFit
     fit.orientation.templates = templates;
     // A point without a place is a task for the user, not a failure of the detector.
     for marker in (0..setup.markers.len()).filter(|k| setup.is_point(*k)) {
-        if frames.iter().all(|frame| frame.manual.iter().all(|mark| mark.marker != marker)) {
+        if frames
+            .iter()
+            .all(|frame| frame.manual.iter().all(|mark| mark.marker != marker))
+        {
             fit.explain_unused(marker, UNMARKED_POINT);
         }
     }
@@ -138,7 +190,10 @@ const UNMARKED_POINT: &str = "it has no decal and was not marked: mark it in a g
 
 /// Estimates the first orientation from the detections, then from detections and manual observations. If the detections
 /// alone fit nothing, both are used at once.
-fn first_orientation(setup: &Setup, frames: &mut [GroundFrame]) -> Result<OrientationFit, IdentifyError> {
+fn first_orientation(
+    setup: &Setup,
+    frames: &mut [GroundFrame],
+) -> Result<OrientationFit, IdentifyError> {
     let alone = identify::estimate_orientation(setup, &detected_markers(frames));
     if frames.iter().all(|frame| frame.manual.is_empty()) {
         return alone;
@@ -158,11 +213,18 @@ const CONTRADICTION_SIGMAS: f64 = 5.0;
 ///
 /// # Errors
 /// Returns an error if more than one of three marks does.
-fn find_contradictions(setup: &Setup, fit: &OrientationFit, frames: &mut [GroundFrame]) -> Result<(), IdentifyError> {
+fn find_contradictions(
+    setup: &Setup,
+    fit: &OrientationFit,
+    frames: &mut [GroundFrame],
+) -> Result<(), IdentifyError> {
     let predicted = WingView::on_ground(setup, &fit.orientation).predict_markers(&[]);
     let off_px = |mark: &ManualObservation| {
         let place = mark.place?;
-        let point_px = predicted.iter().find(|p| p.marker == mark.marker).map(|p| p.point_px);
+        let point_px = predicted
+            .iter()
+            .find(|p| p.marker == mark.marker)
+            .map(|p| p.point_px);
         let off_px = point_px.map_or(f64::INFINITY, |point_px| (place.pixel - point_px).norm());
         let sigma_px = place.covariance_px2.trace().max(0.0).sqrt();
         (off_px > MANUAL_DISTANCE_PX.max(CONTRADICTION_SIGMAS * sigma_px)).then_some(off_px)
@@ -176,16 +238,24 @@ fn find_contradictions(setup: &Setup, fit: &OrientationFit, frames: &mut [Ground
     if found.is_empty() {
         return Ok(());
     }
-    let marks = frames.iter().flat_map(|frame| &frame.manual).filter(|mark| mark.place.is_some()).count();
+    let marks = frames
+        .iter()
+        .flat_map(|frame| &frame.manual)
+        .filter(|mark| mark.place.is_some())
+        .count();
     let cause = diagnose_marks(setup, frames, Some(fit));
     if found.len() > 2 && 3 * found.len() > marks {
         let why = cause.map_or(String::new(), |cause| format!(": {cause}"));
-        let text =
-            format!("{} of {marks} manual marks contradict the survey and the detected markers{why}", found.len());
+        let text = format!(
+            "{} of {marks} manual marks contradict the survey and the detected markers{why}",
+            found.len()
+        );
         return Err(IdentifyError::Marks(text));
     }
     for (frame, marker, off_px) in found {
-        let unknown = || format!("its manual mark is {off_px:.0} px from the expected position: mark it again");
+        let unknown = || {
+            format!("its manual mark is {off_px:.0} px from the expected position: mark it again")
+        };
         let reason = cause.clone().unwrap_or_else(unknown);
         frames[frame].contradictions.push((marker, reason));
     }
@@ -193,16 +263,31 @@ fn find_contradictions(setup: &Setup, fit: &OrientationFit, frames: &mut [Ground
 }
 
 /// Diagnoses the manual marks of all frames, with the detections of other markers if there is an orientation.
-fn diagnose_marks(setup: &Setup, frames: &[GroundFrame], fit: Option<&OrientationFit>) -> Option<String> {
+fn diagnose_marks(
+    setup: &Setup,
+    frames: &[GroundFrame],
+    fit: Option<&OrientationFit>,
+) -> Option<String> {
     let marks = frames.iter().flat_map(|frame| &frame.manual);
     let observation = |mark: &ManualObservation| {
         let place = mark.place?;
-        Some(Observation { marker: mark.marker, pixel: place.pixel, covariance_px2: place.covariance_px2 })
+        Some(Observation {
+            marker: mark.marker,
+            pixel: place.pixel,
+            covariance_px2: place.covariance_px2,
+        })
     };
     let mut all: Vec<Observation> = marks.filter_map(observation).collect();
     let manual = all.len();
-    let detected = fit.map_or(vec![], |fit| fit.ground_observations(setup, &detected_markers(frames)));
-    all.extend(detected.into_iter().filter(|o| frames.iter().flat_map(|f| &f.manual).all(|m| m.marker != o.marker)));
+    let detected = fit.map_or(vec![], |fit| {
+        fit.ground_observations(setup, &detected_markers(frames))
+    });
+    all.extend(detected.into_iter().filter(|o| {
+        frames
+            .iter()
+            .flat_map(|f| &f.manual)
+            .all(|m| m.marker != o.marker)
+    }));
     let outlines: Vec<_> = all
         .iter()
         .enumerate()
@@ -215,32 +300,67 @@ fn diagnose_marks(setup: &Setup, frames: &[GroundFrame], fit: Option<&Orientatio
 }
 
 /// Replaces, in each frame, detections of markers that have manual observations.
-fn apply_manual_observations(setup: &Setup, fit: Option<&OrientationFit>, frames: &mut [GroundFrame]) {
-    let predicted = fit.map_or(vec![], |fit| WingView::on_ground(setup, &fit.orientation).predict_markers(&[]));
-    for (k, frame) in frames.iter_mut().enumerate().filter(|(_, frame)| !frame.manual.is_empty()) {
-        let of_detection = fit.and_then(|fit| fit.identities.get(k)).map(|i| i.marker_of.clone());
-        let contradicts = |marker: usize| frame.contradictions.iter().any(|(other, _)| *other == marker);
-        let rejected =
-            |marker: usize| contradicts(marker) || frame.manual.iter().any(|s| s.marker == marker && s.place.is_none());
+fn apply_manual_observations(
+    setup: &Setup,
+    fit: Option<&OrientationFit>,
+    frames: &mut [GroundFrame],
+) {
+    let predicted = fit.map_or(vec![], |fit| {
+        WingView::on_ground(setup, &fit.orientation).predict_markers(&[])
+    });
+    for (k, frame) in frames
+        .iter_mut()
+        .enumerate()
+        .filter(|(_, frame)| !frame.manual.is_empty())
+    {
+        let of_detection = fit
+            .and_then(|fit| fit.identities.get(k))
+            .map(|i| i.marker_of.clone());
+        let contradicts = |marker: usize| {
+            frame
+                .contradictions
+                .iter()
+                .any(|(other, _)| *other == marker)
+        };
+        let rejected = |marker: usize| {
+            contradicts(marker)
+                || frame
+                    .manual
+                    .iter()
+                    .any(|s| s.marker == marker && s.place.is_none())
+        };
         let all = &mut frame.processed.detections.markers;
         // Identities belong to the detections before a second pass; after one, only positions are compared.
         if let Some(of_detection) = of_detection.filter(|of| of.len() == all.len()) {
             let mut of_detection = of_detection.into_iter();
-            all.retain(|_| of_detection.next().flatten().is_none_or(|marker| !rejected(marker)));
+            all.retain(|_| {
+                of_detection
+                    .next()
+                    .flatten()
+                    .is_none_or(|marker| !rejected(marker))
+            });
         }
         for observation in &frame.manual {
-            let (Some(place), Some(marker)) = (observation.place, setup.markers.get(observation.marker)) else {
+            let (Some(place), Some(marker)) =
+                (observation.place, setup.markers.get(observation.marker))
+            else {
                 continue;
             };
             if contradicts(observation.marker) {
                 continue;
             }
-            let new =
-                manual_detection(setup, marker, &place, predicted.iter().find(|f| f.marker == observation.marker));
+            let new = manual_detection(
+                setup,
+                marker,
+                &place,
+                predicted.iter().find(|f| f.marker == observation.marker),
+            );
             // A point may be next to a decal.
             let apart = |d: &Detection| match new.marker {
                 Some(point) => d.marker != Some(point),
-                None => (d.centre_px - new.centre_px).norm() > new.semi_minor_px.max(MANUAL_DISTANCE_PX),
+                None => {
+                    (d.centre_px - new.centre_px).norm() > new.semi_minor_px.max(MANUAL_DISTANCE_PX)
+                }
             };
             all.retain(apart);
             all.push(new);
@@ -261,7 +381,9 @@ fn manual_detection(
     place: &ManualPosition,
     predicted: Option<&PredictedMarker>,
 ) -> Detection {
-    let distance_m = (marker.position_m - setup.projection_centre_m).norm().max(marker.diameter_m);
+    let distance_m = (marker.position_m - setup.projection_centre_m)
+        .norm()
+        .max(marker.diameter_m);
     let major = 0.5 * marker.diameter_m / distance_m * setup.lens.focal_px();
     let outline = predicted.map(|f| &f.prediction);
     let offset_px = predicted.map_or(Vector2::zeros(), |f| f.prediction.centre_px - f.point_px);
@@ -275,16 +397,28 @@ fn manual_detection(
         angle_rad: outline.map_or(0.0, |p| p.angle_rad),
         fit_rms: 0.0,
         contrast: 0.0,
-        marker: setup.markers.iter().position(|m| m.id == marker.id).filter(|_| marker.shape == Shape::Point),
+        marker: setup
+            .markers
+            .iter()
+            .position(|m| m.id == marker.id)
+            .filter(|_| marker.shape == Shape::Point),
     }
 }
 
 /// Records the rejection by a person as the reason why a marker is missing.
 fn record_rejected(frames: &[GroundFrame], fit: &mut OrientationFit) {
     for (frame, identities) in frames.iter().zip(&mut fit.identities) {
-        for observation in frame.manual.iter().filter(|observation| observation.place.is_none()) {
-            identities.missing.retain(|(marker, _)| *marker != observation.marker);
-            identities.missing.push((observation.marker, stages::rejection_reason(observation)));
+        for observation in frame
+            .manual
+            .iter()
+            .filter(|observation| observation.place.is_none())
+        {
+            identities
+                .missing
+                .retain(|(marker, _)| *marker != observation.marker);
+            identities
+                .missing
+                .push((observation.marker, stages::rejection_reason(observation)));
         }
         for (marker, reason) in &frame.contradictions {
             identities.missing.retain(|(other, _)| other != marker);

@@ -46,11 +46,16 @@ struct PaneShift<'a> {
 /// Adds remarks about positions that displace markers to the frames of a flight; `focal_px` is the camera constant.
 pub fn remark_pane_shifts(records: &mut [ImageRecord], focal_px: f64) {
     let found = find_shifts(used_markers(records), REACH_RAD * focal_px);
-    let places: Vec<(BTreeSet<usize>, String)> =
-        found.into_iter().map(|place| (place.frames.clone(), place.warning_text())).collect();
+    let places: Vec<(BTreeSet<usize>, String)> = found
+        .into_iter()
+        .map(|place| (place.frames.clone(), place.warning_text()))
+        .collect();
     for (frames, sentence) in places {
         for frame in frames {
-            records.get_mut(frame).into_iter().for_each(|r| r.remarks.push(sentence.clone()));
+            records
+                .get_mut(frame)
+                .into_iter()
+                .for_each(|r| r.remarks.push(sentence.clone()));
         }
     }
 }
@@ -76,15 +81,22 @@ fn used_markers(records: &[ImageRecord]) -> Vec<MarkerOffset<'_>> {
 
 /// Finds positions with a significant displacement, the most significant first.
 fn find_shifts(mut offsets: Vec<MarkerOffset<'_>>, reach_px: f64) -> Vec<PaneShift<'_>> {
-    let cell = |s: &MarkerOffset<'_>| [s.position_px.x, s.position_px.y].map(|v| (v / reach_px).floor() as i64);
+    let cell = |s: &MarkerOffset<'_>| {
+        [s.position_px.x, s.position_px.y].map(|v| (v / reach_px).floor() as i64)
+    };
     let cells: BTreeSet<[i64; 2]> = offsets.iter().map(cell).collect();
     // Chi square with two degrees of freedom exceeds T with probability exp(-T / 2).
     let least = 2.0 * (cells.len().max(1) as f64 / ALPHA).ln();
     let mut out = Vec::new();
     loop {
-        let centres = cells.iter().map(|c| Vector2::from(c.map(|v| (v as f64 + 0.5) * reach_px)));
+        let centres = cells
+            .iter()
+            .map(|c| Vector2::from(c.map(|v| (v as f64 + 0.5) * reach_px)));
         let all = centres.filter_map(|centre| measure_shift(&offsets, centre, reach_px));
-        let Some(best) = all.max_by(|a, b| a.square.total_cmp(&b.square)).filter(|p| p.square > least) else {
+        let Some(best) = all
+            .max_by(|a, b| a.square.total_cmp(&b.square))
+            .filter(|p| p.square > least)
+        else {
             return out;
         };
         offsets.retain(|s| (s.position_px - best.position_px).norm() > reach_px);
@@ -93,7 +105,11 @@ fn find_shifts(mut offsets: Vec<MarkerOffset<'_>>, reach_px: f64) -> Vec<PaneShi
 }
 
 /// Compares the residuals of markers near `at` with those of the same markers elsewhere; `None` with too few of either.
-fn measure_shift<'a>(offsets: &[MarkerOffset<'a>], at: Vector2<f64>, reach_px: f64) -> Option<PaneShift<'a>> {
+fn measure_shift<'a>(
+    offsets: &[MarkerOffset<'a>],
+    at: Vector2<f64>,
+    reach_px: f64,
+) -> Option<PaneShift<'a>> {
     let mut by_marker: BTreeMap<&str, [Vec<&MarkerOffset<'a>>; 2]> = BTreeMap::new();
     for offset in offsets {
         let far = (offset.position_px - at).norm();
@@ -102,8 +118,15 @@ fn measure_shift<'a>(offsets: &[MarkerOffset<'a>], at: Vector2<f64>, reach_px: f
         }
     }
     by_marker.retain(|_, [here, elsewhere]| !here.is_empty() && !elsewhere.is_empty());
-    let frames: BTreeSet<usize> = by_marker.values().flat_map(|[here, _]| here).map(|s| s.frame).collect();
-    let elsewhere: usize = by_marker.values().map(|[_, elsewhere]| elsewhere.len()).sum();
+    let frames: BTreeSet<usize> = by_marker
+        .values()
+        .flat_map(|[here, _]| here)
+        .map(|s| s.frame)
+        .collect();
+    let elsewhere: usize = by_marker
+        .values()
+        .map(|[_, elsewhere]| elsewhere.len())
+        .sum();
     if frames.len().min(elsewhere) < MIN_FRAMES {
         return None;
     }
@@ -116,7 +139,13 @@ fn measure_shift<'a>(offsets: &[MarkerOffset<'a>], at: Vector2<f64>, reach_px: f
     }
     let shift = sum.component_div(&weight);
     let square = shift.component_mul(&shift).dot(&weight);
-    Some(PaneShift { position_px: at, shift, square, frames, markers: by_marker.into_keys().collect() })
+    Some(PaneShift {
+        position_px: at,
+        shift,
+        square,
+        frames,
+        markers: by_marker.into_keys().collect(),
+    })
 }
 
 /// Computes the weighted mean of residuals, px, and its weights.
@@ -162,27 +191,52 @@ mod tests {
             // Scatter with about the given standard deviation.
             let scatter = |j: usize| 0.14 * ((k * 7 + j * 13) as f64).sin();
             let at = |x: f64| Vector2::new(x, 500.0 + 40.0 * k as f64);
-            let markers = vec![marker("A", at(1000.0), scatter(1)), marker("B", at(1800.0), scatter(2))];
-            ImageRecord { status: RecordStatus::Ok, markers, ..ImageRecord::default() }
+            let markers = vec![
+                marker("A", at(1000.0), scatter(1)),
+                marker("B", at(1800.0), scatter(2)),
+            ];
+            ImageRecord {
+                status: RecordStatus::Ok,
+                markers,
+                ..ImageRecord::default()
+            }
         };
         (0..24).map(frame).collect()
     }
 
     fn remarks(mut records: Vec<ImageRecord>) -> Vec<usize> {
         remark_pane_shifts(&mut records, 7700.0);
-        (0..records.len()).filter(|&k| !records[k].remarks.is_empty()).collect()
+        (0..records.len())
+            .filter(|&k| !records[k].remarks.is_empty())
+            .collect()
     }
 
     #[test]
     fn a_shift_that_stays_with_the_image_position_is_reported_there() {
         let drop = Vector2::new(1000.0, 900.0);
-        let seen = remarks(flight(|_, at| if (at - drop).norm() < 90.0 { [0.5, -0.2] } else { [0.0; 2] }));
-        assert!(seen.contains(&10) && seen.iter().all(|k| (7..=13).contains(k)), "{seen:?}");
+        let seen = remarks(flight(|_, at| {
+            if (at - drop).norm() < 90.0 {
+                [0.5, -0.2]
+            } else {
+                [0.0; 2]
+            }
+        }));
+        assert!(
+            seen.contains(&10) && seen.iter().all(|k| (7..=13).contains(k)),
+            "{seen:?}"
+        );
     }
 
     #[test]
     fn a_shift_that_stays_with_the_marker_is_not_reported() {
         assert!(remarks(flight(|_, _| [0.0; 2])).is_empty());
-        assert!(remarks(flight(|id, _| if id == "B" { [0.5, -0.2] } else { [0.0; 2] })).is_empty());
+        assert!(
+            remarks(flight(|id, _| if id == "B" {
+                [0.5, -0.2]
+            } else {
+                [0.0; 2]
+            }))
+            .is_empty()
+        );
     }
 }

@@ -8,15 +8,16 @@ use super::{ProcessedFrame, SolveJob, StageTime, Work, provenance};
 use crate::aircraft;
 use crate::installation::{CAD_ALPHA, Installation};
 use crate::measure::adjust::{
-    AdjustmentMethod, CurvePoint, Estimate, MarkerSolution, Observation, PairTorsion, Parameter, Solution,
+    AdjustmentMethod, CurvePoint, Estimate, MarkerSolution, Observation, PairTorsion, Parameter,
+    Solution,
 };
 use crate::measure::environment::RefractionReport;
 use crate::measure::geometry::Similarity;
 use crate::measure::identify::plausible_deflections_m;
 use crate::measure::setup::{Setup, SurveyMarker};
 use crate::record::{
-    CadFit, Correlation, CurveRecord, GlobalTest, ImageRecord, IncidenceRecord, MarkerRecord, Model, Panes, Provenance,
-    Quality, Reason, RecordStatus, SigmaKind, Timing, Tip, TorsionRecord,
+    CadFit, Correlation, CurveRecord, GlobalTest, ImageRecord, IncidenceRecord, MarkerRecord,
+    Model, Panes, Provenance, Quality, Reason, RecordStatus, SigmaKind, Timing, Tip, TorsionRecord,
 };
 
 /// Rounds milliseconds to 0.001.
@@ -31,7 +32,12 @@ pub fn stage_timing(stages: &[StageTime]) -> Timing {
         let own = || stages.iter().filter(|s| s.work == work).map(|s| s.ms);
         own().next().map(|_| round_ms(own().sum()))
     };
-    Timing { decode: of(Work::Decode), detect: of(Work::Detect), identify: of(Work::Identify), solve: of(Work::Solve) }
+    Timing {
+        decode: of(Work::Decode),
+        detect: of(Work::Detect),
+        identify: of(Work::Identify),
+        solve: of(Work::Solve),
+    }
 }
 
 /// Builds the record of a processed frame and the outcome of its adjustment.
@@ -46,7 +52,10 @@ pub fn build_record(
         image: frame.image.clone(),
         method: Some(job.method),
         markers: markers_of_unsolved_frame(frame, installation),
-        provenance: Provenance { frame_sha256, ..provenance(installation, job) },
+        provenance: Provenance {
+            frame_sha256,
+            ..provenance(installation, job)
+        },
         timing_ms: stage_timing(&frame.stages),
         ..ImageRecord::default()
     };
@@ -73,9 +82,14 @@ const MAX_VARIANCE_FACTOR: f64 = 10.0;
 
 /// Returns why a rejected result is implausible; `None` if it may be used.
 fn find_doubt(record: &ImageRecord, frame: &ProcessedFrame, setup: &Setup) -> Option<String> {
-    let factor = record.variance_factor.filter(|_| record.global_test == Some(GlobalTest::Rejected))?;
+    let factor = record
+        .variance_factor
+        .filter(|_| record.global_test == Some(GlobalTest::Rejected))?;
     let (used, seen) = (record.used_count(), frame.observations.len());
-    let visible = frame.identities.as_ref().map_or(seen, |identities| identities.visible.max(seen));
+    let visible = frame
+        .identities
+        .as_ref()
+        .map_or(seen, |identities| identities.visible.max(seen));
     let deflection_m = record.tip.as_ref().map_or(0.0, |tip| tip.deflection_m);
     let [lowest_m, highest_m] = plausible_deflections_m(setup);
     // A parabola fits no real wing closely; its standard deviations are scaled by that.
@@ -89,32 +103,54 @@ fn find_doubt(record: &ImageRecord, frame: &ProcessedFrame, setup: &Setup) -> Op
     } else {
         return None;
     };
-    Some(format!("the result is rejected by its test and implausible: {why}"))
+    Some(format!(
+        "the result is rejected by its test and implausible: {why}"
+    ))
 }
 
 /// Remark if no twist is given.
 const SIDE_UNKNOWN: &str = "the direction of the nose is unknown, so no twist is given; set wing.side = \"left\" or \
      \"right\" in installation.toml, or name a [[torsion]] pair";
 
-fn add_solution(record: &mut ImageRecord, frame: &ProcessedFrame, installation: &Installation, s: &Solution) {
+fn add_solution(
+    record: &mut ImageRecord,
+    frame: &ProcessedFrame,
+    installation: &Installation,
+    s: &Solution,
+) {
     record.status = RecordStatus::Ok;
     record.variance_factor = s.variance_factor.filter(|v| v.is_finite());
     record.redundancy = Some(s.redundancy);
     record.global_test = s.global_test;
-    record.sigma_kind = Some(if s.posterior { SigmaKind::Posterior } else { SigmaKind::Prior });
+    record.sigma_kind = Some(if s.posterior {
+        SigmaKind::Posterior
+    } else {
+        SigmaKind::Prior
+    });
     record.model = model_record(s);
-    let seen: HashMap<usize, &Observation> = frame.observations.iter().map(|o| (o.marker, o)).collect();
+    let seen: HashMap<usize, &Observation> =
+        frame.observations.iter().map(|o| (o.marker, o)).collect();
     let mut missing = missing_marker_reasons(frame);
     for m in &s.markers {
-        if let (Some(line), Some(marker)) = (record.markers.get_mut(m.marker), installation.setup.markers.get(m.marker))
-        {
-            *line = solved_marker_record(marker, m, seen.get(&m.marker).copied(), missing.remove(&m.marker));
+        if let (Some(line), Some(marker)) = (
+            record.markers.get_mut(m.marker),
+            installation.setup.markers.get(m.marker),
+        ) {
+            *line = solved_marker_record(
+                marker,
+                m,
+                seen.get(&m.marker).copied(),
+                missing.remove(&m.marker),
+            );
             add_cad_position(line, m, installation);
             add_ground_reason(line, m.marker, installation);
         }
     }
     record.tip = tip_record(installation, s);
-    record.budget = s.budget.as_ref().map_or(vec![], |budget| budget.shares.clone());
+    record.budget = s
+        .budget
+        .as_ref()
+        .map_or(vec![], |budget| budget.shares.clone());
     record.torsion = s.torsion.iter().map(torsion_record).collect();
     record.curve = s.curve.iter().map(curve_record).collect();
     record.remarks = s.remarks.clone();
@@ -122,11 +158,16 @@ fn add_solution(record: &mut ImageRecord, frame: &ProcessedFrame, installation: 
         record.remarks.push(SIDE_UNKNOWN.into());
     }
     record.remarks.extend(turned_mount(installation, s));
-    record.remarks.extend(aircraft::pressure_contradiction(&frame.aircraft));
-    let accepted =
-        [(&installation.accepted, "camera's calibration"), (&installation.accepted_orientation, "orientation")];
+    record
+        .remarks
+        .extend(aircraft::pressure_contradiction(&frame.aircraft));
+    let accepted = [
+        (&installation.accepted, "camera's calibration"),
+        (&installation.accepted_orientation, "orientation"),
+    ];
     for (reason, name) in accepted {
-        let remark = |reason: &String| format!("the {name} was refused, but accepted by the user: {reason}");
+        let remark =
+            |reason: &String| format!("the {name} was refused, but accepted by the user: {reason}");
         record.remarks.extend(reason.as_ref().map(remark));
     }
     record.quality = quality_record(installation, s);
@@ -137,9 +178,19 @@ const MAX_MOUNT_SIGMAS: f64 = 4.0;
 
 /// Returns a remark if the camera is turned by more than the mounting's repeatability since the ground frames.
 fn turned_mount(installation: &Installation, s: &Solution) -> Option<String> {
-    let about = &s.parameters.iter().find(|p| p.name == "mount_rotation_rad")?.values;
-    let (setup, [x, y]) = (&installation.setup, [about.first()?.value, about.get(1)?.value]);
-    let (shift_px, expected_px) = (setup.lens.focal_px() * x.hypot(y), setup.mount_repeatability_px);
+    let about = &s
+        .parameters
+        .iter()
+        .find(|p| p.name == "mount_rotation_rad")?
+        .values;
+    let (setup, [x, y]) = (
+        &installation.setup,
+        [about.first()?.value, about.get(1)?.value],
+    );
+    let (shift_px, expected_px) = (
+        setup.lens.focal_px() * x.hypot(y),
+        setup.mount_repeatability_px,
+    );
     (shift_px > MAX_MOUNT_SIGMAS * expected_px && expected_px > 0.0).then(|| {
         format!(
             "the camera is turned by {shift_px:.0} px relative to the ground frames, but mount_repeatability_px is \
@@ -173,21 +224,35 @@ fn model_record(s: &Solution) -> Model {
 
 /// Appends the reason why a marker was not used in the ground frames.
 fn add_ground_reason(line: &mut MarkerRecord, marker: usize, installation: &Installation) {
-    let ground = installation.unused_on_ground.iter().find(|(k, _)| *k == marker).filter(|_| !line.used);
+    let ground = installation
+        .unused_on_ground
+        .iter()
+        .find(|(k, _)| *k == marker)
+        .filter(|_| !line.used);
     if let (Some((_, ground)), Some(reason)) = (ground, &mut line.reason) {
         reason.push_str(&format!("; not used on the ground either: {ground}"));
     }
 }
 
 fn missing_marker_reasons(frame: &ProcessedFrame) -> HashMap<usize, String> {
-    let seen = frame.identities.iter().flat_map(|i| i.missing.iter().cloned());
-    let rejected = frame.manual.iter().filter_map(|(marker, rejection)| Some((*marker, rejection.clone()?)));
+    let seen = frame
+        .identities
+        .iter()
+        .flat_map(|i| i.missing.iter().cloned());
+    let rejected = frame
+        .manual
+        .iter()
+        .filter_map(|(marker, rejection)| Some((*marker, rejection.clone()?)));
     seen.chain(rejected).collect()
 }
 
 /// Flags the markers whose positions were marked manually.
 fn record_manual(record: &mut ImageRecord, frame: &ProcessedFrame) {
-    for (marker, _) in frame.manual.iter().filter(|(_, rejection)| rejection.is_none()) {
+    for (marker, _) in frame
+        .manual
+        .iter()
+        .filter(|(_, rejection)| rejection.is_none())
+    {
         if let Some(line) = record.markers.get_mut(*marker) {
             line.manual = true;
         }
@@ -195,24 +260,47 @@ fn record_manual(record: &mut ImageRecord, frame: &ProcessedFrame) {
 }
 
 /// Builds the records of all survey markers as not used, with their observations.
-pub(super) fn marker_records(frame: &ProcessedFrame, installation: &Installation) -> Vec<MarkerRecord> {
-    let mut record = ImageRecord { markers: markers_of_unsolved_frame(frame, installation), ..ImageRecord::default() };
+pub(super) fn marker_records(
+    frame: &ProcessedFrame,
+    installation: &Installation,
+) -> Vec<MarkerRecord> {
+    let mut record = ImageRecord {
+        markers: markers_of_unsolved_frame(frame, installation),
+        ..ImageRecord::default()
+    };
     record_manual(&mut record, frame);
     record.markers
 }
 
 /// Returns a record of every surveyed marker of a frame without a solution: its pixel if measured, and why it was not used.
-fn markers_of_unsolved_frame(frame: &ProcessedFrame, installation: &Installation) -> Vec<MarkerRecord> {
+fn markers_of_unsolved_frame(
+    frame: &ProcessedFrame,
+    installation: &Installation,
+) -> Vec<MarkerRecord> {
     let missing = missing_marker_reasons(frame);
-    let seen: HashMap<usize, &Observation> = frame.observations.iter().map(|o| (o.marker, o)).collect();
+    let seen: HashMap<usize, &Observation> =
+        frame.observations.iter().map(|o| (o.marker, o)).collect();
     let line = |(k, marker): (usize, &SurveyMarker)| {
-        let reason = missing.get(&k).cloned().or(Some("not measured in this frame".into()));
+        let reason = missing
+            .get(&k)
+            .cloned()
+            .or(Some("not measured in this frame".into()));
         unsolved_marker_record(marker, seen.get(&k).copied(), reason)
     };
-    installation.setup.markers.iter().enumerate().map(line).collect()
+    installation
+        .setup
+        .markers
+        .iter()
+        .enumerate()
+        .map(line)
+        .collect()
 }
 
-fn unsolved_marker_record(marker: &SurveyMarker, seen: Option<&Observation>, reason: Option<String>) -> MarkerRecord {
+fn unsolved_marker_record(
+    marker: &SurveyMarker,
+    seen: Option<&Observation>,
+    reason: Option<String>,
+) -> MarkerRecord {
     MarkerRecord {
         id: marker.id.clone(),
         shape: marker.shape,
@@ -231,7 +319,13 @@ fn solved_marker_record(
     seen: Option<&Observation>,
     missing: Option<String>,
 ) -> MarkerRecord {
-    let reason = if m.used { None } else { missing.or(m.reason.clone()).or(Some("not measured in this frame".into())) };
+    let reason = if m.used {
+        None
+    } else {
+        missing
+            .or(m.reason.clone())
+            .or(Some("not measured in this frame".into()))
+    };
     let residual = m.residual_px;
     MarkerRecord {
         used: m.used,
@@ -241,8 +335,14 @@ fn solved_marker_record(
         redundancy_u: m.redundancy.map(|r| r.x),
         redundancy_v: m.redundancy.map(|r| r.y),
         w_test: m.w_test,
-        mdb_u_px: m.minimal_detectable_bias_px.map(|b| b.x).filter(|b| b.is_finite()),
-        mdb_v_px: m.minimal_detectable_bias_px.map(|b| b.y).filter(|b| b.is_finite()),
+        mdb_u_px: m
+            .minimal_detectable_bias_px
+            .map(|b| b.x)
+            .filter(|b| b.is_finite()),
+        mdb_v_px: m
+            .minimal_detectable_bias_px
+            .map(|b| b.y)
+            .filter(|b| b.is_finite()),
         distance_m: estimate_value(m.distance_m),
         sigma_distance_m: estimate_sigma(m.distance_m),
         position_m: m.position_m.map(Into::into),
@@ -259,7 +359,9 @@ fn solved_marker_record(
 
 /// Adds position and standard deviations in the CAD frame, if there is one.
 fn add_cad_position(line: &mut MarkerRecord, m: &MarkerSolution, installation: &Installation) {
-    let (Some(fit), Some(position), Some(covariance)) = (&installation.cad, m.position_m, m.covariance_m2) else {
+    let (Some(fit), Some(position), Some(covariance)) =
+        (&installation.cad, m.position_m, m.covariance_m2)
+    else {
         return;
     };
     let (position, covariance) = fit.apply_with_covariance(&position, &covariance);
@@ -282,16 +384,31 @@ fn window_panes(installation: &Installation) -> Option<Panes> {
 /// Returns the CAD transform with its quality, as written in every result.
 pub fn cad_record(installation: &Installation) -> Option<CadFit> {
     let (fit, model) = (installation.cad.as_ref()?, installation.cad_model.as_ref()?);
-    let verdict = |passed| if passed { GlobalTest::Passed } else { GlobalTest::Rejected };
-    let Similarity { scale, rotation, translation_m } = fit.transform;
-    let matrix = nalgebra::Similarity::from_parts(translation_m.into(), rotation, scale).to_homogeneous();
+    let verdict = |passed| {
+        if passed {
+            GlobalTest::Passed
+        } else {
+            GlobalTest::Rejected
+        }
+    };
+    let Similarity {
+        scale,
+        rotation,
+        translation_m,
+    } = fit.transform;
+    let matrix =
+        nalgebra::Similarity::from_parts(translation_m.into(), rotation, scale).to_homogeneous();
     Some(CadFit {
         variance_factor: fit.variance_factor,
         redundancy: fit.redundancy,
         global_test: fit.passes_test(CAD_ALPHA).map(verdict),
         scale,
         transform: [0, 1, 2, 3].map(|row| [0, 1, 2, 3].map(|column| matrix[(row, column)])),
-        covariance: fit.covariance.row_iter().map(|row| row.iter().copied().collect()).collect(),
+        covariance: fit
+            .covariance
+            .row_iter()
+            .map(|row| row.iter().copied().collect())
+            .collect(),
         aft: installation.aft_direction().map(Into::into),
         tie_points: model.ids.clone(),
         residuals_m: fit.residuals_m.iter().map(|&r| r.into()).collect(),
@@ -343,9 +460,16 @@ fn torsion_record(t: &PairTorsion) -> TorsionRecord {
     }
 }
 
-fn incidence_record(slope_rad: Option<Estimate>, streamwise_twist_rad: Option<Estimate>) -> IncidenceRecord {
-    let [slope, streamwise] = [slope_rad, streamwise_twist_rad]
-        .map(|e| e.map(|e| Estimate { value: e.value.to_degrees(), sigma: e.sigma.map(f64::to_degrees) }));
+fn incidence_record(
+    slope_rad: Option<Estimate>,
+    streamwise_twist_rad: Option<Estimate>,
+) -> IncidenceRecord {
+    let [slope, streamwise] = [slope_rad, streamwise_twist_rad].map(|e| {
+        e.map(|e| Estimate {
+            value: e.value.to_degrees(),
+            sigma: e.sigma.map(f64::to_degrees),
+        })
+    });
     IncidenceRecord {
         slope_deg: estimate_value(slope),
         sigma_slope_deg: estimate_sigma(slope),
@@ -379,10 +503,18 @@ fn quality_record(installation: &Installation, s: &Solution) -> Quality {
 }
 
 fn correlation_record(s: &Solution) -> Option<Correlation> {
-    let names = |p: &Parameter| (0..p.values.len()).map(|k| format!("{}[{k}]", p.name)).collect::<Vec<String>>();
+    let names = |p: &Parameter| {
+        (0..p.values.len())
+            .map(|k| format!("{}[{k}]", p.name))
+            .collect::<Vec<String>>()
+    };
     let finite = |r: &f64| Some(*r).filter(|r| r.is_finite());
     (s.correlation.nrows() > 0).then(|| Correlation {
         parameters: s.parameters.iter().flat_map(names).collect(),
-        matrix: s.correlation.row_iter().map(|row| row.iter().map(finite).collect()).collect(),
+        matrix: s
+            .correlation
+            .row_iter()
+            .map(|row| row.iter().map(finite).collect())
+            .collect(),
     })
 }

@@ -23,6 +23,8 @@ pub fn small_jpeg(raster: &Raster, largest: usize, quality: u8) -> Option<Vec<u8
     let mut jpeg = Vec::new();
     let encoder = jpeg_encoder::Encoder::new(&mut jpeg, quality);
     let (width, height) = (u16::try_from(width).ok()?, u16::try_from(height).ok()?);
-    encoder.encode(&luma, width, height, jpeg_encoder::ColorType::Luma).ok()?;
+    encoder
+        .encode(&luma, width, height, jpeg_encoder::ColorType::Luma)
+        .ok()?;
     Some(jpeg)
 }

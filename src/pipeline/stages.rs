@@ -31,7 +31,10 @@ pub struct StageTime {
 impl StageTime {
     /// Measures a step that began at `started` and ends now.
     pub fn since(work: Work, started: Instant) -> Self {
-        Self { work, ms: 1e3 * started.elapsed().as_secs_f64() }
+        Self {
+            work,
+            ms: 1e3 * started.elapsed().as_secs_f64(),
+        }
     }
 }
 
@@ -66,8 +69,14 @@ pub struct ProcessedFrame {
 
 impl ProcessedFrame {
     /// Creates a frame from manual observations alone.
-    pub fn from_manual<'a>(name: &str, observations: impl IntoIterator<Item = &'a ManualObservation>) -> Self {
-        let mut processed = Self { image: name.into(), ..Self::default() };
+    pub fn from_manual<'a>(
+        name: &str,
+        observations: impl IntoIterator<Item = &'a ManualObservation>,
+    ) -> Self {
+        let mut processed = Self {
+            image: name.into(),
+            ..Self::default()
+        };
         processed.add_manual(observations);
         processed
     }
@@ -75,13 +84,23 @@ impl ProcessedFrame {
     /// Adds manual observations, which replace detections of the same markers.
     ///
     /// A frame whose detections could not be identified may be solved by them.
-    pub fn add_manual<'a>(&mut self, observations: impl IntoIterator<Item = &'a ManualObservation>) {
+    pub fn add_manual<'a>(
+        &mut self,
+        observations: impl IntoIterator<Item = &'a ManualObservation>,
+    ) {
         for o in observations {
             let marker = o.marker;
             self.observations.retain(|seen| seen.marker != marker);
             let rejection = match o.place {
-                Some(ManualPosition { pixel, covariance_px2 }) => {
-                    self.observations.push(Observation { marker, pixel, covariance_px2 });
+                Some(ManualPosition {
+                    pixel,
+                    covariance_px2,
+                }) => {
+                    self.observations.push(Observation {
+                        marker,
+                        pixel,
+                        covariance_px2,
+                    });
                     self.failure.take_if(|_| self.is_unnamed);
                     None
                 }
@@ -105,16 +124,27 @@ impl ProcessedFrame {
 
     /// Creates a frame without observations, with the reason.
     pub fn failed(image: impl Into<String>, reason: impl Into<Reason>) -> Self {
-        Self { image: image.into(), failure: Some(reason.into()), ..Self::default() }
+        Self {
+            image: image.into(),
+            failure: Some(reason.into()),
+            ..Self::default()
+        }
     }
 
     /// Creates a frame of an image, without observations.
     pub(super) fn from_image(name: &str, bytes: &[u8]) -> Self {
-        Self { image: name.into(), digest: hex::encode(Sha256::digest(bytes)), ..Self::default() }
+        Self {
+            image: name.into(),
+            digest: hex::encode(Sha256::digest(bytes)),
+            ..Self::default()
+        }
     }
 
     /// Decodes an image and stores its size, or the failure. Returns the image.
-    pub(super) fn decode<P: Picture>(&mut self, decode: impl FnOnce() -> Result<P, decode::DecodeError>) -> Option<P> {
+    pub(super) fn decode<P: Picture>(
+        &mut self,
+        decode: impl FnOnce() -> Result<P, decode::DecodeError>,
+    ) -> Option<P> {
         let decoded = self.timed(|ended| {
             let decoded = decode();
             ended(Work::Decode);
@@ -151,19 +181,34 @@ impl ProcessedFrame {
     /// Stores the markers of the frame.
     pub(super) fn set_markers(
         &mut self,
-        FrameMarkers { detections, identities, observations, fault, .. }: FrameMarkers,
+        FrameMarkers {
+            detections,
+            identities,
+            observations,
+            fault,
+            ..
+        }: FrameMarkers,
     ) {
         self.is_unnamed = fault.as_ref().is_some_and(ViewFault::is_unnamed);
         self.failure = fault.map(Reason::from_error);
-        (self.detections, self.identities, self.observations) = (detections, identities, observations);
+        (self.detections, self.identities, self.observations) =
+            (detections, identities, observations);
     }
 }
 
 /// Returns the reason for a marker that a person rejected.
 pub(super) fn rejection_reason(of: &ManualObservation) -> String {
     let [who, _, why] = &of.note;
-    let author = if who.is_empty() { String::new() } else { format!(" ({who})") };
-    let because = if why.is_empty() { String::new() } else { format!(": {why}") };
+    let author = if who.is_empty() {
+        String::new()
+    } else {
+        format!(" ({who})")
+    };
+    let because = if why.is_empty() {
+        String::new()
+    } else {
+        format!(": {why}")
+    };
     format!("rejected manually{author}{because}")
 }
 
@@ -179,7 +224,8 @@ pub fn process_frame(
     let wing = orientation.map(|orientation| WingView::in_flight(setup, orientation));
     let first = |width, height| view::first_tiles(wing.as_ref(), width, height);
     if let Some(mut picture) = processed.decode(|| decode::decode_partial(bytes, format, &first)) {
-        let found = processed.timed(|ended| view::process_frame(&mut picture, wing.as_ref(), ended));
+        let found =
+            processed.timed(|ended| view::process_frame(&mut picture, wing.as_ref(), ended));
         processed.set_markers(found);
         processed.check_size(picture.raster(), setup);
     }
@@ -198,12 +244,18 @@ pub fn process_full_frame(
 ) -> (ProcessedFrame, Option<Raster>) {
     let wing = orientation.map(|orientation| WingView::in_flight(setup, orientation));
     let (mut processed, raster) = search_full_frame(name, bytes, format, wing.as_ref());
-    raster.iter().for_each(|raster| processed.check_size(raster, setup));
+    raster
+        .iter()
+        .for_each(|raster| processed.check_size(raster, setup));
     (processed, raster)
 }
 
 /// Decodes an image and detects markers, without an installation. Returns the image for drawing.
-pub fn detect_only(name: &str, bytes: &[u8], format: Option<&Format>) -> (ProcessedFrame, Option<Raster>) {
+pub fn detect_only(
+    name: &str,
+    bytes: &[u8],
+    format: Option<&Format>,
+) -> (ProcessedFrame, Option<Raster>) {
     search_full_frame(name, bytes, format, None)
 }
 

@@ -12,8 +12,8 @@ mod row;
 mod stored;
 
 pub use registry::{
-    CLOCK_SIGMA, CURVATURE, CURVATURE_COVARIANCE, EXPOSURE_SIGMA, GLOBAL_TEST_PASSED, NUMBER, REASON, SECTIONS,
-    SINCE_BOOT, SOLVED, SUMMARY, TIP_SIGMAS, UTC,
+    CLOCK_SIGMA, CURVATURE, CURVATURE_COVARIANCE, EXPOSURE_SIGMA, GLOBAL_TEST_PASSED, NUMBER,
+    REASON, SECTIONS, SINCE_BOOT, SOLVED, SUMMARY, TIP_SIGMAS, UTC,
 };
 pub use row::{ResultInputs, ResultRow};
 pub use stored::{LiveSource, StoredForm, StoredTimes, finite_value, stored_quantities};
@@ -116,8 +116,20 @@ pub struct QuantitySection {
     pub quantities: &'static [ResultQuantity],
 }
 
-const fn quantity(name: &'static str, unit: &'static str, meaning: &'static str, value: ValueGetter) -> ResultQuantity {
-    ResultQuantity { name, unit, meaning, value, live: LiveForm::Absent, only_live: false }
+const fn quantity(
+    name: &'static str,
+    unit: &'static str,
+    meaning: &'static str,
+    value: ValueGetter,
+) -> ResultQuantity {
+    ResultQuantity {
+        name,
+        unit,
+        meaning,
+        value,
+        live: LiveForm::Absent,
+        only_live: false,
+    }
 }
 
 impl ResultQuantity {
@@ -132,17 +144,28 @@ impl ResultQuantity {
 
     /// Adds the quantity to live results, where each row stores it since the given addition to the format.
     const fn stored_since(self, addition: u8, kind: ValueKind) -> Self {
-        self.in_live(LiveForm::Stored(StoredForm { kind, addition, words: Vec::new }))
+        self.in_live(LiveForm::Stored(StoredForm {
+            kind,
+            addition,
+            words: Vec::new,
+        }))
     }
 
     /// Adds the quantity to live results, where each row stores the number of a word since the given addition.
     const fn word_since(self, addition: u8, words: fn() -> Vec<String>) -> Self {
-        self.in_live(LiveForm::Stored(StoredForm { kind: ValueKind::U8, addition, words }))
+        self.in_live(LiveForm::Stored(StoredForm {
+            kind: ValueKind::U8,
+            addition,
+            words,
+        }))
     }
 
     /// Omits the quantity in tables of frames.
     const fn only_live(self) -> Self {
-        Self { only_live: true, ..self }
+        Self {
+            only_live: true,
+            ..self
+        }
     }
 
     /// Returns the name of its column: with the unit.
@@ -196,12 +219,20 @@ impl TableColumn {
     pub fn of_frames(table: ResultTable, pairs: &[String]) -> Vec<Self> {
         let is_summary = table == ResultTable::Summary;
         let is_of_table = |section: &&QuantitySection| match is_summary {
-            true => matches!(section.subject, Subject::Row | Subject::Pair | Subject::Aircraft),
+            true => matches!(
+                section.subject,
+                Subject::Row | Subject::Pair | Subject::Aircraft
+            ),
             false => section.tables.contains(&table),
         };
-        let chosen =
-            |quantity: &ResultQuantity| !quantity.only_live && (!is_summary || SUMMARY.contains(&quantity.name));
-        SECTIONS.iter().filter(is_of_table).flat_map(|section| section.columns(pairs, chosen)).collect()
+        let chosen = |quantity: &ResultQuantity| {
+            !quantity.only_live && (!is_summary || SUMMARY.contains(&quantity.name))
+        };
+        SECTIONS
+            .iter()
+            .filter(is_of_table)
+            .flat_map(|section| section.columns(pairs, chosen))
+            .collect()
     }
 
     /// Lists the columns of live results that are not stored, those of the rows' identity or the others.
@@ -211,29 +242,57 @@ impl TableColumn {
             LiveForm::Derived => !identity,
             LiveForm::Absent | LiveForm::Stored(_) => false,
         };
-        SECTIONS.iter().flat_map(|section| section.columns(&[], chosen)).collect()
+        SECTIONS
+            .iter()
+            .flat_map(|section| section.columns(&[], chosen))
+            .collect()
     }
 
     /// Returns a row with the pair or the aircraft quantity of the column.
     pub fn narrow<'a>(&'a self, row: &ResultRow<'a>) -> ResultRow<'a> {
-        ResultRow { pair_name: self.pair.as_deref(), quantity: self.aircraft, ..*row }
+        ResultRow {
+            pair_name: self.pair.as_deref(),
+            quantity: self.aircraft,
+            ..*row
+        }
     }
 }
 
 impl QuantitySection {
-    fn columns(&'static self, pairs: &[String], chosen: impl Fn(&ResultQuantity) -> bool) -> Vec<TableColumn> {
+    fn columns(
+        &'static self,
+        pairs: &[String],
+        chosen: impl Fn(&ResultQuantity) -> bool,
+    ) -> Vec<TableColumn> {
         let labels: Vec<(String, Option<&String>, Option<Quantity>)> = match self.subject {
-            Subject::Pair => pairs.iter().map(|name| (format!("torsion_{name}_"), Some(name), None)).collect(),
-            Subject::Aircraft => Quantity::ALL.map(|one| (String::new(), None, Some(one))).into(),
+            Subject::Pair => pairs
+                .iter()
+                .map(|name| (format!("torsion_{name}_"), Some(name), None))
+                .collect(),
+            Subject::Aircraft => Quantity::ALL
+                .map(|one| (String::new(), None, Some(one)))
+                .into(),
             _ => vec![Default::default()],
         };
         let quantities = || self.quantities.iter().filter(|quantity| chosen(quantity));
-        let column = |(prefix, pair, aircraft): &(String, Option<&String>, Option<Quantity>), quantity| TableColumn {
-            name: format!("{prefix}{}{}", ResultQuantity::column_name(quantity), aircraft.map_or("", Quantity::name)),
+        let column = |(prefix, pair, aircraft): &(String, Option<&String>, Option<Quantity>),
+                      quantity| TableColumn {
+            name: format!(
+                "{prefix}{}{}",
+                ResultQuantity::column_name(quantity),
+                aircraft.map_or("", Quantity::name)
+            ),
             quantity,
             pair: pair.cloned(),
             aircraft: *aircraft,
         };
-        labels.iter().flat_map(|label| quantities().map(|one| column(label, one)).collect::<Vec<_>>()).collect()
+        labels
+            .iter()
+            .flat_map(|label| {
+                quantities()
+                    .map(|one| column(label, one))
+                    .collect::<Vec<_>>()
+            })
+            .collect()
     }
 }

@@ -6,7 +6,9 @@ use crate::aircraft::{AircraftState, JoinedValue, Quantity};
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
 use crate::pipeline::live::{CurvatureEstimate, LiveResult};
-use crate::record::{CurveRecord, ImageRecord, MarkerRecord, Term, TorsionRecord, json_text, variant_name};
+use crate::record::{
+    CurveRecord, ImageRecord, MarkerRecord, Term, TorsionRecord, json_text, variant_name,
+};
 use crate::store::{Inputs, installations};
 
 /// Row of a table of results. A part that the row does not have is `None`.
@@ -73,14 +75,30 @@ impl<'a> ResultRow<'a> {
             return Some(format!("{series}/{}", self.shot?));
         }
         let stamp = self.stamp?;
-        let boot: String = stamp.boot_id.chars().filter(char::is_ascii_alphanumeric).take(8).collect();
+        let boot: String = stamp
+            .boot_id
+            .chars()
+            .filter(char::is_ascii_alphanumeric)
+            .take(8)
+            .collect();
         Some(format!("{boot}/{:.0}", 1e6 * stamp.since_boot_s))
     }
 
     /// Returns the status of the image; a shot without a result has one too.
     pub(super) fn status(&self) -> Option<String> {
-        let unsolved = || self.series.map(|_| if self.frame.is_some() { "not solved" } else { "no frame" }.to_owned());
-        self.image.map(|image| variant_name(image.status)).or_else(unsolved)
+        let unsolved = || {
+            self.series.map(|_| {
+                if self.frame.is_some() {
+                    "not solved"
+                } else {
+                    "no frame"
+                }
+                .to_owned()
+            })
+        };
+        self.image
+            .map(|image| variant_name(image.status))
+            .or_else(unsolved)
     }
 }
 
@@ -110,6 +128,9 @@ impl ResultInputs {
 
     /// Collects the inputs of live results, whose provenance is all of them.
     pub fn from_provenance(provenance: &Map<String, Value>) -> Self {
-        Self::new(provenance, (!provenance.is_empty()).then(|| Inputs::new(provenance.clone()).key("")))
+        Self::new(
+            provenance,
+            (!provenance.is_empty()).then(|| Inputs::new(provenance.clone()).key("")),
+        )
     }
 }

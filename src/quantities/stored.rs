@@ -4,7 +4,9 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{QuantitySection, ResultQuantity, ResultRow, SECTIONS, SINCE_BOOT, Subject, ValueGetter};
+use super::{
+    QuantitySection, ResultQuantity, ResultRow, SECTIONS, SINCE_BOOT, Subject, ValueGetter,
+};
 use crate::clock::Stamp;
 use crate::store::columns::{FLAG, LiveBlock, LiveTable, UTC, ValueKind, WORD};
 
@@ -22,7 +24,10 @@ pub struct StoredForm {
 /// Lists the stored quantities in the order of the columns.
 pub fn stored_quantities() -> Vec<(Subject, StoredForm, &'static ResultQuantity)> {
     let of_section = |section: &'static QuantitySection| {
-        section.quantities.iter().filter_map(|quantity| Some((section.subject, quantity.stored_form()?, quantity)))
+        section
+            .quantities
+            .iter()
+            .filter_map(|quantity| Some((section.subject, quantity.stored_form()?, quantity)))
     };
     let mut all: Vec<_> = SECTIONS.iter().flat_map(of_section).collect();
     all.sort_by_key(|(subject, form, _)| (*subject, form.addition));
@@ -44,7 +49,9 @@ impl Subject {
 impl ResultQuantity {
     /// Returns the name of its column in a file of live results.
     pub fn stored_name(&self, subject: Subject) -> String {
-        subject.list_name().map_or(self.name.to_owned(), |list| format!("{list}.{}", self.name))
+        subject
+            .list_name()
+            .map_or(self.name.to_owned(), |list| format!("{list}.{}", self.name))
     }
 
     /// Returns the unit of its column in a file of live results.
@@ -80,7 +87,10 @@ pub struct StoredTimes {
 impl StoredTimes {
     /// Reads the times of a block; `None` if it has none.
     pub fn from_block(block: &LiveBlock) -> Option<Self> {
-        Some(Self { utc: block.named_values(super::UTC.name)?, since_boot_s: block.named_values(SINCE_BOOT.name) })
+        Some(Self {
+            utc: block.named_values(super::UTC.name)?,
+            since_boot_s: block.named_values(SINCE_BOOT.name),
+        })
     }
 
     /// Returns the time of a result of a file begun at `began`; `None` if it is unknown.
@@ -88,7 +98,11 @@ impl StoredTimes {
         let utc = Timestamp::from_microsecond(finite_number(&self.utc, row)? as i64).ok()?;
         let by_utc_s = || began.since_boot_s + utc.duration_since(began.utc).as_secs_f64();
         let since_boot_s = finite_value(&self.since_boot_s, row).unwrap_or_else(by_utc_s);
-        Some(Stamp { utc, since_boot_s, ..began.clone() })
+        Some(Stamp {
+            utc,
+            since_boot_s,
+            ..began.clone()
+        })
     }
 }
 

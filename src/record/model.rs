@@ -50,10 +50,18 @@ impl Model {
         let estimate = |value: Value| serde_json::from_value(value).ok();
         let terms = |(name, value): (String, Value)| match value {
             Value::Array(list) => {
-                let term = |(k, value)| Term { name: name.clone(), index: Some(k), estimate: estimate(value) };
+                let term = |(k, value)| Term {
+                    name: name.clone(),
+                    index: Some(k),
+                    estimate: estimate(value),
+                };
                 list.into_iter().enumerate().map(term).collect()
             }
-            value => vec![Term { name, index: None, estimate: estimate(value) }],
+            value => vec![Term {
+                name,
+                index: None,
+                estimate: estimate(value),
+            }],
         };
         json_fields(self).into_iter().flat_map(terms).collect()
     }
@@ -73,7 +81,10 @@ mod terms {
     }
 
     /// Writes one term as an object, several as an array, none as `null`.
-    pub fn serialize<S: Serializer>(terms: &Option<Vec<Estimate>>, output: S) -> Result<S::Ok, S::Error> {
+    pub fn serialize<S: Serializer>(
+        terms: &Option<Vec<Estimate>>,
+        output: S,
+    ) -> Result<S::Ok, S::Error> {
         match terms.as_deref() {
             None | Some([]) => output.serialize_none(),
             Some([one]) => one.serialize(output),
@@ -82,7 +93,9 @@ mod terms {
     }
 
     /// Reads terms as written by [`serialize`].
-    pub fn deserialize<'de, D: Deserializer<'de>>(input: D) -> Result<Option<Vec<Estimate>>, D::Error> {
+    pub fn deserialize<'de, D: Deserializer<'de>>(
+        input: D,
+    ) -> Result<Option<Vec<Estimate>>, D::Error> {
         Ok(Some(match Option::deserialize(input)? {
             None => vec![],
             Some(WrittenTerms::One(one)) => vec![one],
@@ -110,7 +123,17 @@ mod tests {
         }
         let hidden: Model = serde_json::from_str(texts[2]).unwrap();
         let terms = hidden.terms();
-        let names: Vec<_> = terms.iter().map(|term| (term.name.as_str(), term.index)).collect();
-        assert_eq!(names, [("curvature_per_m", Some(0)), ("twist_deg", None), ("axis_raise_m", None)]);
+        let names: Vec<_> = terms
+            .iter()
+            .map(|term| (term.name.as_str(), term.index))
+            .collect();
+        assert_eq!(
+            names,
+            [
+                ("curvature_per_m", Some(0)),
+                ("twist_deg", None),
+                ("axis_raise_m", None)
+            ]
+        );
     }
 }

@@ -109,6 +109,9 @@ pub struct Timing {
 impl Timing {
     /// Returns the sum of all stages, ms.
     pub fn total(&self) -> f64 {
-        [self.decode, self.detect, self.identify, self.solve].into_iter().flatten().sum()
+        [self.decode, self.detect, self.identify, self.solve]
+            .into_iter()
+            .flatten()
+            .sum()
     }
 }

@@ -58,7 +58,11 @@ impl Correlation {
         let count = self.parameters.len();
         let square = self.matrix.len() == count && self.matrix.iter().all(|row| row.len() == count);
         let row = |row: &Vec<Option<f64>>| row.iter().copied().collect::<Option<Vec<_>>>();
-        self.matrix.iter().map(row).collect::<Option<_>>().filter(|_| square)
+        self.matrix
+            .iter()
+            .map(row)
+            .collect::<Option<_>>()
+            .filter(|_| square)
     }
 
     /// Returns the correlation of two parameters, given by name.
@@ -115,10 +119,15 @@ impl CadFit {
             Some(GlobalTest::Rejected) => "test rejected",
             None => "no test",
         };
-        let factor = self.variance_factor.map_or(String::new(), |factor| format!(", variance factor {factor:.2}"));
+        let factor = self.variance_factor.map_or(String::new(), |factor| {
+            format!(", variance factor {factor:.2}")
+        });
         let length_m = |r: &[f64; 3]| r.iter().fold(0.0, |sum: f64, v| sum.hypot(*v));
         let largest_m = self.residuals_m.iter().map(length_m).fold(0.0, f64::max);
         let (count, scale) = (self.residuals_m.len(), self.scale);
-        format!("{count} tie points, {verdict}{factor}, scale {scale:.5}, largest residual {:.1} mm", 1e3 * largest_m)
+        format!(
+            "{count} tie points, {verdict}{factor}, scale {scale:.5}, largest residual {:.1} mm",
+            1e3 * largest_m
+        )
     }
 }

@@ -20,7 +20,10 @@ impl Reason {
 
     /// Creates a reason from a sentence and the error that caused it.
     pub fn new(text: impl Into<String>, source: impl Error + Send + Sync + 'static) -> Self {
-        Self { text: text.into(), source: Some(Arc::new(source)) }
+        Self {
+            text: text.into(),
+            source: Some(Arc::new(source)),
+        }
     }
 
     /// Returns the sentence.
@@ -30,13 +33,19 @@ impl Reason {
 
     /// Prefixes the sentence with the thing that it is about.
     pub fn with_context(self, what: impl Display) -> Self {
-        Self { text: format!("{what}: {}", self.text), ..self }
+        Self {
+            text: format!("{what}: {}", self.text),
+            ..self
+        }
     }
 }
 
 impl<T: Into<String>> From<T> for Reason {
     fn from(text: T) -> Self {
-        Self { text: text.into(), source: None }
+        Self {
+            text: text.into(),
+            source: None,
+        }
     }
 }
 

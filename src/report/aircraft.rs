@@ -37,12 +37,17 @@ pub struct Withdrawal {
 impl AircraftSource {
     /// Returns the layout of the lines; `None` if it is unknown.
     pub fn layout(&self) -> Option<Layout> {
-        self.head.get("layout").cloned().and_then(|layout| serde_json::from_value(layout).ok())
+        self.head
+            .get("layout")
+            .cloned()
+            .and_then(|layout| serde_json::from_value(layout).ok())
     }
 
     /// Returns the table's name or the feed's address.
     pub fn name(&self) -> String {
-        let origin = ["table", "udp", "tcp"].iter().find_map(|key| self.head.get(*key)?.as_str());
+        let origin = ["table", "udp", "tcp"]
+            .iter()
+            .find_map(|key| self.head.get(*key)?.as_str());
         origin.unwrap_or("a feed").to_owned()
     }
 }
@@ -60,19 +65,30 @@ pub fn read_sources(
         if let Ok(Withdrawal { withdraws, at }) = serde_json::from_value(head.source.clone()) {
             match found.iter_mut().find(|source| source.number == withdraws) {
                 Some(source) => source.withdrawn = source.withdrawn.or(Some(at)),
-                None => {
-                    notes.push(format!("{}: a withdrawal names source {withdraws}, which does not exist", flight.id))
-                }
+                None => notes.push(format!(
+                    "{}: a withdrawal names source {withdraws}, which does not exist",
+                    flight.id
+                )),
             }
             is_continued = false;
             continue;
         }
-        let lines = lines.into_iter().map(|AircraftLine { at, line }| ReceivedLine { at, line });
-        match found.last_mut().filter(|last| is_continued && last.head == head.source) {
+        let lines = lines
+            .into_iter()
+            .map(|AircraftLine { at, line }| ReceivedLine { at, line });
+        match found
+            .last_mut()
+            .filter(|last| is_continued && last.head == head.source)
+        {
             Some(source) => source.lines.extend(lines),
             None => {
                 let number = found.len() + 1;
-                found.push(AircraftSource { number, head: head.source, lines: lines.collect(), withdrawn: None });
+                found.push(AircraftSource {
+                    number,
+                    head: head.source,
+                    lines: lines.collect(),
+                    withdrawn: None,
+                });
             }
         }
         is_continued = true;
@@ -81,7 +97,11 @@ pub fn read_sources(
 }
 
 /// Reads the samples of all sources in use of a flight, and notes on unreadable lines.
-pub fn read_track(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> StoreResult<(AircraftTrack, Vec<String>)> {
+pub fn read_track(
+    disk: &dyn Disk,
+    root: &Path,
+    flight: &FlightRef,
+) -> StoreResult<(AircraftTrack, Vec<String>)> {
     let (all, mut notes) = read_sources(disk, root, flight)?;
     let mut track = AircraftTrack::default();
     for source in all.iter().filter(|source| source.withdrawn.is_none()) {
@@ -90,7 +110,10 @@ pub fn read_track(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> StoreResu
                 track.begin_source(source.number);
                 track.add_lines(&layout, &source.lines);
             }
-            None => notes.push(format!("{}: aircraft data with an unknown layout are skipped", flight.id)),
+            None => notes.push(format!(
+                "{}: aircraft data with an unknown layout are skipped",
+                flight.id
+            )),
         }
     }
     Ok((track, notes))
@@ -102,15 +125,25 @@ pub fn join_aircraft_data(track: &AircraftTrack, series: &mut SeriesData) {
         return;
     }
     for shot in &mut series.shots {
-        shot.aircraft =
-            shot.stamp.as_ref().map(|stamp| track.state_at(stamp, shot.exposure.as_ref())).unwrap_or_default();
+        shot.aircraft = shot
+            .stamp
+            .as_ref()
+            .map(|stamp| track.state_at(stamp, shot.exposure.as_ref()))
+            .unwrap_or_default();
     }
 }
 
 /// Reads the time of each frame of a flight. Unreadable series are skipped; `wingd verify` lists them.
-pub fn read_frame_times(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<Vec<(Stamp, Option<Exposure>)>> {
+pub fn read_frame_times(
+    disk: &dyn Disk,
+    flight: &FlightRef,
+) -> StoreResult<Vec<(Stamp, Option<Exposure>)>> {
     let series = catalogue::list_series(disk, flight)?;
-    let manifests = series.iter().filter_map(|series| catalogue::read_series_manifest(disk, series).ok());
-    let shots = manifests.flat_map(|manifest| manifest.shots).filter(|shot| shot.frame.is_some());
+    let manifests = series
+        .iter()
+        .filter_map(|series| catalogue::read_series_manifest(disk, series).ok());
+    let shots = manifests
+        .flat_map(|manifest| manifest.shots)
+        .filter(|shot| shot.frame.is_some());
     Ok(shots.map(|shot| (shot.stamp, shot.exposure)).collect())
 }

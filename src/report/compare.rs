@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::record::{ImageRecord, MarkerRecord, Provenance, Quality, RecordStatus, json_text, variant_name};
+use crate::record::{
+    ImageRecord, MarkerRecord, Provenance, Quality, RecordStatus, json_text, variant_name,
+};
 use crate::store::result_sets::{self, ResultSet};
 use crate::store::{Disk, FlightRef, SeriesRef, StoreResult, catalogue};
 
@@ -34,9 +36,14 @@ pub struct FrameChange {
 impl FrameChange {
     /// Describes the status, or its change, in one or two words.
     pub fn status_text(&self) -> String {
-        let text = |status: Option<RecordStatus>| status.map_or("no result".to_owned(), variant_name);
+        let text =
+            |status: Option<RecordStatus>| status.map_or("no result".to_owned(), variant_name);
         let (old, new) = (text(self.status.0), text(self.status.1));
-        if old == new { new } else { format!("{old} -> {new}") }
+        if old == new {
+            new
+        } else {
+            format!("{old} -> {new}")
+        }
     }
 }
 
@@ -48,10 +55,18 @@ pub struct ComparedFlight {
 }
 
 /// Compares the results of two flights frame by frame, matching frames by SHA-256; sorted by series and frame.
-pub fn compare_frames(disk: &dyn Disk, old: &ComparedFlight, new: &ComparedFlight) -> StoreResult<Vec<FrameChange>> {
+pub fn compare_frames(
+    disk: &dyn Disk,
+    old: &ComparedFlight,
+    new: &ComparedFlight,
+) -> StoreResult<Vec<FrameChange>> {
     let mut before = BTreeMap::new();
     for series in catalogue::list_series(disk, &old.flight)? {
-        before.extend(read_records(disk, &series, &old.set)?.into_iter().map(|(key, r)| (key.2.clone(), (key, r))));
+        before.extend(
+            read_records(disk, &series, &old.set)?
+                .into_iter()
+                .map(|(key, r)| (key.2.clone(), (key, r))),
+        );
     }
     let mut all = Vec::new();
     for series in catalogue::list_series(disk, &new.flight)? {
@@ -60,7 +75,11 @@ pub fn compare_frames(disk: &dyn Disk, old: &ComparedFlight, new: &ComparedFligh
             all.push(compare_frame_records(key, old.as_ref(), Some(&record)));
         }
     }
-    all.extend(before.into_values().map(|(key, record)| compare_frame_records(key, Some(&record), None)));
+    all.extend(
+        before
+            .into_values()
+            .map(|(key, record)| compare_frame_records(key, Some(&record), None)),
+    );
     all.sort_by(|a, b| (&a.series, &a.frame).cmp(&(&b.series, &b.frame)));
     Ok(all)
 }
@@ -69,7 +88,11 @@ pub fn compare_frames(disk: &dyn Disk, old: &ComparedFlight, new: &ComparedFligh
 type FrameKey = (String, String, String);
 
 /// Reads the records that a set of results has of a series, with the frame of each.
-fn read_records(disk: &dyn Disk, series: &SeriesRef, set: &ResultSet) -> StoreResult<Vec<(FrameKey, ImageRecord)>> {
+fn read_records(
+    disk: &dyn Disk,
+    series: &SeriesRef,
+    set: &ResultSet,
+) -> StoreResult<Vec<(FrameKey, ImageRecord)>> {
     let record = |value| serde_json::from_value::<ImageRecord>(value).ok();
     let lean = |r: ImageRecord| ImageRecord {
         quality: Quality::default(),
@@ -78,15 +101,25 @@ fn read_records(disk: &dyn Disk, series: &SeriesRef, set: &ResultSet) -> StoreRe
         ..r
     };
     let one = |line: crate::store::manifest::ResultLine| {
-        Some(((series.id.clone(), line.frame, line.frame_sha256), lean(record(line.record)?)))
+        Some((
+            (series.id.clone(), line.frame, line.frame_sha256),
+            lean(record(line.record)?),
+        ))
     };
     result_sets::results_in_set(disk, series, Some(set), one)
 }
 
-fn compare_frame_records(key: FrameKey, old: Option<&ImageRecord>, new: Option<&ImageRecord>) -> FrameChange {
+fn compare_frame_records(
+    key: FrameKey,
+    old: Option<&ImageRecord>,
+    new: Option<&ImageRecord>,
+) -> FrameChange {
     let tip = |record: Option<&ImageRecord>| record.and_then(|r| r.tip.clone());
     let (was, is) = (tip(old), tip(new));
-    let same = was.as_ref().zip(is.as_ref()).filter(|(a, b)| a.marker == b.marker);
+    let same = was
+        .as_ref()
+        .zip(is.as_ref())
+        .filter(|(a, b)| a.marker == b.marker);
     let change_m = same.map(|(a, b)| b.deflection_m - a.deflection_m);
     let sigma_m = is.as_ref().and_then(|tip| tip.sigma_deflection_m);
     let twist = |record: Option<&ImageRecord>| record?.torsion.first()?.twist_deg;
@@ -97,8 +130,13 @@ fn compare_frame_records(key: FrameKey, old: Option<&ImageRecord>, new: Option<&
         tip_deflection_m: (was.map(|t| t.deflection_m), is.map(|t| t.deflection_m)),
         change_m,
         sigma_m,
-        change_sigmas: change_m.zip(sigma_m).filter(|(_, s)| *s > 0.0).map(|(c, s)| c / s),
-        marker: old.zip(new).and_then(|(a, b)| largest_marker_change(&a.markers, &b.markers)),
+        change_sigmas: change_m
+            .zip(sigma_m)
+            .filter(|(_, s)| *s > 0.0)
+            .map(|(c, s)| c / s),
+        marker: old
+            .zip(new)
+            .and_then(|(a, b)| largest_marker_change(&a.markers, &b.markers)),
         twist_change_deg: twist(old).zip(twist(new)).map(|(a, b)| b - a),
     }
 }
@@ -108,7 +146,9 @@ fn largest_marker_change(old: &[MarkerRecord], new: &[MarkerRecord]) -> Option<(
         let was = old.iter().find(|o| o.id == m.id)?.deflection_m?;
         Some((m.id.clone(), m.deflection_m? - was))
     };
-    new.iter().filter_map(change).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
+    new.iter()
+        .filter_map(change)
+        .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
 }
 
 /// Returns the inputs that differ between two result sets: name, before, after.
@@ -117,9 +157,17 @@ pub fn differing_inputs(old: &ResultSet, new: &ResultSet) -> Vec<(String, String
     let mut names: Vec<&String> = old.provenance.keys().chain(new.provenance.keys()).collect();
     names.sort();
     names.dedup();
-    let pair = |name: &String| (text(old.provenance.get(name)), text(new.provenance.get(name)));
+    let pair = |name: &String| {
+        (
+            text(old.provenance.get(name)),
+            text(new.provenance.get(name)),
+        )
+    };
     let differing = |name: &String| Some((name.clone(), pair(name))).filter(|(_, (a, b))| a != b);
-    names.into_iter().filter_map(|name| differing(name).map(|(n, (a, b))| (n, a, b))).collect()
+    names
+        .into_iter()
+        .filter_map(|name| differing(name).map(|(n, (a, b))| (n, a, b)))
+        .collect()
 }
 
 /// Summary of the changes of all frames.
@@ -144,7 +192,9 @@ impl ChangeSummary {
     /// Summarises the changes of a flight.
     pub fn from_changes(changes: &[FrameChange]) -> Self {
         let metres: Vec<f64> = changes.iter().filter_map(|c| c.change_m).collect();
-        let extreme = |values: &mut dyn Iterator<Item = f64>| values.max_by(|a, b| a.abs().total_cmp(&b.abs()));
+        let extreme = |values: &mut dyn Iterator<Item = f64>| {
+            values.max_by(|a, b| a.abs().total_cmp(&b.abs()))
+        };
         let squares = metres.iter().map(|m| m * m).sum::<f64>();
         let ok = Some(RecordStatus::Ok);
         let count = |f: &dyn Fn(&FrameChange) -> bool| changes.iter().filter(|c| f(c)).count();
@@ -152,7 +202,8 @@ impl ChangeSummary {
             both: metres.len(),
             largest_m: extreme(&mut metres.iter().copied()),
             largest_sigmas: extreme(&mut changes.iter().filter_map(|c| c.change_sigmas)),
-            root_mean_square_m: (!metres.is_empty()).then(|| (squares / metres.len() as f64).sqrt()),
+            root_mean_square_m: (!metres.is_empty())
+                .then(|| (squares / metres.len() as f64).sqrt()),
             gained: count(&|c| c.status.1 == ok && c.status.0 != ok),
             lost: count(&|c| c.status.0 == ok && c.status.1 != ok),
             one_side: count(&|c| c.status.0.is_none() || c.status.1.is_none()),

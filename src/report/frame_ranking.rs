@@ -7,7 +7,11 @@ use crate::record::{GlobalTest, ImageRecord};
 
 /// Counts the markers that were detected but not used.
 fn count_rejected_markers(record: &ImageRecord) -> usize {
-    record.markers.iter().filter(|m| !m.used && m.u_px.is_some()).count()
+    record
+        .markers
+        .iter()
+        .filter(|m| !m.used && m.u_px.is_some())
+        .count()
 }
 
 /// Returns the warning for a frame; `None` if there is none.
@@ -28,7 +32,12 @@ fn ranking_order(a: &FullRecord, b: &FullRecord) -> Ordering {
     let key = |w: &FullRecord| {
         let r = &w.record;
         let factor = r.variance_factor.filter(|f| f.is_finite()).unwrap_or(0.0);
-        (r.is_solved(), r.global_test == Some(GlobalTest::Rejected), count_rejected_markers(r), factor)
+        (
+            r.is_solved(),
+            r.global_test == Some(GlobalTest::Rejected),
+            count_rejected_markers(r),
+            factor,
+        )
     };
     let ((s, t, n, f), (s2, t2, n2, f2)) = (key(a), key(b));
     (s2, t2, n2).cmp(&(s, t, n)).then(f2.total_cmp(&f))
@@ -44,12 +53,17 @@ pub struct FrameRanking {
 impl FrameRanking {
     /// Creates an empty ranking of at most `most` frames.
     pub fn new(most: usize) -> Self {
-        Self { most, frames: Vec::new() }
+        Self {
+            most,
+            frames: Vec::new(),
+        }
     }
 
     /// Inserts a frame at its rank.
     pub fn push(&mut self, frame: FullRecord) {
-        let place = self.frames.partition_point(|known| ranking_order(known, &frame) != Ordering::Greater);
+        let place = self
+            .frames
+            .partition_point(|known| ranking_order(known, &frame) != Ordering::Greater);
         if place < self.most {
             self.frames.insert(place, frame);
             self.frames.truncate(self.most);
@@ -76,9 +90,16 @@ mod tests {
         strained.variance_factor = Some(1.4);
         let failed = sample::failed("failed.jpg", "dark");
         for record in [failed, sample::record("good.jpg", 2.0), strained, rejected] {
-            ranked.push(FullRecord { series: "s1".to_owned(), record });
+            ranked.push(FullRecord {
+                series: "s1".to_owned(),
+                record,
+            });
         }
-        let names: Vec<String> = ranked.into_frames().into_iter().map(|w| w.record.image).collect();
+        let names: Vec<String> = ranked
+            .into_frames()
+            .into_iter()
+            .map(|w| w.record.image)
+            .collect();
         assert_eq!(names, ["rejected.jpg", "strained.jpg", "good.jpg"]);
     }
 }

@@ -34,11 +34,22 @@ impl Grid {
     /// column, which is omitted if there is no room for it.
     pub fn new(titles: &[&str]) -> Self {
         let column = |t: &&str| {
-            let (optional, title) = t.strip_prefix('~').map_or((false, *t), |title| (true, title));
-            let (is_right_aligned, title) = title.strip_prefix('<').map_or((true, title), |title| (false, title));
-            GridColumn { title: title.to_owned(), is_right_aligned, optional }
+            let (optional, title) = t
+                .strip_prefix('~')
+                .map_or((false, *t), |title| (true, title));
+            let (is_right_aligned, title) = title
+                .strip_prefix('<')
+                .map_or((true, title), |title| (false, title));
+            GridColumn {
+                title: title.to_owned(),
+                is_right_aligned,
+                optional,
+            }
         };
-        Self { columns: titles.iter().map(column).collect(), rows: Vec::new() }
+        Self {
+            columns: titles.iter().map(column).collect(),
+            rows: Vec::new(),
+        }
     }
 
     /// Begins a table with one row per item.
@@ -64,7 +75,9 @@ impl Grid {
 
     /// Formats the table as HTML for the report.
     pub fn html(&self) -> Markup {
-        let classes: Vec<&str> = (0..self.columns.len()).map(|k| self.column_class(k)).collect();
+        let classes: Vec<&str> = (0..self.columns.len())
+            .map(|k| self.column_class(k))
+            .collect();
         html! {
             table {
                 thead { tr { @for (c, class) in self.columns.iter().zip(&classes) { th class=(class) { (c.title.replace("sigma", "σ")) } } } }
@@ -79,9 +92,15 @@ impl Grid {
 
     /// Returns the CSS class of a column: numbers `n`, short words `s`, long words `l`.
     fn column_class(&self, column: usize) -> &'static str {
-        let long = |row: &Vec<String>| row.get(column).is_some_and(|cell| cell.chars().count() > MAX_SHORT_CELL);
+        let long = |row: &Vec<String>| {
+            row.get(column)
+                .is_some_and(|cell| cell.chars().count() > MAX_SHORT_CELL)
+        };
         match self.columns.get(column) {
-            Some(GridColumn { is_right_aligned: true, .. }) => "n",
+            Some(GridColumn {
+                is_right_aligned: true,
+                ..
+            }) => "n",
             _ if self.rows.iter().any(long) => "l",
             _ => "s",
         }
@@ -113,7 +132,10 @@ impl<'r, T: 'r, I: IntoIterator<Item = &'r T>> GridRows<I> {
             });
             all.collect()
         };
-        Grid { rows: self.0.into_iter().map(cells).collect(), ..Grid::new(&titles.collect::<Vec<_>>()) }
+        Grid {
+            rows: self.0.into_iter().map(cells).collect(),
+            ..Grid::new(&titles.collect::<Vec<_>>())
+        }
     }
 }
 
@@ -126,8 +148,7 @@ mod tests {
         let mut grid = Grid::new(&["<name", "deflection / m"]);
         grid.push(vec!["a\u{1b}[2J".into(), "2.93".into()]);
         grid.push(vec!["é".into(), "-0.1".into()]);
-        let expected =
-            "name   deflection / m\n-----  --------------\na\u{fffd}[2J            2.93\né                -0.1\n";
+        let expected = "name   deflection / m\n-----  --------------\na\u{fffd}[2J            2.93\né                -0.1\n";
         assert_eq!(grid.text(), expected);
     }
 

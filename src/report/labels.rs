@@ -29,7 +29,10 @@ pub struct LabelLayout {
 impl LabelLayout {
     /// Creates an empty layout within `bounds`.
     pub fn new(bounds: LabelArea) -> Self {
-        Self { bounds, taken: Vec::new() }
+        Self {
+            bounds,
+            taken: Vec::new(),
+        }
     }
 
     /// Keeps labels away from an area.
@@ -46,8 +49,9 @@ impl LabelLayout {
         size: Vector2<f64>,
         gap: f64,
     ) -> Option<Vector2<f64>> {
-        let places =
-            [1.0, 5.0, 10.0, 18.0].into_iter().flat_map(|times| candidate_label_corners(at, half, size, gap * times));
+        let places = [1.0, 5.0, 10.0, 18.0]
+            .into_iter()
+            .flat_map(|times| candidate_label_corners(at, half, size, gap * times));
         let area = |p: &Vector2<f64>| LabelArea([p.x, p.y, p.x + size.x, p.y + size.y]);
         let is_free = |p: &Vector2<f64>| {
             let area = area(p);
@@ -59,7 +63,12 @@ impl LabelLayout {
     }
 }
 
-fn candidate_label_corners(at: Vector2<f64>, half: Vector2<f64>, size: Vector2<f64>, gap: f64) -> [Vector2<f64>; 8] {
+fn candidate_label_corners(
+    at: Vector2<f64>,
+    half: Vector2<f64>,
+    size: Vector2<f64>,
+    gap: f64,
+) -> [Vector2<f64>; 8] {
     let (right, left) = (at.x + half.x + gap, at.x - half.x - gap - size.x);
     let (above, below) = (at.y - half.y - gap - size.y, at.y + half.y + gap);
     let (centre, half_way) = (at.x - size.x / 2.0, at.y - size.y / 2.0);
@@ -76,8 +85,16 @@ fn candidate_label_corners(at: Vector2<f64>, half: Vector2<f64>, size: Vector2<f
 }
 
 /// Returns the ends of a leader line: from the outline of an object at `at` to the nearest point of its label.
-pub fn leader_line(at: Vector2<f64>, half: Vector2<f64>, place: Vector2<f64>, size: Vector2<f64>) -> [Vector2<f64>; 2] {
-    let end = vector![at.x.clamp(place.x, place.x + size.x.max(0.0)), at.y.clamp(place.y, place.y + size.y.max(0.0))];
+pub fn leader_line(
+    at: Vector2<f64>,
+    half: Vector2<f64>,
+    place: Vector2<f64>,
+    size: Vector2<f64>,
+) -> [Vector2<f64>; 2] {
+    let end = vector![
+        at.x.clamp(place.x, place.x + size.x.max(0.0)),
+        at.y.clamp(place.y, place.y + size.y.max(0.0))
+    ];
     let way = end - at;
     let reach = (way.x / half.x.max(1.0)).hypot(way.y / half.y.max(1.0));
     [at + if reach > 1.0 { way / reach } else { way }, end]
@@ -94,7 +111,9 @@ mod tests {
         let size = vector![30.0, 10.0];
         let mut placed: Vec<LabelArea> = Vec::new();
         for _ in 0..6 {
-            let p = labels.place(vector![100.0, 100.0], vector![4.0, 4.0], size, 2.0).unwrap();
+            let p = labels
+                .place(vector![100.0, 100.0], vector![4.0, 4.0], size, 2.0)
+                .unwrap();
             let area = LabelArea([p.x, p.y, p.x + size.x, p.y + size.y]);
             assert!(area.is_within(&bounds) && !placed.iter().any(|other| other.overlaps(&area)));
             placed.push(area);
@@ -104,7 +123,23 @@ mod tests {
     #[test]
     fn a_label_without_room_is_omitted() {
         let mut labels = LabelLayout::new(LabelArea([0.0, 0.0, 10.0, 10.0]));
-        assert_eq!(labels.place(vector![5.0, 5.0], vector![1.0, 1.0], vector![30.0, 5.0], 1.0), None);
-        assert_eq!(labels.place(vector![f64::NAN, 5.0], vector![1.0, 1.0], vector![1.0, 1.0], 1.0), None);
+        assert_eq!(
+            labels.place(
+                vector![5.0, 5.0],
+                vector![1.0, 1.0],
+                vector![30.0, 5.0],
+                1.0
+            ),
+            None
+        );
+        assert_eq!(
+            labels.place(
+                vector![f64::NAN, 5.0],
+                vector![1.0, 1.0],
+                vector![1.0, 1.0],
+                1.0
+            ),
+            None
+        );
     }
 }

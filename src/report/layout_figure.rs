@@ -28,7 +28,14 @@ pub fn layout_svg(setup: &Setup, attitude: &Orientation, tip_deflection_m: f64) 
     let plan = PlanView::from_setup(setup);
     let below = MARGIN_MM + plan.height_mm() + 20.0;
     let scale = PICTURE_MM / f64::from(setup.lens.width.max(1));
-    let picture = CameraView { setup, attitude, tip_deflection_m, scale, left: MARGIN_MM, top: below };
+    let picture = CameraView {
+        setup,
+        attitude,
+        tip_deflection_m,
+        scale,
+        left: MARGIN_MM,
+        top: below,
+    };
     let list = marker_list(setup, MARGIN_MM + PICTURE_MM + 8.0, below);
     let rows = 4.4 * (setup.markers.len() + 1) as f64;
     let height = below + (scale * f64::from(setup.lens.height)).max(rows) + MARGIN_MM;
@@ -64,16 +71,37 @@ impl<'a> PlanView<'a> {
     /// Chooses the extent and the scale of the drawing from the markers' positions.
     fn from_setup(setup: &'a Setup) -> Self {
         let frame = setup.wing_frame();
-        let markers: Vec<WingMarker> = setup.markers.iter().map(|m| (m, frame.wing_point(&m.position_m))).collect();
+        let markers: Vec<WingMarker> = setup
+            .markers
+            .iter()
+            .map(|m| (m, frame.wing_point(&m.position_m)))
+            .collect();
         let range = |coordinate: fn(&Vector3<f64>) -> f64| {
-            let all = markers.iter().map(|(_, p)| coordinate(p)).filter(|v| v.is_finite());
-            all.fold((0.0, 0.0), |(low, high): (f64, f64), v| (low.min(v), high.max(v)))
+            let all = markers
+                .iter()
+                .map(|(_, p)| coordinate(p))
+                .filter(|v| v.is_finite());
+            all.fold((0.0, 0.0), |(low, high): (f64, f64), v| {
+                (low.min(v), high.max(v))
+            })
         };
         let (along, across) = (range(|p| p.x), range(|p| p.z));
         let least = 1e3 * (along.1 - along.0 + 1.0) / (WIDTH_MM - 2.0 * MARGIN_MM);
-        let scale = RULER_SCALES.into_iter().find(|s| *s >= least).unwrap_or(least);
-        let (along, across) = ((along.0 - 0.5, along.1 + 0.5), (across.0 - 0.7, across.1 + 0.7));
-        Self { setup, markers, scale, across, along }
+        let scale = RULER_SCALES
+            .into_iter()
+            .find(|s| *s >= least)
+            .unwrap_or(least);
+        let (along, across) = (
+            (along.0 - 0.5, along.1 + 0.5),
+            (across.0 - 0.7, across.1 + 0.7),
+        );
+        Self {
+            setup,
+            markers,
+            scale,
+            across,
+            along,
+        }
     }
 
     fn height_mm(&self) -> f64 {
@@ -82,14 +110,22 @@ impl<'a> PlanView<'a> {
 
     fn drawing_position_mm(&self, along_m: f64, across_m: f64) -> (f64, f64) {
         let mm = |m: f64| 1e3 * m / self.scale;
-        (MARGIN_MM + mm(along_m - self.along.0), MARGIN_MM + mm(across_m - self.across.0))
+        (
+            MARGIN_MM + mm(along_m - self.along.0),
+            MARGIN_MM + mm(across_m - self.across.0),
+        )
     }
 
     fn draw(&self) -> Markup {
-        let (camera, tip) = (self.drawing_position_mm(0.0, 0.0), self.drawing_position_mm(self.along.1, 0.0));
+        let (camera, tip) = (
+            self.drawing_position_mm(0.0, 0.0),
+            self.drawing_position_mm(self.along.1, 0.0),
+        );
         let root = self.setup.root_offset_m;
-        let (above, below) =
-            (self.drawing_position_mm(root, self.across.0), self.drawing_position_mm(root, self.across.1));
+        let (above, below) = (
+            self.drawing_position_mm(root, self.across.0),
+            self.drawing_position_mm(root, self.across.1),
+        );
         let title = format!(
             "{}: from above, 1 : {:.0}. Outboard to the right; positions relative to the lens along and across the span, m",
             self.setup.name, self.scale
@@ -129,9 +165,15 @@ impl CameraView<'_> {
     /// Projects a point of the wing frame into the drawing; `None` if it is outside the image.
     fn image_point(&self, point_m: &Vector3<f64>) -> Option<(f64, f64)> {
         let survey = self.setup.wing_frame().wing_from_survey.inverse() * point_m;
-        let pixel: Vector2<f64> = self.setup.lens.project(&(self.attitude.camera_from_survey * survey))?;
+        let pixel: Vector2<f64> = self
+            .setup
+            .lens
+            .project(&(self.attitude.camera_from_survey * survey))?;
         let is_visible = self.setup.lens.contains(&pixel);
-        is_visible.then_some((self.left + self.scale * pixel.x, self.top + self.scale * pixel.y))
+        is_visible.then_some((
+            self.left + self.scale * pixel.x,
+            self.top + self.scale * pixel.y,
+        ))
     }
 
     /// Deflects a point in proportion to the square of its spanwise distance from the root, with the full deflection at
@@ -151,14 +193,29 @@ impl CameraView<'_> {
         let Some(corners) = (0..DISC_CORNERS).map(corner).collect::<Option<Vec<_>>>() else {
             return String::new();
         };
-        corners.iter().map(|(x, y)| format!("{},{} ", px(*x), px(*y))).collect()
+        corners
+            .iter()
+            .map(|(x, y)| format!("{},{} ", px(*x), px(*y)))
+            .collect()
     }
 
     fn draw(&self) -> Markup {
         let frame = self.setup.wing_frame();
-        let placed: Vec<WingMarker> = self.setup.markers.iter().map(|m| (m, frame.wing_point(&m.position_m))).collect();
-        let tip_m = placed.iter().filter(|(m, _)| !m.fixed).map(|(_, p)| p.x).fold(0.0, f64::max);
-        let size = (self.scale * f64::from(self.setup.lens.width), self.scale * f64::from(self.setup.lens.height));
+        let placed: Vec<WingMarker> = self
+            .setup
+            .markers
+            .iter()
+            .map(|m| (m, frame.wing_point(&m.position_m)))
+            .collect();
+        let tip_m = placed
+            .iter()
+            .filter(|(m, _)| !m.fixed)
+            .map(|(_, p)| p.x)
+            .fold(0.0, f64::max);
+        let size = (
+            self.scale * f64::from(self.setup.lens.width),
+            self.scale * f64::from(self.setup.lens.height),
+        );
         html! {
             text.title x=(px(self.left)) y=(px(self.top - 3.0)) {
                 "Camera view: at rest, and (outlined) with the tip deflected by " (self.tip_deflection_m) " m"

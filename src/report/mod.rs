@@ -77,12 +77,16 @@ pub struct SeriesData {
 impl SeriesData {
     /// Returns the result of a shot's frame.
     pub fn record_for_shot(&self, shot: &ShotData) -> Option<&ImageRecord> {
-        self.records.iter().find(|r| Some(&r.image) == shot.image.as_ref())
+        self.records
+            .iter()
+            .find(|r| Some(&r.image) == shot.image.as_ref())
     }
 
     /// Returns the shot of a result.
     pub fn shot_for_record(&self, record: &ImageRecord) -> Option<&ShotData> {
-        self.shots.iter().find(|s| s.image.as_ref() == Some(&record.image))
+        self.shots
+            .iter()
+            .find(|s| s.image.as_ref() == Some(&record.image))
     }
 }
 
@@ -98,7 +102,10 @@ pub struct MarkerCount {
 impl MarkerCount {
     /// Counts the markers of a full record.
     pub fn from_record(record: &ImageRecord) -> Self {
-        Self { used: record.used_count(), surveyed: record.markers.len() }
+        Self {
+            used: record.used_count(),
+            surveyed: record.markers.len(),
+        }
     }
 }
 
@@ -158,8 +165,15 @@ pub struct ReportSite {
 
 impl From<&Setup> for ReportSite {
     fn from(setup: &Setup) -> Self {
-        let marker = |m: &SurveyMarker| GroundMarker { id: m.id.clone(), position_m: m.position_m.into() };
-        Self { name: setup.name.clone(), wing: setup.wing_frame(), ground: setup.markers.iter().map(marker).collect() }
+        let marker = |m: &SurveyMarker| GroundMarker {
+            id: m.id.clone(),
+            position_m: m.position_m.into(),
+        };
+        Self {
+            name: setup.name.clone(),
+            wing: setup.wing_frame(),
+            ground: setup.markers.iter().map(marker).collect(),
+        }
     }
 }
 

@@ -58,13 +58,21 @@ pub fn format_general(value: f64) -> String {
 
 /// Formats a count with its noun: 1 marker, 2 markers, 1 series, 2 series.
 pub fn count_text(number: usize, noun: &str) -> String {
-    let plural = if number == 1 || noun.ends_with("series") { "" } else { "s" };
+    let plural = if number == 1 || noun.ends_with("series") {
+        ""
+    } else {
+        "s"
+    };
     format!("{number} {noun}{plural}")
 }
 
 fn without_negative_zero(text: String) -> String {
     let zero = text.starts_with('-') && text.chars().all(|c| matches!(c, '-' | '0' | '.'));
-    if zero { text.trim_start_matches('-').to_owned() } else { text }
+    if zero {
+        text.trim_start_matches('-').to_owned()
+    } else {
+        text
+    }
 }
 
 #[cfg(test)]
@@ -85,7 +93,10 @@ mod tests {
     fn missing_numbers_are_dashes() {
         assert_eq!(format_rounded(None, None, 2), ("-".into(), "-".into()));
         assert_eq!(format_rounded(Some(f64::NAN), Some(0.1), 2).0, "-");
-        assert_eq!(format_rounded(Some(1.0), Some(f64::INFINITY), 2), ("1.00".into(), "-".into()));
+        assert_eq!(
+            format_rounded(Some(1.0), Some(f64::INFINITY), 2),
+            ("1.00".into(), "-".into())
+        );
         assert_eq!(format_general(f64::NAN), "-");
         assert_eq!(format_general(0.00219), "0.002190");
         assert_eq!(format_general(5.9e-6), "5.900e-6");

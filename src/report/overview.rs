@@ -43,9 +43,15 @@ impl SeriesOverview {
                 all.push(format!("{count} {text}"));
             }
         };
-        add_problem(self.planned.saturating_sub(self.frames), "shots without a frame");
+        add_problem(
+            self.planned.saturating_sub(self.frames),
+            "shots without a frame",
+        );
         add_problem(self.failed, "frames with a failed solution");
-        add_problem(self.frames.saturating_sub(self.solved + self.failed), "frames not solved yet");
+        add_problem(
+            self.frames.saturating_sub(self.solved + self.failed),
+            "frames not solved yet",
+        );
         if self.interrupted {
             all.push("interrupted".to_owned());
         }
@@ -77,14 +83,20 @@ impl FlightOverview {
 
     /// Returns the single frame with the largest tip deflection, and its series.
     pub fn greatest(&self) -> Option<(&SeriesOverview, &FrameDeflection)> {
-        let deflections = self.series.iter().filter_map(|line| Some((line, line.greatest.as_ref()?)));
+        let deflections = self
+            .series
+            .iter()
+            .filter_map(|line| Some((line, line.greatest.as_ref()?)));
         deflections.max_by(|a, b| a.1.deflection_m.total_cmp(&b.1.deflection_m))
     }
 
     /// Returns the size of the frames per hour over the last 24 series, bytes; `None` if there are fewer than two.
     pub fn bytes_per_hour(&self) -> Option<f64> {
         let lines: Vec<&SeriesOverview> = self.series.iter().rev().take(24).collect();
-        let (last, first) = (lines.first()?.begun.as_ref()?, lines.last()?.begun.as_ref()?);
+        let (last, first) = (
+            lines.first()?.begun.as_ref()?,
+            lines.last()?.begun.as_ref()?,
+        );
         let hours = super::summary::hours_between(first, last);
         // The first series was recorded before this period.
         let bytes: u64 = lines.iter().rev().skip(1).map(|line| line.bytes).sum();
@@ -110,7 +122,10 @@ struct FrameResult {
 
 /// Reads the overview of a flight. Damaged files are reported in `notes` and do not hide the rest.
 pub fn read_overview(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<FlightOverview> {
-    let mut overview = FlightOverview { flight: flight.id.clone(), ..FlightOverview::default() };
+    let mut overview = FlightOverview {
+        flight: flight.id.clone(),
+        ..FlightOverview::default()
+    };
     let mut grouper = ResultGrouper::default();
     let mut all = Vec::new();
     for series in catalogue::list_series(disk, flight)? {
@@ -118,8 +133,15 @@ pub fn read_overview(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<FlightO
             Err(error) => overview.notes.push(error.to_string()),
             Ok(manifest) => {
                 let results = read_frame_results(disk, &series, &mut grouper, &mut overview.notes);
-                let shots = manifest.shots.iter().rev().filter(|shot| shot.frame.is_some());
-                overview.last_frame = shots.map(|s| s.stamp.clone()).next().or(overview.last_frame);
+                let shots = manifest
+                    .shots
+                    .iter()
+                    .rev()
+                    .filter(|shot| shot.frame.is_some());
+                overview.last_frame = shots
+                    .map(|s| s.stamp.clone())
+                    .next()
+                    .or(overview.last_frame);
                 all.push((overview_of_manifest(manifest), results));
             }
         }
@@ -128,9 +150,15 @@ pub fn read_overview(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<FlightO
     let chosen = sets.choose_set(None).map(|set| set.index());
     overview.warning = sets.mixed_inputs_warning(&flight.id, None);
     let of_set = |results: &&FrameResult| results.ok && Some(results.set) == chosen;
-    let tips = all.iter().flat_map(|(_, results)| results).filter(of_set).filter_map(|results| results.tip.as_ref());
+    let tips = all
+        .iter()
+        .flat_map(|(_, results)| results)
+        .filter(of_set)
+        .filter_map(|results| results.tip.as_ref());
     overview.reference = Tip::most_precise_reference(tips);
-    let counted = all.into_iter().map(|(line, results)| summarize_results(line, &results, chosen, overview.reference));
+    let counted = all
+        .into_iter()
+        .map(|(line, results)| summarize_results(line, &results, chosen, overview.reference));
     overview.series = counted.collect();
     Ok(overview)
 }
@@ -156,8 +184,14 @@ fn read_frame_results(
     notes: &mut Vec<String>,
 ) -> Vec<FrameResult> {
     let results = grouper.add_series(disk, series, &["status", "tip"], |head| {
-        let brief: ResultBrief = serde_json::from_value(Value::Object(head.record)).unwrap_or_default();
-        FrameResult { set: head.set, frame: head.frame, ok: brief.status == RecordStatus::Ok, tip: brief.tip }
+        let brief: ResultBrief =
+            serde_json::from_value(Value::Object(head.record)).unwrap_or_default();
+        FrameResult {
+            set: head.set,
+            frame: head.frame,
+            ok: brief.status == RecordStatus::Ok,
+            tip: brief.tip,
+        }
     });
     results.unwrap_or_else(|error| {
         notes.push(error.to_string());
@@ -175,8 +209,19 @@ fn summarize_results(
     let latest: std::collections::BTreeMap<_, _> = in_set.map(|one| (&one.frame, one)).collect();
     let solved = || latest.values().filter(|s| s.ok);
     let tips = || solved().filter_map(|s| Some((s.frame.as_str(), s.tip.as_ref()?)));
-    let deflections: Vec<_> = tips().filter_map(|(_, tip)| tip.deflection(reference)).collect();
-    let (tip_deflection_m, greatest) = (Mean::from_values(&deflections), FrameDeflection::greatest(tips(), reference));
+    let deflections: Vec<_> = tips()
+        .filter_map(|(_, tip)| tip.deflection(reference))
+        .collect();
+    let (tip_deflection_m, greatest) = (
+        Mean::from_values(&deflections),
+        FrameDeflection::greatest(tips(), reference),
+    );
     let solved = solved().count();
-    SeriesOverview { solved, failed: latest.len() - solved, tip_deflection_m, greatest, ..line }
+    SeriesOverview {
+        solved,
+        failed: latest.len() - solved,
+        tip_deflection_m,
+        greatest,
+        ..line
+    }
 }

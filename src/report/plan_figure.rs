@@ -39,19 +39,35 @@ pub fn plan_svg(plan: &InstallationPlan) -> String {
         (
             deflection_title.as_str(),
             "deflection / mm",
-            vec![PanelCurve { name: "deflection", colour: MAIN_COLOUR, value: deflection }],
+            vec![PanelCurve {
+                name: "deflection",
+                colour: MAIN_COLOUR,
+                value: deflection,
+            }],
         ),
         (
             "Predicted standard deviation of the twist",
             "twist / deg",
-            vec![PanelCurve { name: "twist", colour: MAIN_COLOUR, value: twist }],
+            vec![PanelCurve {
+                name: "twist",
+                colour: MAIN_COLOUR,
+                value: twist,
+            }],
         ),
         (
             "Size of one pixel on the skin, on ground",
             "footprint / mm",
             vec![
-                PanelCurve { name: "spanwise", colour: MAIN_COLOUR, value: spanwise },
-                PanelCurve { name: "streamwise", colour: WARM_COLOUR, value: streamwise },
+                PanelCurve {
+                    name: "spanwise",
+                    colour: MAIN_COLOUR,
+                    value: spanwise,
+                },
+                PanelCurve {
+                    name: "streamwise",
+                    colour: WARM_COLOUR,
+                    value: streamwise,
+                },
             ],
         ),
     ];
@@ -68,9 +84,21 @@ pub fn plan_svg(plan: &InstallationPlan) -> String {
         .into_string()
 }
 
-fn draw_panel(plan: &InstallationPlan, top: f64, title: &str, label: &str, curves: &[PanelCurve]) -> Markup {
-    let values = curves.iter().flat_map(|c| plan.span.iter().filter_map(|p| (c.value)(p)));
-    let positions = plan.span.iter().map(|p| p.span_m).chain(std::iter::once(0.0));
+fn draw_panel(
+    plan: &InstallationPlan,
+    top: f64,
+    title: &str,
+    label: &str,
+    curves: &[PanelCurve],
+) -> Markup {
+    let values = curves
+        .iter()
+        .flat_map(|c| plan.span.iter().filter_map(|p| (c.value)(p)));
+    let positions = plan
+        .span
+        .iter()
+        .map(|p| p.span_m)
+        .chain(std::iter::once(0.0));
     let plot = Plot {
         area: [LEFT, top, WIDTH - LEFT - 100.0, PANEL],
         x: Axis::from_values(positions, "span, outboard from the camera / m"),

@@ -9,8 +9,8 @@ use super::grid::Grid;
 use super::number::{NONE, format_fixed, format_general, format_rounded};
 use super::table;
 use crate::record::{
-    AdjustmentMethod, Estimate, GlobalTest, ImageRecord, MarkerRecord, Parameters, Quality, RecordStatus, SigmaKind,
-    Term, VarianceComponent, json_fields, json_text,
+    AdjustmentMethod, Estimate, GlobalTest, ImageRecord, MarkerRecord, Parameters, Quality,
+    RecordStatus, SigmaKind, Term, VarianceComponent, json_fields, json_text,
 };
 
 /// Correlations of at least this magnitude are listed as strong.
@@ -35,11 +35,31 @@ pub fn adjustment_protocol(record: &ImageRecord) -> String {
     push_section(&mut out, "Global test", &global_test_text(record));
     push_section(&mut out, "Parameters", &parameter_table(record).text());
     push_section(&mut out, "Correlations", &correlation_text(record));
-    push_section(&mut out, "Variance components", &variance_components(record));
-    push_section(&mut out, "Observations and their reliability", &observation_text(record));
-    push_section(&mut out, "Positions and deflections", &position_table(record).text());
-    push_section(&mut out, "Deflection of the tip", &tip_deflection_text(record));
-    push_section(&mut out, "Variance budget of the tip deflection", &variance_budget_text(record));
+    push_section(
+        &mut out,
+        "Variance components",
+        &variance_components(record),
+    );
+    push_section(
+        &mut out,
+        "Observations and their reliability",
+        &observation_text(record),
+    );
+    push_section(
+        &mut out,
+        "Positions and deflections",
+        &position_table(record).text(),
+    );
+    push_section(
+        &mut out,
+        "Deflection of the tip",
+        &tip_deflection_text(record),
+    );
+    push_section(
+        &mut out,
+        "Variance budget of the tip deflection",
+        &variance_budget_text(record),
+    );
     push_section(&mut out, "Torsion", &torsion_text(record));
     push_section(&mut out, "Excluded markers", &unused_marker_text(record));
     push_section(&mut out, "Remarks", &record.remarks.join("\n"));
@@ -50,21 +70,32 @@ pub fn adjustment_protocol(record: &ImageRecord) -> String {
 /// Adds a section with a heading; an empty section is omitted.
 fn push_section(out: &mut String, title: &str, body: &str) {
     if !body.trim().is_empty() {
-        out.push_str(&format!("\n{title}\n{}\n{}\n", "-".repeat(title.chars().count()), body.trim_end()));
+        out.push_str(&format!(
+            "\n{title}\n{}\n{}\n",
+            "-".repeat(title.chars().count()),
+            body.trim_end()
+        ));
     }
 }
 
 fn overview_text(record: &ImageRecord) -> String {
     let method = match (record.method, record.flight) {
-        (Some(AdjustmentMethod::Profile), _) => "profile (the wing bends as a parabola in the vertical plane)",
+        (Some(AdjustmentMethod::Profile), _) => {
+            "profile (the wing bends as a parabola in the vertical plane)"
+        }
         (_, true) => "spatial (a beam of rigid sections), joint adjustment of the flight's frames",
         _ => "spatial (a beam of rigid sections), single frame",
     };
     let kind = match record.sigma_kind {
-        Some(SigmaKind::Posterior) => "a posteriori (scaled by the square root of the variance factor)",
+        Some(SigmaKind::Posterior) => {
+            "a posteriori (scaled by the square root of the variance factor)"
+        }
         _ => "a priori (propagated from observations and priors)",
     };
-    let iterations = record.quality.iterations.map_or(NONE.to_owned(), |count| count.to_string());
+    let iterations = record
+        .quality
+        .iterations
+        .map_or(NONE.to_owned(), |count| count.to_string());
     format!(
         "Method               {method}\nMarkers used         {} of {}\nIterations           {iterations}\n\
          Standard deviations  {kind}\n",
@@ -82,7 +113,10 @@ fn global_test_text(record: &ImageRecord) -> String {
     });
     let against = match (limit, alpha) {
         (Some(limit), Some(a)) => {
-            format!("; limit {limit:.3} at a significance level of {} %", format_general(100.0 * a))
+            format!(
+                "; limit {limit:.3} at a significance level of {} %",
+                format_general(100.0 * a)
+            )
         }
         _ => String::new(),
     };
@@ -103,18 +137,31 @@ fn global_test_text(record: &ImageRecord) -> String {
 
 /// Returns a configured significance level; `None` if it is not between 0 and 1.
 fn significance_level(record: &ImageRecord, parameter: fn(&Parameters) -> f64) -> Option<f64> {
-    record.provenance.parameters.as_ref().map(parameter).filter(|a| *a > 0.0 && *a < 1.0)
+    record
+        .provenance
+        .parameters
+        .as_ref()
+        .map(parameter)
+        .filter(|a| *a > 0.0 && *a < 1.0)
 }
 
 fn parameter_table(record: &ImageRecord) -> Grid {
-    let name = |term: &Term| term.index.map_or(term.name.clone(), |k| format!("{}[{k}]", term.name));
+    let name = |term: &Term| {
+        term.index
+            .map_or(term.name.clone(), |k| format!("{}[{k}]", term.name))
+    };
     let sigma = |one: &Estimate| one.sigma.filter(|s| *s > 0.0);
     let ratio = |term: &Term| term.estimate.and_then(|m| Some(m.value.abs() / sigma(&m)?));
-    let format_value = |value: Option<f64>, none: &str| value.map_or(none.to_owned(), format_general);
+    let format_value =
+        |value: Option<f64>, none: &str| value.map_or(none.to_owned(), format_general);
     Grid::for_rows(&record.model.terms()).columns(&[
         One("<parameter", &name),
-        One("value", &|term| format_value(term.estimate.map(|m| m.value), NONE)),
-        One("sigma", &|term| format_value(term.estimate.and_then(|m| m.sigma), "fixed")),
+        One("value", &|term| {
+            format_value(term.estimate.map(|m| m.value), NONE)
+        }),
+        One("sigma", &|term| {
+            format_value(term.estimate.and_then(|m| m.sigma), "fixed")
+        }),
         One("value / sigma", &|term| format_fixed(ratio(term), 1)),
     ])
 }
@@ -124,11 +171,17 @@ fn correlation_text(record: &ImageRecord) -> String {
     if let Some(r) = record.quality.pitch_bending_correlation {
         out.push_str(&format!("Mounting pitch with bending amplitude: {r:.3}\n"));
     }
-    let Some((names, rows)) = correlation_matrix(record).filter(|(names, _)| names.len() > 1) else {
+    let Some((names, rows)) = correlation_matrix(record).filter(|(names, _)| names.len() > 1)
+    else {
         return out;
     };
     for (i, row) in rows.iter().enumerate() {
-        for (j, r) in row.iter().enumerate().take(i).filter(|(_, r)| r.abs() >= STRONG_CORRELATION) {
+        for (j, r) in row
+            .iter()
+            .enumerate()
+            .take(i)
+            .filter(|(_, r)| r.abs() >= STRONG_CORRELATION)
+        {
             out.push_str(&format!("Strong: {} with {}: {r:.3}\n", names[j], names[i]));
         }
     }
@@ -150,7 +203,13 @@ fn lower_triangle_table(names: &[String], rows: &[Vec<f64>]) -> Grid {
     let mut grid = Grid::new(&titles);
     for (i, (name, row)) in names.iter().zip(rows).enumerate() {
         let mut cells = vec![format!("{} {name}", i + 1)];
-        cells.extend(row.iter().enumerate().map(|(j, r)| if j <= i { format!("{r:.2}") } else { String::new() }));
+        cells.extend(row.iter().enumerate().map(|(j, r)| {
+            if j <= i {
+                format!("{r:.2}")
+            } else {
+                String::new()
+            }
+        }));
         grid.push(cells);
     }
     grid
@@ -187,8 +246,12 @@ fn observation_text(record: &ImageRecord) -> String {
         One("<marker", &|m| m.id.clone()),
         One("u / px", &|m| format_rounded(m.u_px, m.sigma_u_px, 2).0),
         One("v / px", &|m| format_rounded(m.v_px, m.sigma_v_px, 2).0),
-        One("sigma u / px", &|m| format_rounded(m.u_px, m.sigma_u_px, 2).1),
-        One("sigma v / px", &|m| format_rounded(m.v_px, m.sigma_v_px, 2).1),
+        One("sigma u / px", &|m| {
+            format_rounded(m.u_px, m.sigma_u_px, 2).1
+        }),
+        One("sigma v / px", &|m| {
+            format_rounded(m.v_px, m.sigma_v_px, 2).1
+        }),
         One("residual u / px", &|m| format_fixed(m.residual_u_px, 3)),
         One("residual v / px", &|m| format_fixed(m.residual_v_px, 3)),
         One("r u", &|m| format_fixed(m.redundancy_u, 2)),
@@ -216,30 +279,54 @@ fn weakly_controlled(record: &ImageRecord) -> String {
         let redundancy = m.redundancy_u.zip(m.redundancy_v);
         m.used && redundancy.is_some_and(|(u, v)| u + v < 0.1)
     };
-    let ids: Vec<&str> = record.markers.iter().filter(weak).map(|m| m.id.as_str()).collect();
-    if ids.is_empty() { String::new() } else { format!("Hardly checked by other markers: {}.\n", ids.join(", ")) }
+    let ids: Vec<&str> = record
+        .markers
+        .iter()
+        .filter(weak)
+        .map(|m| m.id.as_str())
+        .collect();
+    if ids.is_empty() {
+        String::new()
+    } else {
+        format!("Hardly checked by other markers: {}.\n", ids.join(", "))
+    }
 }
 
 fn position_table(record: &ImageRecord) -> Grid {
     let coordinate = |m: &MarkerRecord, axis: usize| {
-        format_rounded(m.position_m.map(|p| p[axis]), m.sigma_position_m.map(|s| s[axis]), 4)
+        format_rounded(
+            m.position_m.map(|p| p[axis]),
+            m.sigma_position_m.map(|s| s[axis]),
+            4,
+        )
     };
     Grid::for_rows(used_markers(record)).columns(&[
         One("<marker", &|m| m.id.clone()),
         Pair("x / m", "sigma", &|m| coordinate(m, 0)),
         Pair("y / m", "sigma", &|m| coordinate(m, 1)),
         Pair("z / m", "sigma", &|m| coordinate(m, 2)),
-        Pair("distance / m", "sigma", &|m| format_rounded(m.distance_m, m.sigma_distance_m, 4)),
-        Pair("deflection / m", "sigma", &|m| format_rounded(m.deflection_m, m.sigma_deflection_m, 4)),
+        Pair("distance / m", "sigma", &|m| {
+            format_rounded(m.distance_m, m.sigma_distance_m, 4)
+        }),
+        Pair("deflection / m", "sigma", &|m| {
+            format_rounded(m.deflection_m, m.sigma_deflection_m, 4)
+        }),
     ])
 }
 
 fn tip_deflection_text(record: &ImageRecord) -> String {
-    record.tip.as_ref().map_or(String::new(), |tip| table::tip_table(tip).text())
+    record
+        .tip
+        .as_ref()
+        .map_or(String::new(), |tip| table::tip_table(tip).text())
 }
 
 fn variance_budget_text(record: &ImageRecord) -> String {
-    if record.budget.is_empty() { String::new() } else { table::budget_table(&record.budget).text() }
+    if record.budget.is_empty() {
+        String::new()
+    } else {
+        table::budget_table(&record.budget).text()
+    }
 }
 
 fn torsion_text(record: &ImageRecord) -> String {
@@ -249,18 +336,31 @@ fn torsion_text(record: &ImageRecord) -> String {
     Grid::for_rows(&record.torsion)
         .columns(&[
             One("<pair", &|t| t.name.clone()),
-            Pair("angle / deg", "sigma", &|t| format_rounded(t.angle_deg, t.sigma_deg, 2)),
-            Pair("twist free of bending / deg", "sigma", &|t| format_rounded(t.twist_deg, t.sigma_twist_deg, 2)),
+            Pair("angle / deg", "sigma", &|t| {
+                format_rounded(t.angle_deg, t.sigma_deg, 2)
+            }),
+            Pair("twist free of bending / deg", "sigma", &|t| {
+                format_rounded(t.twist_deg, t.sigma_twist_deg, 2)
+            }),
         ])
         .text()
 }
 
 fn unused_marker_text(record: &ImageRecord) -> String {
     let sentence = |m: &MarkerRecord| {
-        let reason = m.reason.as_deref().unwrap_or("no reason is recorded").trim_end_matches('.');
+        let reason = m
+            .reason
+            .as_deref()
+            .unwrap_or("no reason is recorded")
+            .trim_end_matches('.');
         format!("{}: {reason}.\n", m.id)
     };
-    record.markers.iter().filter(|m| !m.used).map(sentence).collect()
+    record
+        .markers
+        .iter()
+        .filter(|m| !m.used)
+        .map(sentence)
+        .collect()
 }
 
 fn detection_table(record: &ImageRecord) -> Grid {
@@ -282,7 +382,10 @@ fn provenance_text(record: &ImageRecord) -> String {
         ..record.quality.clone()
     };
     let lines = |fields: Map<String, Value>| -> String {
-        fields.iter().map(|(key, value)| format!("{key}: {}\n", json_text(value))).collect()
+        fields
+            .iter()
+            .map(|(key, value)| format!("{key}: {}\n", json_text(value)))
+            .collect()
     };
     lines(json_fields(&quality)) + &lines(json_fields(&record.provenance))
 }
@@ -299,7 +402,10 @@ mod tests {
         let mut record = sample::record("f01.jpg", 2.93);
         record.provenance = Provenance {
             program: Some("wingd 1".into()),
-            parameters: Some(Parameters { curvature_terms: Some(8), ..Parameters::default() }),
+            parameters: Some(Parameters {
+                curvature_terms: Some(8),
+                ..Parameters::default()
+            }),
             ..Provenance::default()
         };
         let quality = json!({
@@ -342,7 +448,10 @@ mod tests {
         record.variance_factor = Some(14.2);
         record.sigma_kind = Some(SigmaKind::Posterior);
         let text = adjustment_protocol(&record);
-        assert!(text.contains("Verdict rejected") && text.contains("a posteriori"), "{text}");
+        assert!(
+            text.contains("Verdict rejected") && text.contains("a posteriori"),
+            "{text}"
+        );
     }
 
     #[test]
@@ -355,7 +464,10 @@ mod tests {
 
     #[test]
     fn a_failed_image_has_a_remedy_and_nothing_else() {
-        let text = adjustment_protocol(&sample::failed("f02.jpg", "the file is cut short; copy it again"));
+        let text = adjustment_protocol(&sample::failed(
+            "f02.jpg",
+            "the file is cut short; copy it again",
+        ));
         assert!(text.contains("Not solved: the file is cut short; copy it again"));
         assert!(!text.contains("Verdict"));
     }

@@ -5,14 +5,17 @@ use jiff::{SignedDuration, Timestamp};
 use super::{SeriesData, ShotData};
 use crate::clock::Stamp;
 use crate::record::{
-    AdjustmentMethod, CurveRecord, Estimate, GlobalTest, ImageRecord, IncidenceRecord, MarkerRecord, Model, Provenance,
-    RecordStatus, Shape, SigmaKind, Tip, TorsionRecord,
+    AdjustmentMethod, CurveRecord, Estimate, GlobalTest, ImageRecord, IncidenceRecord,
+    MarkerRecord, Model, Provenance, RecordStatus, Shape, SigmaKind, Tip, TorsionRecord,
 };
 
 /// Returns the record of a solved image of a wing along +y with four markers, the last one hidden.
 pub fn record(image: &str, tip_deflection_m: f64) -> ImageRecord {
     let markers = (1..=4).map(|i| marker(i, tip_deflection_m)).collect();
-    let a_per_m = Some(Estimate { value: 0.00219, sigma: Some(5.9e-6) });
+    let a_per_m = Some(Estimate {
+        value: 0.00219,
+        sigma: Some(5.9e-6),
+    });
     ImageRecord {
         image: image.to_owned(),
         status: RecordStatus::Ok,
@@ -21,7 +24,10 @@ pub fn record(image: &str, tip_deflection_m: f64) -> ImageRecord {
         redundancy: Some(33),
         global_test: Some(GlobalTest::Passed),
         sigma_kind: Some(SigmaKind::Prior),
-        model: Model { a_per_m, ..Model::default() },
+        model: Model {
+            a_per_m,
+            ..Model::default()
+        },
         tip: Some(Tip {
             marker: "M03".to_owned(),
             deflection_m: tip_deflection_m,
@@ -37,8 +43,13 @@ pub fn record(image: &str, tip_deflection_m: f64) -> ImageRecord {
             sigma_twist_deg: Some(0.2),
             incidence: IncidenceRecord::default(),
         }],
-        curve: (0..=12).map(|i| curve_point(f64::from(i) * 3.0, tip_deflection_m)).collect(),
-        provenance: Provenance { program: Some("wingd 0.1.0".into()), ..Provenance::default() },
+        curve: (0..=12)
+            .map(|i| curve_point(f64::from(i) * 3.0, tip_deflection_m))
+            .collect(),
+        provenance: Provenance {
+            program: Some("wingd 0.1.0".into()),
+            ..Provenance::default()
+        },
         ..ImageRecord::default()
     }
 }
@@ -63,7 +74,11 @@ fn marker(number: u32, tip_deflection_m: f64) -> MarkerRecord {
     let some = |v: f64| (!hidden).then_some(v);
     MarkerRecord {
         id: format!("M0{number}"),
-        shape: if number < 2 { Shape::Quadrant } else { Shape::Circle },
+        shape: if number < 2 {
+            Shape::Quadrant
+        } else {
+            Shape::Circle
+        },
         u_px: some(2000.0 + span_m),
         v_px: some(1500.0 - 10.0 * deflection_m),
         sigma_u_px: some(0.03),
@@ -89,8 +104,15 @@ fn marker(number: u32, tip_deflection_m: f64) -> MarkerRecord {
 
 /// Returns the record of an image without a solution.
 pub fn failed(image: &str, reason: &str) -> ImageRecord {
-    let (method, provenance) = (Some(AdjustmentMethod::Spatial), record(image, 0.0).provenance);
-    ImageRecord { method, provenance, ..ImageRecord::failed(image, reason) }
+    let (method, provenance) = (
+        Some(AdjustmentMethod::Spatial),
+        record(image, 0.0).provenance,
+    );
+    ImageRecord {
+        method,
+        provenance,
+        ..ImageRecord::failed(image, reason)
+    }
 }
 
 /// Returns a series that began `after_s` seconds after the first one, with one shot per deflection.
@@ -108,7 +130,11 @@ pub fn series(name: &str, after_s: i64, deflections_m: &[f64]) -> SeriesData {
         name: name.to_owned(),
         begun: Some(stamp(after_s)),
         planned: deflections_m.len(),
-        records: deflections_m.iter().enumerate().map(|(i, l)| record(&image(i), *l)).collect(),
+        records: deflections_m
+            .iter()
+            .enumerate()
+            .map(|(i, l)| record(&image(i), *l))
+            .collect(),
         shots: (0..deflections_m.len()).map(shot).collect(),
         ..SeriesData::default()
     }

@@ -8,8 +8,8 @@ use crate::clock::Stamp;
 use crate::measure::ordering::sort_by_value;
 use crate::measure::setup::StiffnessSection;
 use crate::measure::stress::{
-    self, BendingCurvature, BendingMoment, Damage, FlightCycles, GoodmanLine, GroundAirGround, SAMPLES_PER_PERIOD,
-    Sampling,
+    self, BendingCurvature, BendingMoment, Damage, FlightCycles, GoodmanLine, GroundAirGround,
+    SAMPLES_PER_PERIOD, Sampling,
 };
 use crate::record::ImageRecord;
 
@@ -71,12 +71,23 @@ pub struct FrameGaps {
 
 impl FrameGaps {
     fn from_sampling(sampling: &Sampling) -> Self {
-        let Sampling { gaps, longest_gap_s, covered_s, uncovered_s, .. } = *sampling;
+        let Sampling {
+            gaps,
+            longest_gap_s,
+            covered_s,
+            uncovered_s,
+            ..
+        } = *sampling;
         let (counted_s, uncounted_s) = match sampling.has_countable_cycles() {
             true => (covered_s, uncovered_s),
             false => (0.0, covered_s + uncovered_s),
         };
-        Self { count: gaps, longest_s: longest_gap_s, counted_s, uncounted_s }
+        Self {
+            count: gaps,
+            longest_s: longest_gap_s,
+            counted_s,
+            uncounted_s,
+        }
     }
 
     /// Describes the gaps in a sentence; `None` if there are none.
@@ -157,7 +168,9 @@ pub struct CycleLoad {
 ///
 /// # Errors
 /// Returns an error if the record has no curvature or no correlations.
-pub fn curvature_coefficients(record: &ImageRecord) -> Result<(DVector<f64>, DMatrix<f64>), NoCurvature> {
+pub fn curvature_coefficients(
+    record: &ImageRecord,
+) -> Result<(DVector<f64>, DMatrix<f64>), NoCurvature> {
     if !record.is_solved() {
         return Err(NoCurvature::Unsolved);
     }
@@ -167,7 +180,13 @@ pub fn curvature_coefficients(record: &ImageRecord) -> Result<(DVector<f64>, DMa
     }
     let place = |k: usize| format!("curvature_per_m[{k}]");
     let sigma = |k: usize| terms[k].sigma.unwrap_or(0.0);
-    let entry = |i: usize, j: usize| record.quality.correlation.as_ref()?.coefficient(&place(i), &place(j));
+    let entry = |i: usize, j: usize| {
+        record
+            .quality
+            .correlation
+            .as_ref()?
+            .coefficient(&place(i), &place(j))
+    };
     let mut covariance = DMatrix::zeros(terms.len(), terms.len());
     for i in 0..terms.len() {
         for j in 0..terms.len() {
@@ -181,7 +200,10 @@ pub fn curvature_coefficients(record: &ImageRecord) -> Result<(DVector<f64>, DMa
             };
         }
     }
-    Ok((DVector::from_iterator(terms.len(), terms.iter().map(|m| m.value)), covariance))
+    Ok((
+        DVector::from_iterator(terms.len(), terms.iter().map(|m| m.value)),
+        covariance,
+    ))
 }
 
 /// Reason why a result has no bending line from which moments can be computed.
@@ -221,8 +243,13 @@ pub fn seconds_since_first<'a>(stamps: impl Iterator<Item = &'a Stamp>) -> Vec<f
 pub fn flight_load(frames: &[StressFrame], question: &StressQuery) -> Option<FlightLoad> {
     let times_s = seconds_since_first(frames.iter().map(|frame| &frame.stamp));
     let sampling = stress::analyse_sampling(&times_s, question.bending_hz);
-    let station = |section: &StiffnessSection| load_at_station(frames, section, question, &sampling);
-    let stations = question.sections.iter().map(station).collect::<Option<Vec<_>>>();
+    let station =
+        |section: &StiffnessSection| load_at_station(frames, section, question, &sampling);
+    let stations = question
+        .sections
+        .iter()
+        .map(station)
+        .collect::<Option<Vec<_>>>();
     Some(FlightLoad {
         frames: frames.len(),
         rate_hz: sampling.rate_hz,
@@ -238,17 +265,25 @@ fn no_cycles_reason(sampling: &Sampling, bending_hz: f64) -> Option<String> {
         return None;
     }
     let remaining = "extremes and the ground-air-ground cycle are from the available frames";
-    let rate = sampling.rate_hz.map(format_general).filter(|_| sampling.is_fast_enough());
+    let rate = sampling
+        .rate_hz
+        .map(format_general)
+        .filter(|_| sampling.is_fast_enough());
     if let Some(rate) = rate {
-        let (covered_s, total_s) = (sampling.covered_s, sampling.covered_s + sampling.uncovered_s);
+        let (covered_s, total_s) = (
+            sampling.covered_s,
+            sampling.covered_s + sampling.uncovered_s,
+        );
         return Some(format!(
             "the rate of {rate} frames per second covers only {covered_s:.1} s of {total_s:.1} s, too little to count the cycles of \
              a flight; {remaining}"
         ));
     }
-    let rate = sampling.rate_hz.map_or("one frame is too few".to_owned(), |rate| {
-        format!("{} frames per second is too low", format_general(rate))
-    });
+    let rate = sampling
+        .rate_hz
+        .map_or("one frame is too few".to_owned(), |rate| {
+            format!("{} frames per second is too low", format_general(rate))
+        });
     Some(format!(
         "{rate} to count cycles of a {bending_hz} Hz bending mode; at least {} per second ({SAMPLES_PER_PERIOD} per \
          period) are needed; {remaining}",
@@ -262,9 +297,14 @@ fn load_at_station(
     question: &StressQuery,
     sampling: &Sampling,
 ) -> Option<StationLoad> {
-    let moments: Vec<BendingMoment> = frames.iter().map(|frame| frame.curvature.bending_moment(section)).collect();
+    let moments: Vec<BendingMoment> = frames
+        .iter()
+        .map(|frame| frame.curvature.bending_moment(section))
+        .collect();
     let whole = stress::ground_air_ground(&moments)?;
-    let counted = sampling.has_countable_cycles().then(|| stress::count_flight_cycles(&moments));
+    let counted = sampling
+        .has_countable_cycles()
+        .then(|| stress::count_flight_cycles(&moments));
     Some(StationLoad {
         s_m: section.s_m,
         ei_n_m2: section.ei_n_m2,
@@ -275,11 +315,16 @@ fn load_at_station(
         cycles: counted.as_ref().map(list_cycle_loads),
         smallest_range_n_m: counted.as_ref().map(|flight| flight.gate_n_m),
         cycles_excluded: counted.as_ref().map(|flight| flight.excluded),
-        damage: counted.map(|flight| damage_at_station((&flight, sampling), &whole, section, question)),
+        damage: counted
+            .map(|flight| damage_at_station((&flight, sampling), &whole, section, question)),
     })
 }
 
-fn find_extreme_load(frames: &[StressFrame], moments: &[BendingMoment], sign: f64) -> Option<ExtremeLoad> {
+fn find_extreme_load(
+    frames: &[StressFrame],
+    moments: &[BendingMoment],
+    sign: f64,
+) -> Option<ExtremeLoad> {
     let (at, moment) = stress::extreme_moment(moments, sign)?;
     let frame = frames.get(at)?;
     Some(ExtremeLoad {
@@ -292,13 +337,20 @@ fn find_extreme_load(frames: &[StressFrame], moments: &[BendingMoment], sign: f6
     })
 }
 
-fn exceedance_loads(moments: &[BendingMoment], levels: usize, sampling: &Sampling) -> Vec<ExceedanceLoad> {
+fn exceedance_loads(
+    moments: &[BendingMoment],
+    levels: usize,
+    sampling: &Sampling,
+) -> Vec<ExceedanceLoad> {
     let one = |e: stress::Exceedance| ExceedanceLoad {
         level_n_m: e.level_n_m,
         frames_above: e.frames,
         upward_crossings: sampling.has_countable_cycles().then_some(e.crossings),
     };
-    stress::count_exceedances(moments, levels).into_iter().map(one).collect()
+    stress::count_exceedances(moments, levels)
+        .into_iter()
+        .map(one)
+        .collect()
 }
 
 fn list_cycle_loads(flight: &FlightCycles) -> Vec<CycleLoad> {
@@ -324,7 +376,17 @@ fn damage_at_station(
     question: &StressQuery,
 ) -> Vec<Damage> {
     let line = section.ultimate_n_m.filter(|_| question.goodman);
-    let goodman = line.map(|ultimate_n_m| GoodmanLine { ground_n_m: section.ground_n_m, ultimate_n_m });
-    let share = (section.sigma_ei_n_m2 / section.ei_n_m2, sampling.unseen_fractions());
-    question.slopes.iter().map(|slope| stress::relative_damage(flight, whole, *slope, goodman, share)).collect()
+    let goodman = line.map(|ultimate_n_m| GoodmanLine {
+        ground_n_m: section.ground_n_m,
+        ultimate_n_m,
+    });
+    let share = (
+        section.sigma_ei_n_m2 / section.ei_n_m2,
+        sampling.unseen_fractions(),
+    );
+    question
+        .slopes
+        .iter()
+        .map(|slope| stress::relative_damage(flight, whole, *slope, goodman, share))
+        .collect()
 }

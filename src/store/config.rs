@@ -72,7 +72,11 @@ impl StoreConfig {
         }
         if self.new_flight_after.is_zero() {
             let remedy = "for example \"3h\"";
-            faults.push(KeyFault::new("store.new_flight_after", "must be longer than 0", remedy));
+            faults.push(KeyFault::new(
+                "store.new_flight_after",
+                "must be longer than 0",
+                remedy,
+            ));
         }
         faults
     }

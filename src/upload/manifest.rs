@@ -6,7 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::record::variant_name;
 use crate::store::bundle::{BundleContent, BundleFile, FlightBundle};
-use crate::store::{Disk, FlightRef, RealDisk, StoreError, StoreResult, catalogue, installations, layout, sha256_hex};
+use crate::store::{
+    Disk, FlightRef, RealDisk, StoreError, StoreResult, catalogue, installations, layout,
+    sha256_hex,
+};
 
 /// Format of the manifest.
 const FORMAT: u32 = 2;
@@ -35,7 +38,9 @@ impl WingLabels {
     /// system and table engine takes without quoting; no leading `.`, which would hide a file or lead up.
     pub fn is_valid_name(text: &str) -> bool {
         let plain = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
-        (1..=MAX_NAME_LENGTH).contains(&text.len()) && text.chars().all(plain) && !text.starts_with('.')
+        (1..=MAX_NAME_LENGTH).contains(&text.len())
+            && text.chars().all(plain)
+            && !text.starts_with('.')
     }
 }
 
@@ -138,17 +143,28 @@ impl UploadManifest {
         labels: &WingLabels,
         bundle: &FlightBundle,
     ) -> StoreResult<Self> {
-        let recorder = catalogue::store_id(&RealDisk, root).ok_or_else(|| missing_id_error(root))?;
-        let files: Vec<PublishedFile> = bundle.items.iter().map(published_file).collect::<Result<_, _>>()?;
+        let recorder =
+            catalogue::store_id(&RealDisk, root).ok_or_else(|| missing_id_error(root))?;
+        let files: Vec<PublishedFile> = bundle
+            .items
+            .iter()
+            .map(published_file)
+            .collect::<Result<_, _>>()?;
         let short = recorder.get(..SHORT_ID_LENGTH).unwrap_or(&recorder);
         let mut manifest = Self {
             format: FORMAT,
-            aircraft: labels.aircraft.clone().unwrap_or_else(|| format!("recorder-{short}")),
+            aircraft: labels
+                .aircraft
+                .clone()
+                .unwrap_or_else(|| format!("recorder-{short}")),
             aircraft_type: labels.aircraft_type.clone(),
             wing: labels.wing.clone().or(wing_side(root, flight)?),
             recorder,
             flight: flight.id.clone(),
-            started: catalogue::read_flight_manifest(&RealDisk, flight)?.started.utc.to_string(),
+            started: catalogue::read_flight_manifest(&RealDisk, flight)?
+                .started
+                .utc
+                .to_string(),
             digest: bundle.digest.clone(),
             bytes: files.iter().map(|file| file.length).sum(),
             files,
@@ -173,7 +189,9 @@ impl UploadManifest {
 
     /// Adopts the labels of the published manifest if the call does not give them; `None` if the call contradicts them.
     pub(super) fn adopt_labels(mut self, there: &Self, labels: &WingLabels) -> Option<Self> {
-        let fits = |given: &Option<String>, there: Option<&String>| given.is_none() || given.as_ref() == there;
+        let fits = |given: &Option<String>, there: Option<&String>| {
+            given.is_none() || given.as_ref() == there
+        };
         let all = fits(&labels.aircraft, Some(&there.aircraft))
             && fits(&labels.aircraft_type, there.aircraft_type.as_ref())
             && fits(&labels.wing, there.wing.as_ref());
@@ -197,10 +215,19 @@ impl UploadManifest {
     pub(super) fn completion_object(&self, stage: UploadStage) -> (String, String) {
         let manifest = sha256_hex(self.json_text().as_bytes());
         let text = |seal: &str| {
-            let mark = CompletionRecord { format: FORMAT, stage, manifest: manifest.clone(), seal };
+            let mark = CompletionRecord {
+                format: FORMAT,
+                stage,
+                manifest: manifest.clone(),
+                seal,
+            };
             serde_json::to_string_pretty(&mark).unwrap_or_default() + "\n"
         };
-        let key = format!("manifests/{}/{}.json", self.flight_path(), variant_name(stage));
+        let key = format!(
+            "manifests/{}/{}.json",
+            self.flight_path(),
+            variant_name(stage)
+        );
         (key, text(&sha256_hex(text(EMPTY_SEAL).as_bytes())))
     }
 
@@ -212,15 +239,24 @@ impl UploadManifest {
 
     /// Returns all objects of its files, in sending order.
     pub(super) fn upload_objects(&self, bundle: &FlightBundle) -> Vec<UploadObject> {
-        let mut pieces: Vec<UploadObject> =
-            self.files.iter().zip(&bundle.items).flat_map(|(file, item)| self.file_objects(file, item)).collect();
+        let mut pieces: Vec<UploadObject> = self
+            .files
+            .iter()
+            .zip(&bundle.items)
+            .flat_map(|(file, item)| self.file_objects(file, item))
+            .collect();
         pieces.sort_by_key(|piece| piece.stage == UploadStage::Frames);
         pieces
     }
 
     fn file_objects(&self, file: &PublishedFile, item: &BundleFile) -> Vec<UploadObject> {
         let stage = UploadStage::from_file_name(&file.name);
-        let whole = format!("{}/{}/{}", stage.key_prefix(), self.flight_path(), file.name);
+        let whole = format!(
+            "{}/{}/{}",
+            stage.key_prefix(),
+            self.flight_path(),
+            file.name
+        );
         let piece = |key: String, offset: u64, length: u64, sha256: &String| UploadObject {
             key,
             stage,
@@ -248,11 +284,19 @@ impl UploadManifest {
 
 fn published_file(item: &BundleFile) -> StoreResult<PublishedFile> {
     let parts = if item.length > PART_BYTES as u64 {
-        read_verified(item)?.chunks(PART_BYTES).map(sha256_hex).collect()
+        read_verified(item)?
+            .chunks(PART_BYTES)
+            .map(sha256_hex)
+            .collect()
     } else {
         Vec::new()
     };
-    Ok(PublishedFile { name: item.name.clone(), length: item.length, sha256: item.sha256.clone(), parts })
+    Ok(PublishedFile {
+        name: item.name.clone(),
+        length: item.length,
+        sha256: item.sha256.clone(),
+        parts,
+    })
 }
 
 /// Reads a file's bytes in the state of the bundle; returns an error if they do not have the digest in the chain.
@@ -269,13 +313,18 @@ pub(super) fn read_verified(item: &BundleFile) -> StoreResult<Vec<u8>> {
         return Ok(bytes);
     }
     let problem = "does not match its SHA-256, so the flight is not uploaded".to_owned();
-    Err(StoreError::Damaged { path, problem, remedy: "restore it from a copy; run `wingd verify` for other damage" })
+    Err(StoreError::Damaged {
+        path,
+        problem,
+        remedy: "restore it from a copy; run `wingd verify` for other damage",
+    })
 }
 
 /// Returns the wing side in the latest installation of the flight's results.
 fn wing_side(root: &Path, flight: &FlightRef) -> StoreResult<Option<String>> {
     let last = installations::flight_installations(&RealDisk, flight)?.pop();
-    let file = last.map(|digest| installations::installation_folder(root, &digest).join("installation.toml"));
+    let file = last
+        .map(|digest| installations::installation_folder(root, &digest).join("installation.toml"));
     let text = file.and_then(|file| RealDisk.read(&file).ok());
     let table = text.and_then(|text| std::str::from_utf8(&text).ok()?.parse::<toml::Table>().ok());
     let side = table.and_then(|table| Some(table.get("wing")?.get("side")?.as_str()?.to_owned()));
@@ -285,7 +334,9 @@ fn wing_side(root: &Path, flight: &FlightRef) -> StoreResult<Option<String>> {
 fn missing_id_error(root: &Path) -> StoreError {
     StoreError::Damaged {
         path: root.to_owned(),
-        problem: "has format 1 and no id that distinguishes its flights from those of other recorders".into(),
+        problem:
+            "has format 1 and no id that distinguishes its flights from those of other recorders"
+                .into(),
         remedy: "run `wingd verify --upgrade` to add one",
     }
 }
@@ -312,7 +363,10 @@ mod tests {
     #[test]
     fn any_changed_byte_breaks_the_seal() {
         let text = manifest().json_text();
-        assert_eq!(UploadManifest::parse_sealed(text.as_bytes()), Some(manifest()));
+        assert_eq!(
+            UploadManifest::parse_sealed(text.as_bytes()),
+            Some(manifest())
+        );
         for place in 0..text.len() {
             let mut bytes = text.clone().into_bytes();
             *bytes.get_mut(place).unwrap() ^= 1;
@@ -325,17 +379,37 @@ mod tests {
         let mut there = manifest();
         there.aircraft = "D-A".into();
         there.update_seal();
-        let labels = |name: &str| WingLabels { aircraft: Some(name.into()), ..WingLabels::default() };
-        assert_eq!(manifest().adopt_labels(&there, &WingLabels::default()), Some(there.clone()));
-        assert_eq!(manifest().adopt_labels(&there, &labels("D-A")), Some(there.clone()));
+        let labels = |name: &str| WingLabels {
+            aircraft: Some(name.into()),
+            ..WingLabels::default()
+        };
+        assert_eq!(
+            manifest().adopt_labels(&there, &WingLabels::default()),
+            Some(there.clone())
+        );
+        assert_eq!(
+            manifest().adopt_labels(&there, &labels("D-A")),
+            Some(there.clone())
+        );
         assert_eq!(manifest().adopt_labels(&there, &labels("DA")), None);
     }
 
     #[test]
     fn only_frames_go_below_their_prefix_and_long_files_in_parts() {
-        assert_eq!(UploadStage::from_file_name("flights/f0001/s000001/0001.jpg"), UploadStage::Frames);
-        for name in ["flights/f0001/s000001/results.jsonl", "store.toml", "flights/f0001/live-000001.rows"] {
-            assert_eq!(UploadStage::from_file_name(name), UploadStage::Results, "{name}");
+        assert_eq!(
+            UploadStage::from_file_name("flights/f0001/s000001/0001.jpg"),
+            UploadStage::Frames
+        );
+        for name in [
+            "flights/f0001/s000001/results.jsonl",
+            "store.toml",
+            "flights/f0001/live-000001.rows",
+        ] {
+            assert_eq!(
+                UploadStage::from_file_name(name),
+                UploadStage::Results,
+                "{name}"
+            );
         }
         let bytes = vec![7; 2 * PART_BYTES + 1];
         let item = BundleFile {
@@ -347,7 +421,10 @@ mod tests {
         let pieces = manifest().file_objects(&published_file(&item).unwrap(), &item);
         assert_eq!(pieces.iter().map(|p| p.length).sum::<u64>(), item.length);
         let last = pieces.last().unwrap();
-        assert_eq!((pieces.len(), last.length, last.offset), (3, 1, 2 * PART_BYTES as u64));
+        assert_eq!(
+            (pieces.len(), last.length, last.offset),
+            (3, 1, 2 * PART_BYTES as u64)
+        );
         assert!(last.key.ends_with("0001.tif.part-0002"), "{}", last.key);
     }
 }

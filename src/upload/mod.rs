@@ -99,18 +99,30 @@ impl Upload<'_> {
         for stage in [UploadStage::Results, UploadStage::Frames] {
             for place in 0..uploads.len() {
                 let stopped = uploads.iter().find_map(blocking_error).is_some();
-                let Some(Ok(flight)) = uploads.get_mut(place) else { continue };
-                let sent =
-                    if stopped { Err(UploadError::Stopped) } else { self.upload_stage(flight, stage, &mut pace).await };
+                let Some(Ok(flight)) = uploads.get_mut(place) else {
+                    continue;
+                };
+                let sent = if stopped {
+                    Err(UploadError::Stopped)
+                } else {
+                    self.upload_stage(flight, stage, &mut pace).await
+                };
                 if let (Err(error), Some(one)) = (sent, uploads.get_mut(place)) {
                     *one = Err(error);
                 }
             }
         }
-        uploads.into_iter().map(|flight| flight.map(|flight| (flight.sent, flight.manifest))).collect()
+        uploads
+            .into_iter()
+            .map(|flight| flight.map(|flight| (flight.sent, flight.manifest)))
+            .collect()
     }
 }
 
 fn blocking_error(flight: &PendingUpload) -> Option<()> {
-    flight.as_ref().err().filter(|error| error.affects_all_flights()).map(|_| ())
+    flight
+        .as_ref()
+        .err()
+        .filter(|error| error.affects_all_flights())
+        .map(|_| ())
 }

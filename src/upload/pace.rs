@@ -21,7 +21,10 @@ pub(super) struct SendPace {
 impl SendPace {
     /// Starts with one object at a time; never more than `most`.
     pub fn new(most: usize, now: Instant) -> Self {
-        Self { max_objects: most.max(1), arrived: VecDeque::from([(now, 0)]) }
+        Self {
+            max_objects: most.max(1),
+            arrived: VecDeque::from([(now, 0)]),
+        }
     }
 
     /// Records an object of `length` bytes that arrived at `now`.
@@ -34,7 +37,9 @@ impl SendPace {
 
     /// Returns the number of objects of this length to send concurrently.
     pub fn max_concurrent(&self, length: u64) -> usize {
-        let (Some(first), Some(last)) = (self.arrived.front(), self.arrived.back()) else { return 1 };
+        let (Some(first), Some(last)) = (self.arrived.front(), self.arrived.back()) else {
+            return 1;
+        };
         let bytes: u64 = self.arrived.iter().skip(1).map(|(_, length)| length).sum();
         let seconds = last.0.duration_since(first.0).as_secs_f64();
         if seconds <= 0.0 || length == 0 {
@@ -56,7 +61,10 @@ pub(super) struct RateLimit {
 impl RateLimit {
     /// Creates a limit of at least 1 byte per second.
     pub fn new(bytes_per_s: u64) -> Self {
-        Self { bytes_per_s: bytes_per_s.max(1) as f64, free_at: Mutex::new(Instant::now()) }
+        Self {
+            bytes_per_s: bytes_per_s.max(1) as f64,
+            free_at: Mutex::new(Instant::now()),
+        }
     }
 
     /// Reserves the time that sending `length` bytes may take; returns its end.
@@ -92,14 +100,25 @@ mod tests {
         for n in 1..=RATE_WINDOW as u64 {
             pace.record_object(1_000_000, at(4000 + 100 * n));
         }
-        assert_eq!(pace.max_concurrent(4_000_000), 4, "10 MB/s: the old rate is forgotten");
+        assert_eq!(
+            pace.max_concurrent(4_000_000),
+            4,
+            "10 MB/s: the old rate is forgotten"
+        );
     }
 
     #[test]
     fn objects_sent_together_share_the_rate() {
         let limit = RateLimit::new(1000);
         let now = Instant::now() + Duration::from_secs(1);
-        let ends: Vec<f64> = (0..3).map(|_| limit.reserve_time(500, now).duration_since(now).as_secs_f64()).collect();
+        let ends: Vec<f64> = (0..3)
+            .map(|_| {
+                limit
+                    .reserve_time(500, now)
+                    .duration_since(now)
+                    .as_secs_f64()
+            })
+            .collect();
         assert_eq!(ends, [0.5, 1.0, 1.5]);
     }
 }

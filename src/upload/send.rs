@@ -21,12 +21,18 @@ pub(super) struct FlightUpload {
 
 impl Upload<'_> {
     /// Publishes a flight's manifest, so that the flight is known before its data arrive.
-    pub(super) async fn publish_manifest(&self, flight: &FlightRef, first: bool) -> Result<FlightUpload, UploadError> {
+    pub(super) async fn publish_manifest(
+        &self,
+        flight: &FlightRef,
+        first: bool,
+    ) -> Result<FlightUpload, UploadError> {
         let bundle = bundle::bundle_flight(&RealDisk, self.root, flight)?;
         let manifest = UploadManifest::from_bundle(self.root, flight, self.labels, &bundle)?;
         let (key, target) = (manifest.key(), self.target);
         if first {
-            target.check_access(key.trim_end_matches("/manifest.json")).await?;
+            target
+                .check_access(key.trim_end_matches("/manifest.json"))
+                .await?;
         }
         let pieces = manifest.upload_objects(&bundle);
         let mut sent = UploadCounts::default();
@@ -43,19 +49,29 @@ impl Upload<'_> {
             Some(bytes) if bytes == text.as_bytes() => PutOutcome::AlreadyPresent,
             Some(_) => {
                 sent.repaired += 1;
-                target.replace_object(&key, text.into_bytes(), &digest).await?
+                target
+                    .replace_object(&key, text.into_bytes(), &digest)
+                    .await?
             }
             None => target.put_object(&key, text.into_bytes(), &digest).await?,
         };
         sent.count_put(put, length);
-        Ok(FlightUpload { manifest, sent, pieces })
+        Ok(FlightUpload {
+            manifest,
+            sent,
+            pieces,
+        })
     }
 
     /// Returns the manifest with the labels of the published one.
     ///
     /// # Errors
     /// Returns an error if the published one describes another state of the flight, or another aircraft.
-    fn adopt_published(&self, manifest: UploadManifest, there: &UploadManifest) -> Result<UploadManifest, TargetError> {
+    fn adopt_published(
+        &self,
+        manifest: UploadManifest,
+        there: &UploadManifest,
+    ) -> Result<UploadManifest, TargetError> {
         let key = manifest.key();
         let Some(agreed) = manifest.adopt_labels(there, self.labels) else {
             let or_none = |text: &Option<String>| text.clone().unwrap_or_else(|| "none".to_owned());
@@ -65,9 +81,16 @@ impl Upload<'_> {
                 or_none(&there.aircraft_type),
                 or_none(&there.wing)
             );
-            return Err(TargetError::Contradicted { url: self.target.display_url(&key), published: there });
+            return Err(TargetError::Contradicted {
+                url: self.target.display_url(&key),
+                published: there,
+            });
         };
-        if agreed == *there { Ok(agreed) } else { Err(self.target.different_error(&key)) }
+        if agreed == *there {
+            Ok(agreed)
+        } else {
+            Err(self.target.different_error(&key))
+        }
     }
 
     /// Uploads all objects of a stage, then its completion object.
@@ -80,26 +103,42 @@ impl Upload<'_> {
         let target = self.target;
         let there = list_objects(target, &flight.manifest).await?;
         refuse_foreign(target, &flight.pieces, &there)?;
-        let pieces: Vec<&UploadObject> = flight.pieces.iter().filter(|piece| piece.stage == stage).collect();
-        let (known, mut missing): (Vec<&UploadObject>, Vec<&UploadObject>) =
-            pieces.iter().copied().partition(|piece| there.contains_key(&piece.key));
+        let pieces: Vec<&UploadObject> = flight
+            .pieces
+            .iter()
+            .filter(|piece| piece.stage == stage)
+            .collect();
+        let (known, mut missing): (Vec<&UploadObject>, Vec<&UploadObject>) = pieces
+            .iter()
+            .copied()
+            .partition(|piece| there.contains_key(&piece.key));
         let mut sent = flight.sent;
         self.compare_objects(&known, &there, &mut sent).await?;
         let (key, text) = flight.manifest.completion_object(stage);
         // Frames that had arrived and are missing were deleted by a lifecycle rule of the bucket.
-        if stage == UploadStage::Frames && !self.repair && target.read_object(&key).await?.is_some() {
+        if stage == UploadStage::Frames && !self.repair && target.read_object(&key).await?.is_some()
+        {
             sent.expired = missing.len();
             missing.clear();
         }
         self.send_objects(&missing, pace, &mut sent).await?;
         if !missing.is_empty() {
-            check_arrived(target, &pieces, &list_objects(target, &flight.manifest).await?)?;
+            check_arrived(
+                target,
+                &pieces,
+                &list_objects(target, &flight.manifest).await?,
+            )?;
         }
         let (length, digest) = (text.len() as u64, store::sha256_hex(text.as_bytes()));
-        let put = match target.put_object(&key, text.clone().into_bytes(), &digest).await {
+        let put = match target
+            .put_object(&key, text.clone().into_bytes(), &digest)
+            .await
+        {
             Err(TargetError::Different { .. }) if self.repair => {
                 sent.repaired += 1;
-                target.replace_object(&key, text.into_bytes(), &digest).await?
+                target
+                    .replace_object(&key, text.into_bytes(), &digest)
+                    .await?
             }
             put => put?,
         };
@@ -118,7 +157,10 @@ impl Upload<'_> {
         let target = self.target;
         let comparisons = known.iter().map(|piece| async move {
             let fits = there.get(&piece.key) == Some(&piece.length);
-            let same = fits && target.has_digest(&piece.key, piece.length, &piece.sha256).await?;
+            let same = fits
+                && target
+                    .has_digest(&piece.key, piece.length, &piece.sha256)
+                    .await?;
             Result::<_, UploadError>::Ok((*piece, same))
         });
         let mut compared = stream::iter(comparisons).buffer_unordered(target.settings().jobs);
@@ -134,7 +176,9 @@ impl Upload<'_> {
             }
         }
         for piece in damaged {
-            let put = target.replace_object(&piece.key, read_object(piece).await?, &piece.sha256).await?;
+            let put = target
+                .replace_object(&piece.key, read_object(piece).await?, &piece.sha256)
+                .await?;
             sent.count_put(put, piece.length);
             sent.repaired += 1;
             (self.progress)(piece.length);
@@ -153,13 +197,19 @@ impl Upload<'_> {
         let mut waiting = missing.iter().copied().peekable();
         let mut under_way = FuturesUnordered::new();
         loop {
-            while let Some(piece) = waiting.next_if(|next| under_way.len() < pace.max_concurrent(next.length)) {
+            while let Some(piece) =
+                waiting.next_if(|next| under_way.len() < pace.max_concurrent(next.length))
+            {
                 under_way.push(async move {
-                    let put = target.put_object(&piece.key, read_object(piece).await?, &piece.sha256).await?;
+                    let put = target
+                        .put_object(&piece.key, read_object(piece).await?, &piece.sha256)
+                        .await?;
                     Result::<_, UploadError>::Ok((put, piece.length))
                 });
             }
-            let Some((put, length)) = under_way.try_next().await? else { return Ok(()) };
+            let Some((put, length)) = under_way.try_next().await? else {
+                return Ok(());
+            };
             pace.record_object(length, Instant::now());
             sent.count_put(put, length);
             (self.progress)(length);
@@ -172,17 +222,24 @@ async fn read_object(piece: &UploadObject) -> Result<Vec<u8>, UploadError> {
     let piece = piece.clone();
     let read = tokio::task::spawn_blocking(move || {
         let mut bytes = manifest::read_verified(&piece.file)?;
-        let from = usize::try_from(piece.offset).unwrap_or(usize::MAX).min(bytes.len());
+        let from = usize::try_from(piece.offset)
+            .unwrap_or(usize::MAX)
+            .min(bytes.len());
         bytes.drain(..from);
         bytes.truncate(usize::try_from(piece.length).unwrap_or(usize::MAX));
         Result::<_, StoreError>::Ok(bytes)
     });
-    let failed =
-        |error: tokio::task::JoinError| TargetError::Failed { url: "upload".to_owned(), reason: error.to_string() };
+    let failed = |error: tokio::task::JoinError| TargetError::Failed {
+        url: "upload".to_owned(),
+        reason: error.to_string(),
+    };
     Ok(read.await.map_err(failed)??)
 }
 
-async fn list_objects(target: &UploadTarget, manifest: &UploadManifest) -> Result<BTreeMap<String, u64>, TargetError> {
+async fn list_objects(
+    target: &UploadTarget,
+    manifest: &UploadManifest,
+) -> Result<BTreeMap<String, u64>, TargetError> {
     let mut all = BTreeMap::new();
     for place in manifest.key_prefixes() {
         all.extend(target.list_keys(&place).await?);
@@ -198,7 +255,9 @@ fn refuse_foreign(
 ) -> Result<(), TargetError> {
     let own_keys: BTreeSet<&String> = pieces.iter().map(|piece| &piece.key).collect();
     match there.keys().find(|key| !own_keys.contains(*key)) {
-        Some(key) => Err(TargetError::Foreign { url: target.display_url(key) }),
+        Some(key) => Err(TargetError::Foreign {
+            url: target.display_url(key),
+        }),
         None => Ok(()),
     }
 }
@@ -209,11 +268,18 @@ fn check_arrived(
     pieces: &[&UploadObject],
     there: &BTreeMap<String, u64>,
 ) -> Result<(), TargetError> {
-    match pieces.iter().find(|piece| there.get(&piece.key) != Some(&piece.length)) {
+    match pieces
+        .iter()
+        .find(|piece| there.get(&piece.key) != Some(&piece.length))
+    {
         None => Ok(()),
         Some(piece) => {
-            let why = "was uploaded, but is not there with its length; run the command again".to_owned();
-            Err(TargetError::Failed { url: target.display_url(&piece.key), reason: why })
+            let why =
+                "was uploaded, but is not there with its length; run the command again".to_owned();
+            Err(TargetError::Failed {
+                url: target.display_url(&piece.key),
+                reason: why,
+            })
         }
     }
 }

@@ -7,7 +7,9 @@ use std::time::Duration;
 use futures_util::TryStreamExt;
 use object_store::local::LocalFileSystem;
 use object_store::path::Path;
-use object_store::{Attribute, Attributes, GetOptions, ObjectStore, ObjectStoreExt, PutMode, PutOptions, PutPayload};
+use object_store::{
+    Attribute, Attributes, GetOptions, ObjectStore, ObjectStoreExt, PutMode, PutOptions, PutPayload,
+};
 
 use super::bucket::{self, describe_error, is_transient, option_fault};
 use super::pace::RateLimit;
@@ -95,7 +97,12 @@ impl UploadTarget {
         }
         let known = "give s3://BUCKET/PREFIX or file:///DIRECTORY";
         let Some(rest) = url.strip_prefix("s3://") else {
-            return Err(option_fault("--to", "value", "is neither a bucket nor a directory".into(), known));
+            return Err(option_fault(
+                "--to",
+                "value",
+                "is neither a bucket nor a directory".into(),
+                known,
+            ));
         };
         let (bucket, prefix) = rest.split_once('/').unwrap_or((rest, ""));
         let plain = |c: char| c.is_ascii_alphanumeric() || ".-_".contains(c);
@@ -105,22 +112,46 @@ impl UploadTarget {
             let remedy = "give s3://BUCKET/PREFIX, credentials in AWS_* variables";
             return Err(option_fault("--to", "value", problem, remedy));
         }
-        let prefix = Path::parse(prefix).map_err(|e| option_fault("--to", "prefix", e.to_string(), known))?;
+        let prefix = Path::parse(prefix)
+            .map_err(|e| option_fault("--to", "prefix", e.to_string(), known))?;
         let store = Arc::new(bucket::open_bucket(bucket)?);
         let limit = settings.limit.map(RateLimit::new);
-        Ok(Self { store, prefix, url: url.to_owned(), metadata: true, limit, settings })
+        Ok(Self {
+            store,
+            prefix,
+            url: url.to_owned(),
+            metadata: true,
+            limit,
+            settings,
+        })
     }
 
     fn open_directory(path: &str, settings: UploadSettings) -> Result<Self, Fault> {
-        let wrong =
-            |problem: String| option_fault("--to", "value", problem, "give file:///DIRECTORY, a writable directory");
+        let wrong = |problem: String| {
+            option_fault(
+                "--to",
+                "value",
+                problem,
+                "give file:///DIRECTORY, a writable directory",
+            )
+        };
         if !path.starts_with('/') {
             return Err(wrong("names no absolute directory".to_owned()));
         }
-        std::fs::create_dir_all(path).map_err(|e| wrong(format!("{path} cannot be created ({e})")))?;
-        let store = LocalFileSystem::new_with_prefix(path).map_err(|e| wrong(e.to_string()))?.with_fsync(true);
+        std::fs::create_dir_all(path)
+            .map_err(|e| wrong(format!("{path} cannot be created ({e})")))?;
+        let store = LocalFileSystem::new_with_prefix(path)
+            .map_err(|e| wrong(e.to_string()))?
+            .with_fsync(true);
         let url = format!("file://{path}");
-        Ok(Self { store: Arc::new(store), prefix: Path::default(), url, metadata: false, limit: None, settings })
+        Ok(Self {
+            store: Arc::new(store),
+            prefix: Path::default(),
+            url,
+            metadata: false,
+            limit: None,
+            settings,
+        })
     }
 
     /// Returns the settings.
@@ -134,14 +165,17 @@ impl UploadTarget {
     }
 
     fn object_path(&self, key: &str) -> Path {
-        key.split('/').fold(self.prefix.clone(), |path, part| path.join(part))
+        key.split('/')
+            .fold(self.prefix.clone(), |path, part| path.join(part))
     }
 
     /// Checks, without retries, that the target is reachable and permits access.
     pub async fn check_access(&self, place: &str) -> Result<(), TargetError> {
         let below = self.object_path(place);
         let listed = self.store.list(Some(&below)).try_collect::<Vec<_>>().await;
-        listed.map(|_| ()).map_err(|error| self.request_error(place, &error))
+        listed
+            .map(|_| ())
+            .map_err(|error| self.request_error(place, &error))
     }
 
     /// Lists the keys below a prefix, with lengths.
@@ -150,9 +184,17 @@ impl UploadTarget {
         let list = || async { self.store.list(Some(&below)).try_collect::<Vec<_>>().await };
         let all = self.with_retries(place, list).await?;
         let own = self.prefix.parts().count();
-        let key =
-            |path: &Path| path.parts().skip(own).map(|part| part.as_ref().to_owned()).collect::<Vec<_>>().join("/");
-        Ok(all.iter().map(|meta| (key(&meta.location), meta.size)).collect())
+        let key = |path: &Path| {
+            path.parts()
+                .skip(own)
+                .map(|part| part.as_ref().to_owned())
+                .collect::<Vec<_>>()
+                .join("/")
+        };
+        Ok(all
+            .iter()
+            .map(|meta| (key(&meta.location), meta.size))
+            .collect())
     }
 
     /// Reads an object; `None` if it does not exist.
@@ -178,10 +220,21 @@ impl UploadTarget {
     ) -> object_store::Result<bool> {
         let mut attributes = Attributes::new();
         if self.metadata {
-            attributes.insert(Attribute::Metadata(DIGEST_KEY.into()), digest.to_owned().into());
+            attributes.insert(
+                Attribute::Metadata(DIGEST_KEY.into()),
+                digest.to_owned().into(),
+            );
         }
         let (path, length) = (self.object_path(key), payload.content_length() as u64);
-        let put = self.store.put_opts(&path, payload.clone(), PutOptions { mode, attributes, ..PutOptions::default() });
+        let put = self.store.put_opts(
+            &path,
+            payload.clone(),
+            PutOptions {
+                mode,
+                attributes,
+                ..PutOptions::default()
+            },
+        );
         let put = match &self.limit {
             Some(limit) => limit.send_within(length, put).await,
             None => put.await,
@@ -194,9 +247,19 @@ impl UploadTarget {
 
     /// Puts an object that must not exist. An existing object with the same bytes counts as success: it may come from an
     /// attempt whose answer was lost.
-    pub async fn put_object(&self, key: &str, bytes: Vec<u8>, digest: &str) -> Result<PutOutcome, TargetError> {
+    pub async fn put_object(
+        &self,
+        key: &str,
+        bytes: Vec<u8>,
+        digest: &str,
+    ) -> Result<PutOutcome, TargetError> {
         let (length, payload) = (bytes.len() as u64, PutPayload::from(bytes));
-        if self.with_retries(key, || self.write_object(key, &payload, PutMode::Create, digest)).await? {
+        if self
+            .with_retries(key, || {
+                self.write_object(key, &payload, PutMode::Create, digest)
+            })
+            .await?
+        {
             return Ok(PutOutcome::Sent);
         }
         if self.has_digest(key, length, digest).await? {
@@ -207,17 +270,33 @@ impl UploadTarget {
     }
 
     /// Replaces a damaged object.
-    pub async fn replace_object(&self, key: &str, bytes: Vec<u8>, digest: &str) -> Result<PutOutcome, TargetError> {
+    pub async fn replace_object(
+        &self,
+        key: &str,
+        bytes: Vec<u8>,
+        digest: &str,
+    ) -> Result<PutOutcome, TargetError> {
         let payload = PutPayload::from(bytes);
-        self.with_retries(key, || self.write_object(key, &payload, PutMode::Overwrite, digest)).await?;
+        self.with_retries(key, || {
+            self.write_object(key, &payload, PutMode::Overwrite, digest)
+        })
+        .await?;
         Ok(PutOutcome::Sent)
     }
 
     /// Returns whether an object has the given length and digest; reads it if it has no digest metadata.
-    pub async fn has_digest(&self, key: &str, length: u64, digest: &str) -> Result<bool, TargetError> {
+    pub async fn has_digest(
+        &self,
+        key: &str,
+        length: u64,
+        digest: &str,
+    ) -> Result<bool, TargetError> {
         let path = self.object_path(key);
         let get = |head: bool| {
-            let options = GetOptions { head, ..GetOptions::default() };
+            let options = GetOptions {
+                head,
+                ..GetOptions::default()
+            };
             self.store.get_opts(&path, options)
         };
         let compare = || async {
@@ -225,7 +304,10 @@ impl UploadTarget {
             if found.meta.size != length {
                 return Ok(false);
             }
-            let stored = found.attributes.get(&Attribute::Metadata(DIGEST_KEY.into())).map(|v| v.to_string());
+            let stored = found
+                .attributes
+                .get(&Attribute::Metadata(DIGEST_KEY.into()))
+                .map(|v| v.to_string());
             match stored {
                 Some(stored) => Ok(stored == digest),
                 None => Ok(sha256_hex(&get(false).await?.bytes().await?) == digest),
@@ -237,15 +319,25 @@ impl UploadTarget {
     pub(super) fn different_error(&self, key: &str) -> TargetError {
         let remedy = "a published flight does not change: publish later results as tables (docs/fleet.md), and another state of \
             the flight below another prefix; if the object was changed or damaged there, `--repair` restores it";
-        TargetError::Different { url: self.display_url(key), remedy }
+        TargetError::Different {
+            url: self.display_url(key),
+            remedy,
+        }
     }
 
     fn request_error(&self, key: &str, error: &object_store::Error) -> TargetError {
-        TargetError::Failed { url: self.display_url(key), reason: describe_error(error) }
+        TargetError::Failed {
+            url: self.display_url(key),
+            reason: describe_error(error),
+        }
     }
 
     /// Repeats a request while its error is transient, up to the configured number of retries, with growing pauses.
-    async fn with_retries<T, W>(&self, key: &str, mut work: impl FnMut() -> W) -> Result<T, TargetError>
+    async fn with_retries<T, W>(
+        &self,
+        key: &str,
+        mut work: impl FnMut() -> W,
+    ) -> Result<T, TargetError>
     where
         W: Future<Output = object_store::Result<T>>,
     {

@@ -10,8 +10,8 @@ use wingd::measure::setup::{Setup, SetupUncertainty, StiffnessSection, Width};
 use wingd::measure::stress::{BendingCurvature, DEFAULT_STEPS};
 
 use crate::common::beam_truth::{
-    Aircraft, CameraMotion, Effects, Structure, Truth, WingState, median, normal, normal3, random_wing, remounted, rms,
-    rng,
+    Aircraft, CameraMotion, Effects, Structure, Truth, WingState, median, normal, normal3,
+    random_wing, remounted, rms, rng,
 };
 
 pub const NOISE_PX: f64 = 0.05;
@@ -48,13 +48,20 @@ impl SetUp {
 
     pub fn truth(self, rng: &mut StdRng, structure: Structure) -> Truth {
         let truth = Truth::new(random_wing(rng).built(structure), 21);
-        if self == SetUp::Fixed { truth.with_fixed_targets(4) } else { truth }
+        if self == SetUp::Fixed {
+            truth.with_fixed_targets(4)
+        } else {
+            truth
+        }
     }
 
     pub fn mounting(self, rng: &mut StdRng, setup: &Setup) -> (Vector3<f64>, Vector3<f64>) {
         match self {
             SetUp::Stayed => (Vector3::zeros(), Vector3::zeros()),
-            _ => (remounted(rng, setup), normal3(rng) * setup.uncertainty[Width::MountShift]),
+            _ => (
+                remounted(rng, setup),
+                normal3(rng) * setup.uncertainty[Width::MountShift],
+            ),
         }
     }
 }
@@ -79,12 +86,23 @@ pub struct EffectErrors {
 }
 
 impl EffectErrors {
-    pub fn add(&mut self, aircraft: &Aircraft, when: WingState, solution: &Solution, setup: &Setup) {
+    pub fn add(
+        &mut self,
+        aircraft: &Aircraft,
+        when: WingState,
+        solution: &Solution,
+        setup: &Setup,
+    ) {
         let deflections = aircraft.deflections_m(when);
         for marker in solution.markers.iter().filter(|m| m.used) {
-            let found = [marker.deflection_m, marker.deflection_ground_m, marker.deflection_root_m];
+            let found = [
+                marker.deflection_m,
+                marker.deflection_ground_m,
+                marker.deflection_root_m,
+            ];
             for (k, deflection) in found.into_iter().enumerate() {
-                let Some((deflection, truth)) = deflection.zip(deflections.get(marker.marker)) else {
+                let Some((deflection, truth)) = deflection.zip(deflections.get(marker.marker))
+                else {
                     continue;
                 };
                 self.deflections[k].push((deflection.value - truth[k]) / deflection.sigma.unwrap());
@@ -92,14 +110,19 @@ impl EffectErrors {
         }
         let twist = solution.torsion[0].twist_rad;
         self.twist_sigmas_rad.extend(twist.and_then(|t| t.sigma));
-        self.twist.extend(twist.map(|t| (t.value - aircraft.pair_twist_rad(when)) / t.sigma.unwrap()));
+        self.twist
+            .extend(twist.map(|t| (t.value - aircraft.pair_twist_rad(when)) / t.sigma.unwrap()));
         self.add_tip(solution, &deflections);
         for (k, sigmas) in self.tip_sigmas_m.iter_mut().enumerate() {
-            let of = |m: &MarkerSolution| [m.deflection_m, m.deflection_ground_m, m.deflection_root_m][k]?.sigma;
+            let of = |m: &MarkerSolution| {
+                [m.deflection_m, m.deflection_ground_m, m.deflection_root_m][k]?.sigma
+            };
             sigmas.push(solution.markers.iter().filter_map(of).fold(0.0, f64::max));
         }
-        self.moments.extend(moments(aircraft, when, solution, setup));
-        self.passed.push(f64::from(solution.global_test == Some(GlobalTest::Passed)));
+        self.moments
+            .extend(moments(aircraft, when, solution, setup));
+        self.passed
+            .push(f64::from(solution.global_test == Some(GlobalTest::Passed)));
     }
 }
 
@@ -120,16 +143,27 @@ impl EffectErrors {
     }
 
     fn add_tip(&mut self, solution: &Solution, truth: &[[f64; 3]]) {
-        let Some(budget) = &solution.budget else { return };
+        let Some(budget) = &solution.budget else {
+            return;
+        };
         for part in &budget.shares {
             let known_m = part.sigma_if_known_m.unwrap_or(f64::NAN);
-            self.budget.entry(part.source.to_string()).or_default().push((part.share, known_m));
+            self.budget
+                .entry(part.source.to_string())
+                .or_default()
+                .push((part.share, known_m));
         }
         let tip = &solution.markers[budget.marker];
-        for (k, deflection) in
-            [tip.deflection_m, tip.deflection_ground_m, tip.deflection_root_m].into_iter().enumerate()
+        for (k, deflection) in [
+            tip.deflection_m,
+            tip.deflection_ground_m,
+            tip.deflection_root_m,
+        ]
+        .into_iter()
+        .enumerate()
         {
-            self.tip_errors_m[k].extend(deflection.map(|deflection| deflection.value - truth[budget.marker][k]));
+            self.tip_errors_m[k]
+                .extend(deflection.map(|deflection| deflection.value - truth[budget.marker][k]));
         }
     }
 
@@ -137,12 +171,21 @@ impl EffectErrors {
     pub fn budget(&self) -> String {
         let part = |(name, all): (&String, &Vec<(f64, f64)>)| {
             let share = all.iter().map(|(share, _)| share).sum::<f64>() / self.passed.len() as f64;
-            let known = median(&all.iter().map(|(_, known_m)| 1e3 * known_m).collect::<Vec<_>>());
+            let known = median(
+                &all.iter()
+                    .map(|(_, known_m)| 1e3 * known_m)
+                    .collect::<Vec<_>>(),
+            );
             (share, format!("{name} {:.0} % ({known:.1})", 100.0 * share))
         };
         let mut parts: Vec<_> = self.budget.iter().map(part).collect();
         parts.sort_by(|a, b| b.0.total_cmp(&a.0));
-        parts.into_iter().take(8).map(|(_, text)| text).collect::<Vec<_>>().join(", ")
+        parts
+            .into_iter()
+            .take(8)
+            .map(|(_, text)| text)
+            .collect::<Vec<_>>()
+            .join(", ")
     }
 }
 
@@ -151,38 +194,64 @@ const SHARES: [f64; 7] = [0.1, 0.2, 0.3, 0.45, 0.6, 0.7, 0.8];
 
 /// Normalised errors of the bending moments.
 fn moments(aircraft: &Aircraft, when: WingState, solution: &Solution, setup: &Setup) -> Vec<f64> {
-    let p = solution.parameters.iter().find(|p| p.name == "curvature_per_m").unwrap();
+    let p = solution
+        .parameters
+        .iter()
+        .find(|p| p.name == "curvature_per_m")
+        .unwrap();
     let (n, sigma) = (p.values.len(), |k: usize| p.values[k].sigma.unwrap());
     let curvature = BendingCurvature {
         coefficients_per_m: DVector::from_iterator(n, p.values.iter().map(|v| v.value)),
-        covariance: DMatrix::from_fn(n, n, |i, j| solution.correlation[(i, j)] * sigma(i) * sigma(j)),
+        covariance: DMatrix::from_fn(n, n, |i, j| {
+            solution.correlation[(i, j)] * sigma(i) * sigma(j)
+        }),
         length_m: aircraft.truth.length_m(),
         root_sigma_m: setup.uncertainty[Width::RootOffset],
         steps: DEFAULT_STEPS,
     };
     let one = |(share, bent): (&f64, f64)| {
         let s_m = share * aircraft.truth.length_m();
-        let section = StiffnessSection { s_m, ei_n_m2: 1.0, sigma_ei_n_m2: 0.0, ground_n_m: 0.0, ultimate_n_m: None };
+        let section = StiffnessSection {
+            s_m,
+            ei_n_m2: 1.0,
+            sigma_ei_n_m2: 0.0,
+            ground_n_m: 0.0,
+            ultimate_n_m: None,
+        };
         let moment = curvature.bending_moment(&section);
         (moment.value - bent) / moment.sigma
     };
     let inboard = aircraft.effects.root_error_m / aircraft.truth.length_m();
     let true_shares = SHARES.map(|share| share + inboard);
-    SHARES.iter().zip(aircraft.curvature_per_m(when, &true_shares)).map(one).collect()
+    SHARES
+        .iter()
+        .zip(aircraft.curvature_per_m(when, &true_shares))
+        .map(one)
+        .collect()
 }
 
 /// Tip deflection at a flight's start and end, m (fuel burn), or as `DEFLECTIONS=4.0,-0.4` sets it.
 fn deflections_m() -> (f64, f64) {
     let words = std::env::var("DEFLECTIONS").unwrap_or_default();
     words.split_once(',').map_or((3.2, 2.0), |(high, low)| {
-        (high.parse().expect("a deflection, m"), low.parse().expect("a deflection, m"))
+        (
+            high.parse().expect("a deflection, m"),
+            low.parse().expect("a deflection, m"),
+        )
     })
 }
 
 /// Sets the widths that `WIDTHS=torque_sigma_deg=2,bend_sigma_m=0` names, in the units of their keys.
 pub fn set_widths(setup: &mut Setup) {
-    for (key, value) in std::env::var("WIDTHS").unwrap_or_default().split(',').filter_map(|word| word.split_once('=')) {
-        let row = Width::ROWS.iter().find(|row| row.key == key).expect("a width");
+    for (key, value) in std::env::var("WIDTHS")
+        .unwrap_or_default()
+        .split(',')
+        .filter_map(|word| word.split_once('='))
+    {
+        let row = Width::ROWS
+            .iter()
+            .find(|row| row.key == key)
+            .expect("a width");
         setup.uncertainty[row.width] = row.unit.factor * value.parse::<f64>().expect("a number");
     }
 }
@@ -197,20 +266,36 @@ fn remove_known_priors(setup: &mut Setup) {
             "held" => *uncertainty = uncertainty.without_frame_scaling(),
             "bend" => uncertainty[Width::GroundBend] = 0.0,
             "skin" => uncertainty[Width::SkinMotion] = 0.0,
-            "root" => (uncertainty[Width::RootRotation], uncertainty[Width::RootTranslation]) = (0.0, 0.0),
+            "root" => {
+                (
+                    uncertainty[Width::RootRotation],
+                    uncertainty[Width::RootTranslation],
+                ) = (0.0, 0.0)
+            }
             "constant" => uncertainty[Width::ConstantBend] = 0.0,
             "plane" => uncertainty[Width::InPlane] = 0.0,
             "torque" => uncertainty[Width::Torque] = 0.0,
-            "camera" => (uncertainty[Width::FlightScale], uncertainty[Width::PrincipalPoint]) = (0.0, 0.0),
+            "camera" => {
+                (
+                    uncertainty[Width::FlightScale],
+                    uncertainty[Width::PrincipalPoint],
+                ) = (0.0, 0.0)
+            }
             "readout" => uncertainty[Width::Readout] = 0.0,
             "shift" => uncertainty[Width::MountShift] = 0.0,
             "drift" => uncertainty[Width::MountDrift] = 0.0,
             "axis" => uncertainty[Width::SkinHeight] = 0.0,
             "drawn" => {
-                (uncertainty[Width::RootOffset], uncertainty[Width::ChordOffset]) = (0.0, 0.0);
+                (
+                    uncertainty[Width::RootOffset],
+                    uncertainty[Width::ChordOffset],
+                ) = (0.0, 0.0);
                 uncertainty[Width::SpanDirection] = 0.0;
             }
-            "marks" => setup.markers.iter_mut().for_each(|m| m.flight_motion_m = 0.0),
+            "marks" => setup
+                .markers
+                .iter_mut()
+                .for_each(|m| m.flight_motion_m = 0.0),
             other => panic!("no prior is called {other}"),
         }
     }
@@ -239,7 +324,10 @@ fn is_reported(solution: &Solution) -> bool {
         "stabilis",
         "decides this",
     ];
-    let remarked = solution.remarks.iter().any(|remark| WORDS.iter().any(|words| remark.contains(words)));
+    let remarked = solution
+        .remarks
+        .iter()
+        .any(|remark| WORDS.iter().any(|words| remark.contains(words)));
     remarked || solution.global_test == Some(GlobalTest::Rejected)
 }
 
@@ -264,14 +352,23 @@ pub fn sample_errors(
         set_widths(&mut setup);
         let orientation = aircraft.orientation(&mut rng, NOISE_PX);
         let (mount, shift) = moved_camera(&mut rng, &effects.camera, &setup, set_up);
-        effects.claims.state_in(&mut setup, &effects.structure, aircraft.truth.length_m());
+        effects
+            .claims
+            .state_in(&mut setup, &effects.structure, aircraft.truth.length_m());
         let fuel = aircraft.truth.fuel();
         let whens: Vec<WingState> = (0..frames)
             .map(|k| {
                 let share = k as f64 / (frames.max(2) - 1) as f64;
-                let usual_m = if frames == 1 { 2.9 } else { high_m + (low_m - high_m) * share };
+                let usual_m = if frames == 1 {
+                    2.9
+                } else {
+                    high_m + (low_m - high_m) * share
+                };
                 let deflection_m = usual_m * effects.structure.size;
-                WingState::Flight { deflection_m, fuel: fuel * (1.0 - 0.24 * share) }
+                WingState::Flight {
+                    deflection_m,
+                    fuel: fuel * (1.0 - 0.24 * share),
+                }
             })
             .collect();
         let seen: Vec<_> = whens
@@ -279,19 +376,30 @@ pub fn sample_errors(
             .enumerate()
             .map(|(k, when)| {
                 let drift = normal3(&mut rng) * setup.uncertainty[Width::MountDrift];
-                let sag = Vector3::x() * (effects.camera.sag_rad * k as f64 / (frames.max(2) - 1) as f64);
+                let sag =
+                    Vector3::x() * (effects.camera.sag_rad * k as f64 / (frames.max(2) - 1) as f64);
                 aircraft.frame(&mut rng, *when, (mount + drift + sag, shift), NOISE_PX)
             })
             .collect();
-        let mounting = if set_up == SetUp::Stayed { Mounting::Ground } else { Mounting::Numbered(0) };
-        let options = Options { mountings: Some(vec![mounting; frames]), ..Options::default() };
+        let mounting = if set_up == SetUp::Stayed {
+            Mounting::Ground
+        } else {
+            Mounting::Numbered(0)
+        };
+        let options = Options {
+            mountings: Some(vec![mounting; frames]),
+            ..Options::default()
+        };
         let solved = match frames {
             1 => adjust::solve_spatial(&setup, &orientation, &seen[0], &options).map(|s| vec![s]),
             _ => adjust::solve_flight(&setup, &orientation, &seen, &options),
         };
         let solved = solved.expect("a solution");
         let mut shown = EffectErrors::default();
-        whens.iter().zip(&solved).for_each(|(when, one)| shown.add(&aircraft, *when, one, &setup));
+        whens
+            .iter()
+            .zip(&solved)
+            .for_each(|(when, one)| shown.add(&aircraft, *when, one, &setup));
         if solved.iter().any(is_reported) {
             drawn.reported_fraction += 1.0 / wings as f64;
         } else {
@@ -303,7 +411,12 @@ pub fn sample_errors(
 }
 
 /// Rotation and shift of the camera: as the set-up has them, or as the motion says.
-fn moved_camera(rng: &mut StdRng, motion: &CameraMotion, setup: &Setup, set_up: SetUp) -> (Vector3<f64>, Vector3<f64>) {
+fn moved_camera(
+    rng: &mut StdRng,
+    motion: &CameraMotion,
+    setup: &Setup,
+    set_up: SetUp,
+) -> (Vector3<f64>, Vector3<f64>) {
     let (mut mount, mut shift) = set_up.mounting(rng, setup);
     if motion.remount_px > 0.0 {
         mount = normal3(rng) * (motion.remount_px / setup.lens.focal_px());
@@ -354,11 +467,22 @@ fn in_flight_effects_are_in_the_standard_deviations() {
     for (frames, wings) in [(1, 24), (5, 12)] {
         for (k, set_up) in SET_UPS.into_iter().enumerate() {
             let shown = sample_errors(7100 + k as u64, set_up, frames, wings, combined_effects).all;
-            let deflections = shown.deflections.each_ref().map(|deflections| rms(deflections));
+            let deflections = shown
+                .deflections
+                .each_ref()
+                .map(|deflections| rms(deflections));
             let (twist, moment) = (rms(&shown.twist), rms(&shown.moments));
-            println!("{frames} {set_up:?}: deflections {deflections:.2?}, twist {twist:.2}, moment {moment:.2}");
-            assert!(deflections.iter().all(|deflection| *deflection < 1.5), "{frames} {set_up:?}: {deflections:.2?}");
-            assert!(twist < 1.5 && moment < 1.5, "{frames} {set_up:?}: {twist} {moment}");
+            println!(
+                "{frames} {set_up:?}: deflections {deflections:.2?}, twist {twist:.2}, moment {moment:.2}"
+            );
+            assert!(
+                deflections.iter().all(|deflection| *deflection < 1.5),
+                "{frames} {set_up:?}: {deflections:.2?}"
+            );
+            assert!(
+                twist < 1.5 && moment < 1.5,
+                "{frames} {set_up:?}: {twist} {moment}"
+            );
         }
     }
 }

@@ -44,7 +44,13 @@ impl Truth {
             height_m = f64::clamp(height_m + climb_m_s, 1000.0, 10_500.0);
             mach = f64::clamp(mach + faster, 0.4, 0.8);
             let pressure = 1013.25 * (1.0 - 2.255_77e-5 * height_m).powf(5.255_88);
-            all.push([height_m, mach, 15.0 - 0.0065 * height_m, pressure, 1.0 / bank.cos()]);
+            all.push([
+                height_m,
+                mach,
+                15.0 - 0.0065 * height_m,
+                pressure,
+                1.0 / bank.cos(),
+            ]);
         }
         Self(all)
     }
@@ -58,7 +64,12 @@ impl Truth {
 
 fn stamp(time_s: f64) -> Stamp {
     let utc = Timestamp::from_microsecond(((BEGIN_S + time_s) * 1e6) as i64).unwrap();
-    Stamp { utc, utc_synchronised: true, boot_id: "b".into(), since_boot_s: 50.0 + time_s }
+    Stamp {
+        utc,
+        utc_synchronised: true,
+        boot_id: "b".into(),
+        since_boot_s: 50.0 + time_s,
+    }
 }
 
 fn layout() -> Layout {
@@ -77,12 +88,18 @@ fn line(truth: &Truth, (tag_s, true_s, came_s): (f64, f64, f64), errors: &[f64])
     for (value, error) in truth.values_at(true_s).iter().zip(errors) {
         text.push_str(&format!(",{:.5}", value + error));
     }
-    ReceivedLine { at: Some(stamp(came_s)), line: text }
+    ReceivedLine {
+        at: Some(stamp(came_s)),
+        line: text,
+    }
 }
 
 /// A feed with one line per `every_s`, up to 6 s late; one in `jumps` tags is wrong.
 fn feed(rng: &mut StdRng, truth: &Truth, every_s: f64, jumps: Option<u32>) -> Vec<ReceivedLine> {
-    let errors: Vec<f64> = FEED_SIGMAS.iter().map(|(_, sigma)| sigma * normal(rng)).collect();
+    let errors: Vec<f64> = FEED_SIGMAS
+        .iter()
+        .map(|(_, sigma)| sigma * normal(rng))
+        .collect();
     let mut lines = vec![];
     let mut at_s = 0.0;
     while at_s < LASTING_S as f64 - 1.0 {
@@ -93,7 +110,10 @@ fn feed(rng: &mut StdRng, truth: &Truth, every_s: f64, jumps: Option<u32>) -> Ve
             _ => 0.0,
         };
         let late_s = 0.3 + 5.7 * rng.random::<f64>();
-        lines.push((at_s + late_s, line(truth, (at_s + jump_s, at_s, at_s + late_s), &errors)));
+        lines.push((
+            at_s + late_s,
+            line(truth, (at_s + jump_s, at_s, at_s + late_s), &errors),
+        ));
         at_s += every_s;
     }
     lines.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -156,11 +176,21 @@ fn impossible_tags_are_joined_with_no_frame() {
     let truth = Truth::random(rng);
     for ahead_s in [40.0, 3600.0, -3600.0] {
         let lines: Vec<ReceivedLine> = (60..900)
-            .map(|k| line(&truth, (f64::from(k) + ahead_s, f64::from(k), f64::from(k) + 1.0), &[0.0; 5]))
+            .map(|k| {
+                line(
+                    &truth,
+                    (f64::from(k) + ahead_s, f64::from(k), f64::from(k) + 1.0),
+                    &[0.0; 5],
+                )
+            })
             .collect();
         let mut track = AircraftTrack::default();
         track.add_lines(&layout(), &lines);
-        assert_eq!((track.len(), track.unused.jumped), (0, lines.len()), "{ahead_s}");
+        assert_eq!(
+            (track.len(), track.unused.jumped),
+            (0, lines.len()),
+            "{ahead_s}"
+        );
         assert!(track.state_at(&stamp(500.0), None).is_empty());
     }
 }

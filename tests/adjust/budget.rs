@@ -3,14 +3,17 @@
 use nalgebra::{SMatrix, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{
-    self, DeflectionReference, Observation, Options, SigmaKind, Solution, VarianceBudget, VarianceShare,
+    self, DeflectionReference, Observation, Options, SigmaKind, Solution, VarianceBudget,
+    VarianceShare,
 };
 use wingd::measure::geometry::BROWN;
 use wingd::measure::plan::{self, PlanOptions};
 use wingd::measure::setup::{Orientation, Setup, SetupUncertainty, SkinHeight, Width};
 
 use crate::aircraft::BULGE;
-use crate::common::beam_truth::{Aircraft, Effects, Truth, Wing, WingState, normal, normal2, normal3, rms, rng};
+use crate::common::beam_truth::{
+    Aircraft, Effects, Truth, Wing, WingState, normal, normal2, normal3, rms, rng,
+};
 
 const NOISE_PX: f64 = 0.05;
 const SURVEY_M: f64 = 0.002;
@@ -29,7 +32,12 @@ struct AdjustmentInput {
 }
 
 fn options() -> Options {
-    Options { sigma: SigmaKind::Prior, snooping_alpha: 0.0, curvature_terms: Some(8), ..Options::default() }
+    Options {
+        sigma: SigmaKind::Prior,
+        snooping_alpha: 0.0,
+        curvature_terms: Some(8),
+        ..Options::default()
+    }
 }
 
 impl AdjustmentInput {
@@ -43,12 +51,25 @@ impl AdjustmentInput {
         let mut orientation = aircraft.orientation(&mut rng, 0.0);
         let variance = NOISE_PX * NOISE_PX;
         let covariance_px2 = nalgebra::Matrix2::identity() * variance;
-        orientation.ground.iter_mut().for_each(|g| g.covariance_px2 = covariance_px2);
+        orientation
+            .ground
+            .iter_mut()
+            .for_each(|g| g.covariance_px2 = covariance_px2);
         setup.uncertainty.lens = Some(SMatrix::from_diagonal(&LENS_SIGMA.map(|s| s * s).into()));
         setup.thermal.as_mut().unwrap().flight_temperature_sigma_k = Some(15.0);
-        let mut seen = aircraft.frame(&mut rng, state_of(aircraft), (Vector3::zeros(), Vector3::zeros()), 0.0);
-        seen.iter_mut().for_each(|o| o.covariance_px2 = covariance_px2);
-        Self { setup, orientation, seen }
+        let mut seen = aircraft.frame(
+            &mut rng,
+            state_of(aircraft),
+            (Vector3::zeros(), Vector3::zeros()),
+            0.0,
+        );
+        seen.iter_mut()
+            .for_each(|o| o.covariance_px2 = covariance_px2);
+        Self {
+            setup,
+            orientation,
+            seen,
+        }
     }
 
     fn solve(&self) -> Solution {
@@ -59,14 +80,23 @@ impl AdjustmentInput {
     fn observe(&mut self, aircraft: &Aircraft, mounting: (Vector3<f64>, Vector3<f64>)) {
         let covariance_px2 = self.seen[0].covariance_px2;
         self.seen = aircraft.frame(&mut rng(1), state_of(aircraft), mounting, 0.0);
-        self.seen.iter_mut().for_each(|o| o.covariance_px2 = covariance_px2);
+        self.seen
+            .iter_mut()
+            .for_each(|o| o.covariance_px2 = covariance_px2);
         let pixels = aircraft.orientation(&mut rng(1), 0.0).ground;
-        self.orientation.ground.iter_mut().zip(pixels).for_each(|(g, p)| g.pixel = p.pixel);
+        self.orientation
+            .ground
+            .iter_mut()
+            .zip(pixels)
+            .for_each(|(g, p)| g.pixel = p.pixel);
     }
 }
 
 fn state_of(aircraft: &Aircraft) -> WingState {
-    WingState::Flight { deflection_m: 2.9, fuel: aircraft.truth.fuel() }
+    WingState::Flight {
+        deflection_m: 2.9,
+        fuel: aircraft.truth.fuel(),
+    }
 }
 
 fn truth() -> Truth {
@@ -90,23 +120,37 @@ fn effects(given: &mut AdjustmentInput, effects: Effects) -> Option<Aircraft> {
 /// One error of each source, with its configured standard deviation.
 const SOURCES: [(&str, SourceError); 17] = [
     ("image", |given, rng| {
-        given.seen.iter_mut().for_each(|o| o.pixel += normal2(rng) * NOISE_PX);
+        given
+            .seen
+            .iter_mut()
+            .for_each(|o| o.pixel += normal2(rng) * NOISE_PX);
         None
     }),
     ("ground frame", |given, rng| {
-        given.orientation.ground.iter_mut().for_each(|g| g.pixel += normal2(rng) * NOISE_PX);
+        given
+            .orientation
+            .ground
+            .iter_mut()
+            .for_each(|g| g.pixel += normal2(rng) * NOISE_PX);
         None
     }),
     ("survey", |given, rng| {
-        given.setup.markers.iter_mut().for_each(|m| m.position_m += normal3(rng) * SURVEY_M);
+        given
+            .setup
+            .markers
+            .iter_mut()
+            .for_each(|m| m.position_m += normal3(rng) * SURVEY_M);
         None
     }),
     ("axis", |given, rng| {
         let sigma = given.setup.uncertainty[Width::SkinHeight];
         let (mean, slope) = (normal(rng) * sigma, normal(rng) * 0.2 * sigma);
         let skin = given.setup.skin_height.unwrap();
-        given.setup.skin_height =
-            Some(SkinHeight { root_m: skin.root_m + mean - slope, tip_m: skin.tip_m + mean + slope, ..skin });
+        given.setup.skin_height = Some(SkinHeight {
+            root_m: skin.root_m + mean - slope,
+            tip_m: skin.tip_m + mean + slope,
+            ..skin
+        });
         None
     }),
     ("root", |given, rng| {
@@ -121,7 +165,8 @@ const SOURCES: [(&str, SourceError); 17] = [
     }),
     ("span direction", |given, rng| {
         let (sin, cos) = (normal(rng) * given.setup.uncertainty[Width::SpanDirection]).sin_cos();
-        given.setup.span_direction = nalgebra::Matrix2::new(cos, -sin, sin, cos) * given.setup.span_direction;
+        given.setup.span_direction =
+            nalgebra::Matrix2::new(cos, -sin, sin, cos) * given.setup.span_direction;
         None
     }),
     ("temperature", |given, rng| {
@@ -140,25 +185,49 @@ const SOURCES: [(&str, SourceError); 17] = [
     }),
     ("mounting", |given, rng| {
         let turn = given.setup.mount_repeatability_px / given.setup.lens.focal_px();
-        let mounting = (normal3(rng) * turn, normal3(rng) * given.setup.uncertainty[Width::MountShift]);
+        let mounting = (
+            normal3(rng) * turn,
+            normal3(rng) * given.setup.uncertainty[Width::MountShift],
+        );
         given.observe(&aircraft_with(Effects::default()), mounting);
         None
     }),
     ("ground bend", |given, rng| {
         let ground_bend_m = normal(rng) * given.setup.uncertainty[Width::GroundBend];
-        effects(given, Effects { ground_bend_m, ..Effects::default() })
+        effects(
+            given,
+            Effects {
+                ground_bend_m,
+                ..Effects::default()
+            },
+        )
     }),
     ("skin", |given, rng| {
         let skin_m = given.setup.uncertainty[Width::SkinMotion];
         // Bulges near the root are the part of the source that most affects the tip.
         let bulge_m = BULGE * skin_m * normal(rng);
-        let aircraft = Aircraft::new(rng, truth(), Effects { skin_m, bulge_m, ..Effects::default() });
+        let aircraft = Aircraft::new(
+            rng,
+            truth(),
+            Effects {
+                skin_m,
+                bulge_m,
+                ..Effects::default()
+            },
+        );
         given.observe(&aircraft, Default::default());
         Some(aircraft)
     }),
     ("fixed targets", |given, rng| {
         let fixed_each_m = given.setup.markers.last().unwrap().flight_motion_m;
-        let aircraft = Aircraft::new(rng, truth(), Effects { fixed_each_m, ..Effects::default() });
+        let aircraft = Aircraft::new(
+            rng,
+            truth(),
+            Effects {
+                fixed_each_m,
+                ..Effects::default()
+            },
+        );
         given.observe(&aircraft, Default::default());
         Some(aircraft)
     }),
@@ -166,17 +235,36 @@ const SOURCES: [(&str, SourceError); 17] = [
         let width = given.setup.uncertainty;
         let root_rotation_rad = normal3(rng) * width[Width::RootRotation];
         let root_translation_m = normal3(rng) * width[Width::RootTranslation];
-        effects(given, Effects { root_rotation_rad, root_translation_m, ..Effects::default() })
+        effects(
+            given,
+            Effects {
+                root_rotation_rad,
+                root_translation_m,
+                ..Effects::default()
+            },
+        )
     }),
     ("camera in flight", |given, rng| {
         let width = given.setup.uncertainty;
-        let (flight_scale, principal_px) =
-            (normal(rng) * width[Width::FlightScale], normal2(rng) * width[Width::PrincipalPoint]);
-        effects(given, Effects { flight_scale, principal_px, ..Effects::default() })
+        let (flight_scale, principal_px) = (
+            normal(rng) * width[Width::FlightScale],
+            normal2(rng) * width[Width::PrincipalPoint],
+        );
+        effects(
+            given,
+            Effects {
+                flight_scale,
+                principal_px,
+                ..Effects::default()
+            },
+        )
     }),
     ("vertical", |given, rng| {
         let tilt_rad = normal2(rng) * given.setup.uncertainty[Width::Vertical];
-        let aircraft = aircraft_with(Effects { tilt_rad, ..Effects::default() });
+        let aircraft = aircraft_with(Effects {
+            tilt_rad,
+            ..Effects::default()
+        });
         let tilted = aircraft.surveyed(&mut rng.clone(), 0.0);
         for (marker, tilted) in given.setup.markers.iter_mut().zip(tilted.markers) {
             marker.position_m = tilted.position_m;
@@ -189,8 +277,13 @@ const SOURCES: [(&str, SourceError); 17] = [
 
 /// Errors of the deflection that the budget belongs to, relative to the true aircraft.
 fn error_m(solution: &Solution, budget: &VarianceBudget, aircraft: &Aircraft) -> f64 {
-    let truth_m = aircraft.deflections_m(state_of(aircraft))[budget.marker][budget.reference as usize];
-    solution.markers[budget.marker].deflection_against(budget.reference).unwrap().value - truth_m
+    let truth_m =
+        aircraft.deflections_m(state_of(aircraft))[budget.marker][budget.reference as usize];
+    solution.markers[budget.marker]
+        .deflection_against(budget.reference)
+        .unwrap()
+        .value
+        - truth_m
 }
 
 #[test]
@@ -199,8 +292,17 @@ fn each_contribution_is_the_effect_of_errors_of_its_source() {
     let exact = AdjustmentInput::exact(&still);
     let nominal = exact.solve();
     let budget = nominal.budget.clone().unwrap();
-    let sigma = nominal.markers[budget.marker].deflection_against(budget.reference).unwrap().sigma.unwrap();
-    println!("sigma {:.2} mm, {:?}: {:.3?}", 1e3 * sigma, budget.reference, budget.shares);
+    let sigma = nominal.markers[budget.marker]
+        .deflection_against(budget.reference)
+        .unwrap()
+        .sigma
+        .unwrap();
+    println!(
+        "sigma {:.2} mm, {:?}: {:.3?}",
+        1e3 * sigma,
+        budget.reference,
+        budget.shares
+    );
     // Model error for this wing without any other error.
     let nominal_m = error_m(&nominal, &budget, &still);
     let (mut rng, mut drawn) = (rng(52), 0.0);
@@ -214,7 +316,10 @@ fn each_contribution_is_the_effect_of_errors_of_its_source() {
             error_m(&given.solve(), &budget, aircraft.as_ref().unwrap_or(&still)) - nominal_m
         });
         let ratio = rms(&errors.collect::<Vec<_>>()) / (sigma * share.share.sqrt());
-        println!("{source}: share {:.4}, sampled over predicted {ratio:.2}", share.share);
+        println!(
+            "{source}: share {:.4}, sampled over predicted {ratio:.2}",
+            share.share
+        );
         drawn += share.share;
         if share.share > MIN_FRACTION {
             assert!((0.75..1.3).contains(&ratio), "{source}: {ratio}");
@@ -228,7 +333,10 @@ fn sum(shares: &[VarianceShare]) -> f64 {
 }
 
 fn fraction_of(shares: &[VarianceShare], source: &str) -> f64 {
-    shares.iter().find(|one| one.source == source).map_or(0.0, |one| one.share)
+    shares
+        .iter()
+        .find(|one| one.source == source)
+        .map_or(0.0, |one| one.share)
 }
 
 /// Checks for a frame, a flight, live frames and the profile that contributions sum to 1 and propagate to the reported sigma.
@@ -236,44 +344,83 @@ fn fraction_of(shares: &[VarianceShare], source: &str) -> f64 {
 fn contributions_add_up_with_every_method() {
     let exact = AdjustmentInput::exact(&aircraft_with(Effects::default()));
     let frames: Vec<Vec<Observation>> = (0..4).map(|_| exact.seen.clone()).collect();
-    let mut solved = adjust::solve_flight(&exact.setup, &exact.orientation, &frames, &options()).unwrap();
-    let mut live = adjust::LiveAdjustment::new(exact.setup.clone(), exact.orientation.clone(), options()).unwrap();
+    let mut solved =
+        adjust::solve_flight(&exact.setup, &exact.orientation, &frames, &options()).unwrap();
+    let mut live =
+        adjust::LiveAdjustment::new(exact.setup.clone(), exact.orientation.clone(), options())
+            .unwrap();
     solved.extend((0..4).map(|_| live.adjust_frame(&exact.seen, 0.1).unwrap()));
     solved.push(exact.solve());
-    solved.push(adjust::solve_profile(&exact.setup, &exact.orientation, &exact.seen, &options()).unwrap());
+    solved.push(
+        adjust::solve_profile(&exact.setup, &exact.orientation, &exact.seen, &options()).unwrap(),
+    );
     for solution in &solved {
         let budget = solution.budget.as_ref().unwrap();
         println!("{:?}: {:.3?}", budget.reference, budget.shares);
         assert!((sum(&budget.shares) - 1.0).abs() < 1e-9);
-        assert!(budget.shares.iter().all(|one| (0.0..=1.0).contains(&one.share)));
-        let shown = solution.markers[budget.marker].deflection_against(budget.reference).unwrap().sigma.unwrap();
+        assert!(
+            budget
+                .shares
+                .iter()
+                .all(|one| (0.0..=1.0).contains(&one.share))
+        );
+        let shown = solution.markers[budget.marker]
+            .deflection_against(budget.reference)
+            .unwrap()
+            .sigma
+            .unwrap();
         let known = budget.shares.iter().filter_map(|one| one.sigma_if_known_m);
         assert!(known.into_iter().all(|known| known <= shown * (1.0 + 1e-9)));
-        for reference in [DeflectionReference::Survey, DeflectionReference::Ground, DeflectionReference::Root] {
-            let other =
-                solution.markers[budget.marker].deflection_against(reference).and_then(|deflection| deflection.sigma);
-            assert!(other.is_none_or(|other| shown <= other / 0.99), "{reference:?} is more precise");
+        for reference in [
+            DeflectionReference::Survey,
+            DeflectionReference::Ground,
+            DeflectionReference::Root,
+        ] {
+            let other = solution.markers[budget.marker]
+                .deflection_against(reference)
+                .and_then(|deflection| deflection.sigma);
+            assert!(
+                other.is_none_or(|other| shown <= other / 0.99),
+                "{reference:?} is more precise"
+            );
         }
     }
     let last = solved[7].budget.as_ref().unwrap();
-    assert!(fraction_of(&last.shares, "survey") > 0.0 && fraction_of(&last.shares, "earlier frames") > 0.0);
+    assert!(
+        fraction_of(&last.shares, "survey") > 0.0
+            && fraction_of(&last.shares, "earlier frames") > 0.0
+    );
     // The contribution of the mounting shift keeps its name from frame to frame.
     let alone = fraction_of(&solved[8].budget.as_ref().unwrap().shares, "mounting");
-    assert!(fraction_of(&last.shares, "mounting") > 0.5 * alone, "{alone}");
+    assert!(
+        fraction_of(&last.shares, "mounting") > 0.5 * alone,
+        "{alone}"
+    );
 }
 
 #[test]
 fn plan_predicts_the_contributions_of_the_adjustment() {
     let exact = AdjustmentInput::exact(&aircraft_with(Effects::default()));
-    let wanted = PlanOptions { tip_deflection_m: 2.9, pixel_sigma: NOISE_PX, ..PlanOptions::default() };
-    let planned = plan::plan_installation(&exact.setup, Some(&exact.orientation), &wanted).unwrap().prediction.unwrap();
+    let wanted = PlanOptions {
+        tip_deflection_m: 2.9,
+        pixel_sigma: NOISE_PX,
+        ..PlanOptions::default()
+    };
+    let planned = plan::plan_installation(&exact.setup, Some(&exact.orientation), &wanted)
+        .unwrap()
+        .prediction
+        .unwrap();
     let budget = exact.solve().budget.unwrap();
     assert_eq!(planned.tip.as_ref().unwrap().reference, budget.reference);
     for one in &budget.shares {
         let there = fraction_of(&planned.budget, &one.source);
         println!("{}: {:.3}, planned {there:.3}", one.source, one.share);
         // The simulated frame bends by one term of the curvature, so small contributions differ.
-        let allowed = if one.share > 0.1 { 0.1 * one.share } else { 0.02 };
+        let allowed = if one.share > 0.1 {
+            0.1 * one.share
+        } else {
+            0.02
+        };
         assert!((one.share - there).abs() < allowed, "{}", one.source);
     }
     assert!((sum(&planned.budget) - 1.0).abs() < 1e-9);
@@ -296,9 +443,23 @@ fn variance_if_known_is_that_of_another_adjustment() {
     for (source, know) in known {
         let mut given = exact.clone();
         know(&mut given.setup);
-        let there = given.solve().markers[budget.marker].deflection_against(budget.reference).unwrap().sigma.unwrap();
-        let predicted = budget.shares.iter().find(|one| one.source == source).unwrap().sigma_if_known_m.unwrap();
-        println!("{source}: {:.3} mm, adjusted again {:.3} mm", 1e3 * predicted, 1e3 * there);
+        let there = given.solve().markers[budget.marker]
+            .deflection_against(budget.reference)
+            .unwrap()
+            .sigma
+            .unwrap();
+        let predicted = budget
+            .shares
+            .iter()
+            .find(|one| one.source == source)
+            .unwrap()
+            .sigma_if_known_m
+            .unwrap();
+        println!(
+            "{source}: {:.3} mm, adjusted again {:.3} mm",
+            1e3 * predicted,
+            1e3 * there
+        );
         assert!((predicted / there - 1.0).abs() < 0.02, "{source}");
     }
 }

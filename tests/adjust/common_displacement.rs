@@ -5,7 +5,9 @@ use nalgebra::Vector3;
 use wingd::measure::adjust::{self, GlobalTest, Mounting, Observation, Options, Solution};
 use wingd::measure::setup::{Setup, SetupUncertainty, Width};
 
-use crate::common::beam_truth::{Aircraft, Effects, Truth, WingState, normal3, random_wing, remounted, rms, rng};
+use crate::common::beam_truth::{
+    Aircraft, Effects, Truth, WingState, normal3, random_wing, remounted, rms, rng,
+};
 
 const WINGS: usize = 12;
 
@@ -17,7 +19,10 @@ struct Solved {
 
 impl Solved {
     fn has_remark(&self, words: &str) -> bool {
-        self.solution.remarks.iter().any(|remark| remark.contains(words))
+        self.solution
+            .remarks
+            .iter()
+            .any(|remark| remark.contains(words))
     }
 
     fn excluded_count(&self) -> usize {
@@ -34,18 +39,37 @@ fn solved(seed: u64, fixed: usize, effects: Effects, state: impl Fn(&mut Setup))
         setup.uncertainty = SetupUncertainty::DEFAULT;
         state(&mut setup);
         let orientation = aircraft.orientation(&mut rng, 0.05);
-        let when = WingState::Flight { deflection_m: 2.9, fuel: aircraft.truth.fuel() };
-        let mount = if fixed > 0 { remounted(&mut rng, &setup) } else { normal3(&mut rng) * 5e-5 };
+        let when = WingState::Flight {
+            deflection_m: 2.9,
+            fuel: aircraft.truth.fuel(),
+        };
+        let mount = if fixed > 0 {
+            remounted(&mut rng, &setup)
+        } else {
+            normal3(&mut rng) * 5e-5
+        };
         let seen = aircraft.frame(&mut rng, when, (mount, Vector3::zeros()), 0.05);
-        let mounting = if fixed > 0 { Mounting::Numbered(0) } else { Mounting::Ground };
-        let options = Options { mountings: Some(vec![mounting]), ..Options::default() };
+        let mounting = if fixed > 0 {
+            Mounting::Numbered(0)
+        } else {
+            Mounting::Ground
+        };
+        let options = Options {
+            mountings: Some(vec![mounting]),
+            ..Options::default()
+        };
         let solution = adjust::solve_spatial(&setup, &orientation, &seen, &options).unwrap();
         let truth = aircraft.deflections_m(when);
         let error = |m: &adjust::MarkerSolution| {
             let deflection = m.deflection_ground_m?;
             Some((deflection.value - truth.get(m.marker)?[1]) / deflection.sigma?)
         };
-        let errors = solution.markers.iter().filter(|m| m.used).filter_map(error).collect();
+        let errors = solution
+            .markers
+            .iter()
+            .filter(|m| m.used)
+            .filter_map(error)
+            .collect();
         Solved { solution, errors }
     };
     (0..WINGS).map(one).collect()
@@ -54,8 +78,17 @@ fn solved(seed: u64, fixed: usize, effects: Effects, state: impl Fn(&mut Setup))
 /// Displaces each marker by 1 mm where 0.3 mm are allowed: all markers are outliers, without a common cause.
 #[test]
 fn many_removals_do_not_make_the_global_test_pass() {
-    let frames = solved(7301, 0, Effects { skin_m: 1e-3, ..Effects::default() }, |_| ());
-    let bought = |s: &&Solved| s.excluded_count() > 2 && s.solution.global_test == Some(GlobalTest::Passed);
+    let frames = solved(
+        7301,
+        0,
+        Effects {
+            skin_m: 1e-3,
+            ..Effects::default()
+        },
+        |_| (),
+    );
+    let bought =
+        |s: &&Solved| s.excluded_count() > 2 && s.solution.global_test == Some(GlobalTest::Passed);
     let silent = |s: &&Solved| bought(s) && !s.has_remark("are jointly");
     let errors: Vec<f64> = frames.iter().flat_map(|s| s.errors.clone()).collect();
     println!(
@@ -70,16 +103,28 @@ fn many_removals_do_not_make_the_global_test_pass() {
 /// An aileron turned by 1.5 degrees and not declared in the survey, with a well-known wing.
 #[test]
 fn an_undeclared_moving_part_is_named_or_rejected() {
-    let effects = Effects { aileron_rad: 0.026, ..Effects::default() };
+    let effects = Effects {
+        aileron_rad: 0.026,
+        ..Effects::default()
+    };
     let frames = solved(7302, 0, effects, |setup| {
         setup.markers.iter_mut().for_each(|m| m.part = None);
         setup.uncertainty[Width::Torque] = 0.0;
     });
-    let reported = |s: &&Solved| s.has_remark("are jointly") || s.solution.global_test == Some(GlobalTest::Rejected);
+    let reported = |s: &&Solved| {
+        s.has_remark("are jointly") || s.solution.global_test == Some(GlobalTest::Rejected)
+    };
     let errors: Vec<f64> = frames.iter().flat_map(|s| s.errors.clone()).collect();
     let count = frames.iter().filter(reported).count();
-    println!("an undeclared aileron: reported in {count} of {WINGS}, normalised {:.2}", rms(&errors));
-    assert!(rms(&errors) > 0.4 && (count == WINGS || rms(&errors) < 2.0), "{count}, {}", rms(&errors));
+    println!(
+        "an undeclared aileron: reported in {count} of {WINGS}, normalised {:.2}",
+        rms(&errors)
+    );
+    assert!(
+        rms(&errors) > 0.4 && (count == WINGS || rms(&errors) < 2.0),
+        "{count}, {}",
+        rms(&errors)
+    );
 }
 
 /// One of four fixed targets moved by 5 mm.
@@ -87,13 +132,31 @@ fn an_undeclared_moving_part_is_named_or_rejected() {
 fn contradictory_fixed_targets_are_all_kept_with_larger_sigmas() {
     let mut reported = 0;
     let mut errors = vec![];
-    for frame in solved(7303, 4, Effects { fixed_each_m: 4e-3, ..Effects::default() }, |_| ()) {
-        assert!(frame.solution.markers.iter().rev().take(4).all(|m| m.used), "a fixed target is excluded");
+    for frame in solved(
+        7303,
+        4,
+        Effects {
+            fixed_each_m: 4e-3,
+            ..Effects::default()
+        },
+        |_| (),
+    ) {
+        assert!(
+            frame.solution.markers.iter().rev().take(4).all(|m| m.used),
+            "a fixed target is excluded"
+        );
         reported += usize::from(frame.has_remark("the fixed targets contradict each other"));
         errors.extend(frame.errors);
     }
-    println!("fixed targets moved by 4 mm each: reported in {reported} of {WINGS}, normalised {:.2}", rms(&errors));
-    assert!(reported > WINGS / 2 && (0.4..2.0).contains(&rms(&errors)), "{reported} {}", rms(&errors));
+    println!(
+        "fixed targets moved by 4 mm each: reported in {reported} of {WINGS}, normalised {:.2}",
+        rms(&errors)
+    );
+    assert!(
+        reported > WINGS / 2 && (0.4..2.0).contains(&rms(&errors)),
+        "{reported} {}",
+        rms(&errors)
+    );
 }
 
 /// Each prior, alone, increases the sigma if it is not fixed.
@@ -108,9 +171,16 @@ fn each_prior_increases_the_sigma() {
     let sigma = |width: Option<Width>| {
         let held = solved(7304, 0, Effects::default(), |setup| {
             setup.uncertainty = setup.uncertainty.without_flight_effects();
-            width.into_iter().for_each(|width| setup.uncertainty[width] = SetupUncertainty::DEFAULT[width]);
+            width
+                .into_iter()
+                .for_each(|width| setup.uncertainty[width] = SetupUncertainty::DEFAULT[width]);
         });
-        held[0].solution.markers.iter().filter_map(|m| m.deflection_root_m?.sigma).fold(0.0, f64::max)
+        held[0]
+            .solution
+            .markers
+            .iter()
+            .filter_map(|m| m.deflection_root_m?.sigma)
+            .fold(0.0, f64::max)
     };
     let held = sigma(None);
     for (name, width) in priors {
@@ -136,7 +206,10 @@ fn solved_frames(
     setup.markers.iter_mut().for_each(|m| m.part = None);
     let orientation = aircraft.orientation(&mut rng, 0.05);
     let fuel = aircraft.truth.fuel();
-    let when = |k: usize| WingState::Flight { deflection_m: 3.0 - 0.2 * k as f64, fuel };
+    let when = |k: usize| WingState::Flight {
+        deflection_m: 3.0 - 0.2 * k as f64,
+        fuel,
+    };
     let mut seen: Vec<_> = (0..count)
         .map(|k| {
             let when = when(k);
@@ -145,7 +218,10 @@ fn solved_frames(
         })
         .collect();
     spoil(&mut seen[0]);
-    let options = Options { mountings: Some(vec![Mounting::Ground; count]), ..Options::default() };
+    let options = Options {
+        mountings: Some(vec![Mounting::Ground; count]),
+        ..Options::default()
+    };
     let solutions = match count {
         1 => vec![adjust::solve_spatial(&setup, &orientation, &seen[0], &options).unwrap()],
         _ => adjust::solve_flight(&setup, &orientation, &seen, &options).unwrap(),
@@ -156,7 +232,12 @@ fn solved_frames(
             let deflection = m.deflection_ground_m?;
             Some((deflection.value - truth.get(m.marker)?[1]) / deflection.sigma?)
         };
-        solution.markers.iter().filter(|m| m.used).filter_map(error).collect()
+        solution
+            .markers
+            .iter()
+            .filter(|m| m.used)
+            .filter_map(error)
+            .collect()
     };
     let errors = solutions.iter().enumerate().flat_map(of_frame).collect();
     (solutions, errors)
@@ -176,12 +257,21 @@ fn frames_of(
 #[test]
 fn a_displacement_common_to_the_frames_of_a_flight_is_named() {
     let width = SetupUncertainty::DEFAULT.with_width(Width::Torque, 0.0);
-    let flights = |effects: Effects| (7330..7342).map(move |seed| solved_frames(seed, 4, (effects, width), |_| ()));
+    let flights = |effects: Effects| {
+        (7330..7342).map(move |seed| solved_frames(seed, 4, (effects, width), |_| ()))
+    };
     let named = |solutions: &[Solution]| {
-        solutions.iter().all(|s| s.remarks.iter().any(|remark| remark.contains("are jointly")))
+        solutions.iter().all(|s| {
+            s.remarks
+                .iter()
+                .any(|remark| remark.contains("are jointly"))
+        })
     };
     let (mut reported, mut caused, mut errors, mut unreported) = (0, 0, vec![], vec![]);
-    for (solutions, of_deflections) in flights(Effects { aileron_rad: 0.026, ..Effects::default() }) {
+    for (solutions, of_deflections) in flights(Effects {
+        aileron_rad: 0.026,
+        ..Effects::default()
+    }) {
         caused += usize::from(named(&solutions));
         errors.extend(&of_deflections);
         match named(&solutions) || solutions[0].global_test == Some(GlobalTest::Rejected) {
@@ -189,12 +279,24 @@ fn a_displacement_common_to_the_frames_of_a_flight_is_named() {
             false => unreported.extend(of_deflections),
         }
     }
-    let clean = flights(Effects::default()).filter(|(solutions, _)| named(solutions)).count();
-    let (all, silent) = (rms(&errors), if unreported.is_empty() { 0.0 } else { rms(&unreported) });
+    let clean = flights(Effects::default())
+        .filter(|(solutions, _)| named(solutions))
+        .count();
+    let (all, silent) = (
+        rms(&errors),
+        if unreported.is_empty() {
+            0.0
+        } else {
+            rms(&unreported)
+        },
+    );
     println!(
         "aileron: reported in {reported} of 12, named in {caused}, normalised {all:.2}, unreported {silent:.2}; nothing: {clean}"
     );
-    assert!(caused >= 6 && all < 2.0 && silent < 2.0, "{caused} {all} {silent}");
+    assert!(
+        caused >= 6 && all < 2.0 && silent < 2.0,
+        "{caused} {all} {silent}"
+    );
     assert_eq!(clean, 0);
 }
 
@@ -208,16 +310,25 @@ fn the_global_test_includes_excluded_markers_if_there_are_many() {
             let solve = |by_px: f64| {
                 let spoil = |seen: &mut [Observation]| {
                     let signs = [1.0, -1.0].into_iter().cycle();
-                    OFF.iter().zip(signs).for_each(|(k, sign)| seen[*k].pixel.y += sign * by_px);
+                    OFF.iter()
+                        .zip(signs)
+                        .for_each(|(k, sign)| seen[*k].pixel.y += sign * by_px);
                 };
                 let uncertainty = SetupUncertainty::DEFAULT.without_flight_effects();
                 frames_of(seed, count, (Effects::default(), uncertainty), spoil).swap_remove(0)
             };
             let (clean, spoilt) = (solve(0.0), solve(1.5));
-            let sigma =
-                |s: &Solution| s.markers.iter().filter_map(|m| m.deflection_ground_m?.sigma).fold(0.0, f64::max);
+            let sigma = |s: &Solution| {
+                s.markers
+                    .iter()
+                    .filter_map(|m| m.deflection_ground_m?.sigma)
+                    .fold(0.0, f64::max)
+            };
             let out = spoilt.markers.iter().filter(|m| !m.used).count();
-            let says = spoilt.remarks.iter().any(|r| r.contains("the global test and the standard deviations include"));
+            let says = spoilt
+                .remarks
+                .iter()
+                .any(|r| r.contains("the global test and the standard deviations include"));
             println!(
                 "{count} frames: {out} out, {:?}, {says}, sigma {:.1}",
                 spoilt.global_test,
@@ -227,7 +338,12 @@ fn the_global_test_includes_excluded_markers_if_there_are_many() {
             if says {
                 met += 1;
                 assert_eq!(spoilt.global_test, Some(GlobalTest::Rejected));
-                assert!(sigma(&spoilt) > 1.5 * sigma(&clean), "{} {}", sigma(&spoilt), sigma(&clean));
+                assert!(
+                    sigma(&spoilt) > 1.5 * sigma(&clean),
+                    "{} {}",
+                    sigma(&spoilt),
+                    sigma(&clean)
+                );
             }
         }
     }
@@ -239,17 +355,38 @@ fn the_global_test_includes_excluded_markers_if_there_are_many() {
 #[test]
 fn a_flight_reports_motion_that_exceeds_its_default() {
     let says = |effects: Effects, width: SetupUncertainty, word: &str| {
-        let flights = (7320..7332).map(|seed| frames_of(seed, 5, (effects, width), |_| ())).inspect(|f| {
-            println!("{:?} {}", f[0].global_test, f[0].remarks.iter().filter(|r| r.contains("was removed")).count())
-        });
-        flights.filter(|flight| flight[0].remarks.iter().any(|r| r.contains(word))).count()
+        let flights = (7320..7332)
+            .map(|seed| frames_of(seed, 5, (effects, width), |_| ()))
+            .inspect(|f| {
+                println!(
+                    "{:?} {}",
+                    f[0].global_test,
+                    f[0].remarks
+                        .iter()
+                        .filter(|r| r.contains("was removed"))
+                        .count()
+                )
+            });
+        flights
+            .filter(|flight| flight[0].remarks.iter().any(|r| r.contains(word)))
+            .count()
     };
-    let skin = Effects { skin_m: 1.8e-3, ..Effects::default() };
+    let skin = Effects {
+        skin_m: 1.8e-3,
+        ..Effects::default()
+    };
     let (moved, held) = (
         says(skin, SetupUncertainty::DEFAULT, "skin moved"),
-        says(skin, SetupUncertainty::DEFAULT.without_frame_scaling(), "skin moved"),
+        says(
+            skin,
+            SetupUncertainty::DEFAULT.without_frame_scaling(),
+            "skin moved",
+        ),
     );
     let still = says(Effects::default(), SetupUncertainty::DEFAULT, "(default");
     println!("skin: reported in {moved} of 12, with a fixed prior in {held}; nothing: {still}");
-    assert!(moved >= 8 && held == 0 && still == 0, "{moved} {held} {still}");
+    assert!(
+        moved >= 8 && held == 0 && still == 0,
+        "{moved} {held} {still}"
+    );
 }

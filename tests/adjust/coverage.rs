@@ -22,20 +22,31 @@ impl Errors {
     fn add(&mut self, truth: &Truth, flight: &[Vector3<f64>], s: &Solution) {
         let risen = |k: usize| flight[k].z - truth.ground_m[k].z;
         for m in s.markers.iter().filter(|m| m.used) {
-            let (p, c, l) = (m.position_m.unwrap(), m.covariance_m2.unwrap(), m.deflection_m.unwrap());
+            let (p, c, l) = (
+                m.position_m.unwrap(),
+                m.covariance_m2.unwrap(),
+                m.deflection_m.unwrap(),
+            );
             let d = p - flight[m.marker];
-            self.position.extend((0..3).map(|k| d[k] / c[(k, k)].sqrt()));
-            self.deflection.push((l.value - risen(m.marker)) / l.sigma.unwrap());
+            self.position
+                .extend((0..3).map(|k| d[k] / c[(k, k)].sqrt()));
+            self.deflection
+                .push((l.value - risen(m.marker)) / l.sigma.unwrap());
         }
         let base = (truth.ground_m[19] - truth.ground_m[20]).xy().norm();
         if let Some(angle) = s.torsion[0].angle_rad {
             let expected = (risen(19) - risen(20)).atan2(base);
-            self.torsion.push((angle.value - expected) / angle.sigma.unwrap());
+            self.torsion
+                .push((angle.value - expected) / angle.sigma.unwrap());
         }
     }
 
     fn ratios(&self) -> [f64; 3] {
-        [rms(&self.position), rms(&self.deflection), rms(&self.torsion)]
+        [
+            rms(&self.position),
+            rms(&self.deflection),
+            rms(&self.torsion),
+        ]
     }
 }
 
@@ -43,7 +54,11 @@ impl Errors {
 fn predicted_covariance_covers_sampled_errors() {
     let mut rng = rng(77);
     let (mut errors, mut twist, mut rejected) = (Errors::default(), vec![], 0);
-    let options = Options { sigma: SigmaKind::Prior, snooping_alpha: 0.0, ..Options::default() };
+    let options = Options {
+        sigma: SigmaKind::Prior,
+        snooping_alpha: 0.0,
+        ..Options::default()
+    };
     for _ in 0..RUNS {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let tip_deflection_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
@@ -56,7 +71,9 @@ fn predicted_covariance_covers_sampled_errors() {
         rejected += usize::from(s.global_test == Some(GlobalTest::Rejected));
         errors.add(&truth, &flight, &s);
         let section = s.torsion[0].twist_rad.unwrap();
-        twist.push((section.value - truth.pair_twist_rad(tip_deflection_m)) / section.sigma.unwrap());
+        twist.push(
+            (section.value - truth.pair_twist_rad(tip_deflection_m)) / section.sigma.unwrap(),
+        );
     }
     let rate = rejected as f64 / RUNS as f64;
     println!(
@@ -75,7 +92,11 @@ fn predicted_covariance_covers_sampled_errors() {
 
 /// Standard deviations of a detector, px: quadrants near the root, flat discs towards the tip.
 fn detector_sigma_px(marker: usize) -> (f64, f64) {
-    if marker < 10 { (0.015, 0.0045) } else { (0.085, 0.0145) }
+    if marker < 10 {
+        (0.015, 0.0045)
+    } else {
+        (0.085, 0.0145)
+    }
 }
 
 fn detected(rng: &mut StdRng, marker: usize, pixel: &mut Vector2<f64>) -> Matrix2<f64> {
@@ -89,7 +110,10 @@ fn detected(rng: &mut StdRng, marker: usize, pixel: &mut Vector2<f64>) -> Matrix
 fn covariance_holds_where_the_images_are_sharper_than_the_model() {
     let mut rng = rng(78);
     let mut errors = Errors::default();
-    let options = Options { sigma: SigmaKind::Prior, ..Options::default() };
+    let options = Options {
+        sigma: SigmaKind::Prior,
+        ..Options::default()
+    };
     for _ in 0..200 {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let tip_deflection_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
@@ -139,7 +163,10 @@ fn the_global_test_rejects_at_its_level() {
         let fit = solve(&problem, |at| {
             let x = at.group as f64;
             Ok(Linearised {
-                misclosure: DVector::from_element(1, at.global[0] + at.global[1] * x - at.observed[0]),
+                misclosure: DVector::from_element(
+                    1,
+                    at.global[0] + at.global[1] * x - at.observed[0],
+                ),
                 columns: vec![0, 1],
                 global: DMatrix::from_row_slice(1, 2, &[1.0, x]),
                 local: DMatrix::zeros(1, 0),
@@ -147,7 +174,9 @@ fn the_global_test_rejects_at_its_level() {
             })
         })
         .unwrap();
-        rejected += usize::from(global_test(fit.omega, fit.redundancy, alpha) == Some(GlobalTest::Rejected));
+        rejected += usize::from(
+            global_test(fit.omega, fit.redundancy, alpha) == Some(GlobalTest::Rejected),
+        );
     }
     let rate = rejected as f64 / runs as f64;
     println!("rejects {:.2} % at 5 %", 1e2 * rate);
@@ -166,11 +195,15 @@ fn a_wrong_survey_point_of_twice_its_minimal_detectable_bias_is_found() {
             let mut setup = truth.surveyed(&mut rng, 0.002, 0.002);
             let orientation = truth.orientation(&mut rng, 0.05, true);
             let seen = truth.observations(&mut rng, &flight, mount, 0.05);
-            let clean = adjust::solve_spatial(&setup, &orientation, &seen, &Options::default()).unwrap();
-            let Some(bias) = clean.markers[marker].minimal_detectable_bias_m else { continue };
+            let clean =
+                adjust::solve_spatial(&setup, &orientation, &seen, &Options::default()).unwrap();
+            let Some(bias) = clean.markers[marker].minimal_detectable_bias_m else {
+                continue;
+            };
             // Y of the wing frame is up, z of the survey.
             setup.markers[marker].position_m.z += 2.0 * bias.y;
-            let solution = adjust::solve_spatial(&setup, &orientation, &seen, &Options::default()).unwrap();
+            let solution =
+                adjust::solve_spatial(&setup, &orientation, &seen, &Options::default()).unwrap();
             runs += 1;
             found += usize::from(!solution.markers[marker].used);
         }

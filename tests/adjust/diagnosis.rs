@@ -7,14 +7,23 @@ use wingd::measure::identify::{Cause, Diagnosis, diagnose_ground, diagnose_obser
 use wingd::measure::observation::Observation;
 use wingd::measure::setup::{Setup, Shape};
 
-const GROUND: Conditions =
-    Conditions { noise_px: 0.05, hidden: 0.1, false_ones: 1, mount_px: 0.0, deflection_m: (0.0, 0.0) };
+const GROUND: Conditions = Conditions {
+    noise_px: 0.05,
+    hidden: 0.1,
+    false_ones: 1,
+    mount_px: 0.0,
+    deflection_m: (0.0, 0.0),
+};
 
 /// A sound world with markers of different diameters.
 fn world(seed: u64) -> (World, StdRng) {
     let mut random = rng(seed ^ 0xd1a6);
     let mut world = World::random(seed, &GROUND);
-    world.setup.markers.iter_mut().for_each(|m| m.diameter_m = random.random_range(0.28..0.40));
+    world
+        .setup
+        .markers
+        .iter_mut()
+        .for_each(|m| m.diameter_m = random.random_range(0.28..0.40));
     (world, random)
 }
 
@@ -35,7 +44,12 @@ const KINDS: [&str; 11] = [
 /// Lowers the survey by the bend of a cantilever with `size` at the tip, m.
 fn bend_survey(sound: &Setup, wrong: &mut Setup, size: f64) {
     let frame = sound.wing_frame();
-    let tip = sound.wing_markers().iter().map(|(_, p)| p.x).fold(0.0, f64::max) + 0.5;
+    let tip = sound
+        .wing_markers()
+        .iter()
+        .map(|(_, p)| p.x)
+        .fold(0.0, f64::max)
+        + 0.5;
     for marker in &mut wrong.markers {
         let along = frame.wing_point(&marker.position_m).x - sound.root_offset_m;
         let x = (along / (tip - sound.root_offset_m)).max(0.0);
@@ -45,7 +59,10 @@ fn bend_survey(sound: &Setup, wrong: &mut Setup, size: f64) {
 
 /// Scales all lengths of a survey.
 fn scale_lengths(wrong: &mut Setup, factor: f64) {
-    wrong.markers.iter_mut().for_each(|m| m.position_m *= factor);
+    wrong
+        .markers
+        .iter_mut()
+        .for_each(|m| m.position_m *= factor);
     wrong.projection_centre_m *= factor;
 }
 
@@ -54,7 +71,10 @@ fn with_gross_error(wrong: &mut Setup, kind: usize, random: &mut StdRng) -> Vec<
     match KINDS[kind] {
         "mirrored axes" => {
             let axis = random.random_range(0..3);
-            wrong.markers.iter_mut().for_each(|m| m.position_m[axis] *= -1.0);
+            wrong
+                .markers
+                .iter_mut()
+                .for_each(|m| m.position_m[axis] *= -1.0);
             wrong.projection_centre_m[axis] *= -1.0;
             vec![Cause::Mirrored]
         }
@@ -63,7 +83,10 @@ fn with_gross_error(wrong: &mut Setup, kind: usize, random: &mut StdRng) -> Vec<
             vec![Cause::SurveyScale]
         }
         "units" => {
-            wrong.markers.iter_mut().for_each(|m| m.diameter_m /= 0.0254);
+            wrong
+                .markers
+                .iter_mut()
+                .for_each(|m| m.diameter_m /= 0.0254);
             vec![Cause::SurveyScale]
         }
         "axes" => {
@@ -79,16 +102,26 @@ fn with_gross_error(wrong: &mut Setup, kind: usize, random: &mut StdRng) -> Vec<
 }
 
 /// A setup with an error of `size` of the kind's unit, and the causes that name it; of a marker only if it is visible.
-fn with_error(sound: &Setup, visible: &[usize], kind: usize, size: f64, random: &mut StdRng) -> (Setup, Vec<Cause>) {
+fn with_error(
+    sound: &Setup,
+    visible: &[usize],
+    kind: usize,
+    size: f64,
+    random: &mut StdRng,
+) -> (Setup, Vec<Cause>) {
     let mut wrong = sound.clone();
     let choose = |random: &mut StdRng, shape: Option<Shape>| {
-        let of: Vec<usize> =
-            visible.iter().copied().filter(|k| shape.is_none_or(|s| sound.markers[*k].shape == s)).collect();
+        let of: Vec<usize> = visible
+            .iter()
+            .copied()
+            .filter(|k| shape.is_none_or(|s| sound.markers[*k].shape == s))
+            .collect();
         of[random.random_range(0..of.len())]
     };
     let causes = match KINDS[kind] {
         "scale of image" => {
-            (wrong.lens.fx, wrong.lens.fy) = (wrong.lens.fx * (-size).exp(), wrong.lens.fy * (-size).exp());
+            (wrong.lens.fx, wrong.lens.fy) =
+                (wrong.lens.fx * (-size).exp(), wrong.lens.fy * (-size).exp());
             vec![Cause::ImageScale]
         }
         "projection centre" => {
@@ -114,7 +147,10 @@ fn with_error(sound: &Setup, visible: &[usize], kind: usize, size: f64, random: 
             vec![Cause::PrincipalPoint]
         }
         "exchanged names" => {
-            let (a, b) = (choose(random, Some(Shape::Quadrant)), choose(random, Some(Shape::Circle)));
+            let (a, b) = (
+                choose(random, Some(Shape::Quadrant)),
+                choose(random, Some(Shape::Circle)),
+            );
             let place = wrong.markers[a].position_m;
             wrong.markers[a].position_m = wrong.markers[b].position_m;
             wrong.markers[b].position_m = place;
@@ -132,17 +168,29 @@ fn diagnose(world: &World, setup: &Setup, seed: u64, by_marks: bool) -> Option<D
         return diagnose_ground(setup, std::slice::from_ref(&view.detections));
     }
     let height = f64::from(setup.lens.height);
-    let marks = view.centres_px.iter().enumerate().filter_map(|(marker, p)| {
-        let pixel = nalgebra::Vector2::new(p.as_ref()?.x, height - 1.0 - p.as_ref()?.y);
-        Some(Observation { marker, pixel, covariance_px2: nalgebra::Matrix2::identity() })
-    });
+    let marks = view
+        .centres_px
+        .iter()
+        .enumerate()
+        .filter_map(|(marker, p)| {
+            let pixel = nalgebra::Vector2::new(p.as_ref()?.x, height - 1.0 - p.as_ref()?.y);
+            Some(Observation {
+                marker,
+                pixel,
+                covariance_px2: nalgebra::Matrix2::identity(),
+            })
+        });
     let marks: Vec<Observation> = marks.collect();
     diagnose_observations(setup, None, &marks, &[])
 }
 
 /// The standard deviation with which a cause's size is estimated.
 fn sigma_of(found: &Diagnosis, causes: &[Cause]) -> Option<f64> {
-    found.ranking.iter().find(|e| causes.contains(&e.cause)).and_then(|e| e.size.first()?.sigma)
+    found
+        .ranking
+        .iter()
+        .find(|e| causes.contains(&e.cause))
+        .and_then(|e| e.size.first()?.sigma)
 }
 
 /// Number of errors named and of all, and the number of sound installations accused.
@@ -165,25 +213,39 @@ fn count(seeds: std::ops::Range<u64>) -> (usize, usize, usize) {
         let guess = if kind == 3 { 0.1 } else { 0.0 };
         let (first, causes) = with_error(&world.setup, &visible, kind, guess, &mut choice.clone());
         let sigma = if kind < 6 {
-            diagnose(&world, &first, seed, false).and_then(|d| sigma_of(&d, &causes)).unwrap_or(0.01)
+            diagnose(&world, &first, seed, false)
+                .and_then(|d| sigma_of(&d, &causes))
+                .unwrap_or(0.01)
         } else {
             1.0
         };
         let (wrong, causes) = with_error(&world.setup, &visible, kind, times * sigma, &mut choice);
         let found = diagnose(&world, &wrong, seed, kind == 10);
-        let best: Vec<_> = found.iter().flat_map(|d| d.causes().iter().take(2)).collect();
+        let best: Vec<_> = found
+            .iter()
+            .flat_map(|d| d.causes().iter().take(2))
+            .collect();
         let is_named = best.iter().any(|e| causes.contains(&e.cause));
         if !is_named {
-            let names: Vec<_> =
-                found.iter().flat_map(|d| d.ranking.iter().take(3)).map(|e| (e.cause, e.decrease)).collect();
-            eprintln!("seed {seed}: {} of {times:.1} sigma ({sigma:.2e}), found {names:?}", KINDS[kind]);
+            let names: Vec<_> = found
+                .iter()
+                .flat_map(|d| d.ranking.iter().take(3))
+                .map(|e| (e.cause, e.decrease))
+                .collect();
+            eprintln!(
+                "seed {seed}: {} of {times:.1} sigma ({sigma:.2e}), found {names:?}",
+                KINDS[kind]
+            );
         }
         of += 1;
         named += usize::from(is_named);
         tally[kind].0 += usize::from(is_named);
         tally[kind].1 += 1;
     }
-    KINDS.iter().zip(tally).for_each(|(kind, (named, of))| eprintln!("{kind}: {named} of {of}"));
+    KINDS
+        .iter()
+        .zip(tally)
+        .for_each(|(kind, (named, of))| eprintln!("{kind}: {named} of {of}"));
     eprintln!("named {named} of {of}, accused {accused}");
     (named, of, accused)
 }
@@ -191,7 +253,10 @@ fn count(seeds: std::ops::Range<u64>) -> (usize, usize, usize) {
 #[test]
 fn errors_are_named_and_sound_installations_are_not_accused() {
     let (named, of, accused) = count(0..22);
-    assert!(10 * named >= 8 * of && accused <= 1, "{named} of {of}, accused {accused}");
+    assert!(
+        10 * named >= 8 * of && accused <= 1,
+        "{named} of {of}, accused {accused}"
+    );
 }
 
 /// Number of pairs of errors of which both are named, and of all: one of the camera, and one marker's coordinate.
@@ -204,15 +269,29 @@ fn count_pairs(seeds: std::ops::Range<u64>) -> (usize, usize) {
         let (kind, size) = [(0, 0.02), (1, 0.08)][seed as usize % 2];
         let (wrong, causes) = with_error(&world.setup, &visible, kind, size, &mut random);
         let sign = if random.random() { 1.0 } else { -1.0 };
-        let (wrong, points) = with_error(&wrong, &visible, 3, sign * random.random_range(0.1..0.3), &mut random);
+        let (wrong, points) = with_error(
+            &wrong,
+            &visible,
+            3,
+            sign * random.random_range(0.1..0.3),
+            &mut random,
+        );
         let found = diagnose(&world, &wrong, seed, false);
-        let named: Vec<Cause> =
-            found.iter().flat_map(|d| d.causes().iter().chain(&d.further)).map(|e| e.cause).collect();
-        let is_named = [&causes, &points].iter().all(|all| named.iter().any(|cause| all.contains(cause)));
+        let named: Vec<Cause> = found
+            .iter()
+            .flat_map(|d| d.causes().iter().chain(&d.further))
+            .map(|e| e.cause)
+            .collect();
+        let is_named = [&causes, &points]
+            .iter()
+            .all(|all| named.iter().any(|cause| all.contains(cause)));
         both += usize::from(is_named);
         of += 1;
         if !is_named {
-            eprintln!("seed {seed}: {causes:?} and {:?}, found {named:?}", points.first());
+            eprintln!(
+                "seed {seed}: {causes:?} and {:?}, found {named:?}",
+                points.first()
+            );
         }
     }
     eprintln!("two errors: both named {both} of {of}");
@@ -229,5 +308,8 @@ fn two_errors_are_both_named() {
 #[ignore = "takes minutes; the full table"]
 fn errors_are_named_in_most_of_200_installations() {
     let (named, of, accused) = count(0..200);
-    assert!(100 * named >= 85 * of && 100 * accused <= 2 * of, "{named} of {of}, accused {accused}");
+    assert!(
+        100 * named >= 85 * of && 100 * accused <= 2 * of,
+        "{named} of {of}, accused {accused}"
+    );
 }

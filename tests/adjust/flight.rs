@@ -26,7 +26,10 @@ fn flights(count: usize, burning: bool, sights: bool) -> Outcome {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let setup = truth.surveyed(&mut rng, 0.002, 0.002);
         let orientation = truth.orientation(&mut rng, 0.05, sights);
-        let mounts = [remounted(&mut rng, &truth.setup) * 0.7, remounted(&mut rng, &truth.setup) * 0.7];
+        let mounts = [
+            remounted(&mut rng, &truth.setup) * 0.7,
+            remounted(&mut rng, &truth.setup) * 0.7,
+        ];
         let mut frames = vec![];
         let mut points = vec![];
         for k in 0..7 {
@@ -36,11 +39,14 @@ fn flights(count: usize, burning: bool, sights: bool) -> Outcome {
             frames.push(truth.observations(&mut rng, &flight, mounts[usize::from(k >= 2)], 0.05));
             points.push(flight);
         }
-        let solutions = adjust::solve_flight(&setup, &orientation, &frames, &Options::default()).unwrap();
+        let solutions =
+            adjust::solve_flight(&setup, &orientation, &frames, &Options::default()).unwrap();
         let before = out.vertical.len();
         for (solution, flight) in solutions.iter().zip(&points) {
             for m in &solution.markers {
-                let (Some(p), Some(deflection)) = (m.position_m, m.deflection_m) else { continue };
+                let (Some(p), Some(deflection)) = (m.position_m, m.deflection_m) else {
+                    continue;
+                };
                 let d = p - flight[m.marker];
                 out.vertical.push(d.z);
                 out.horizontal.push(d.xy().norm());
@@ -49,7 +55,8 @@ fn flights(count: usize, burning: bool, sights: bool) -> Outcome {
             }
         }
         out.worst_flight_mm = out.worst_flight_mm.max(1e3 * rms(&out.vertical[before..]));
-        out.mountings_found.push(solutions[6].remarks[0].contains("in 2 mounting(s)"));
+        out.mountings_found
+            .push(solutions[6].remarks[0].contains("in 2 mounting(s)"));
     }
     out
 }

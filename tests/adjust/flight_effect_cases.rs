@@ -16,11 +16,19 @@ fn unobservable_effects_are_covered_by_their_priors() {
         ("mount sags", SetUp::Stayed, 1.0, 1.4),
     ];
     for (name, set_up, times, most) in kinds {
-        let kind = KINDS.iter().chain(&CLAIMS).find(|kind| kind.name.starts_with(name)).unwrap();
+        let kind = KINDS
+            .iter()
+            .chain(&CLAIMS)
+            .find(|kind| kind.name.starts_with(name))
+            .unwrap();
         let shown = sample_errors(9700, set_up, 5, 24, |rng| (kind.draw)(rng, times)).all;
         let [deflection, ..] = figures(&shown);
         println!("{} times {times}, {set_up:?}: {deflection:.2}", kind.name);
-        assert!((0.3..most).contains(&deflection), "{} times {times}, {set_up:?}: {deflection:.2}", kind.name);
+        assert!(
+            (0.3..most).contains(&deflection),
+            "{} times {times}, {set_up:?}: {deflection:.2}",
+            kind.name
+        );
     }
 }
 
@@ -38,7 +46,10 @@ fn a_stated_width_that_the_data_refute_is_widened_or_named() {
         ("stabilised", 2.5, SetUp::Fixed, 5, 1.0),
     ];
     for (name, times, set_up, frames, least) in cases {
-        let kind = CLAIMS.iter().find(|kind| kind.name.starts_with(name)).unwrap();
+        let kind = CLAIMS
+            .iter()
+            .find(|kind| kind.name.starts_with(name))
+            .unwrap();
         let shown = sample_errors(9800, set_up, frames, 16, |rng| (kind.draw)(rng, times));
         let [all, deflection] = [&shown.all, &shown.unreported].map(|errors| figures(errors)[0]);
         println!(
@@ -56,8 +67,14 @@ fn a_stated_width_that_the_data_refute_is_widened_or_named() {
 /// Installations whose widths are true have no remark, and no wider standard deviation.
 #[test]
 fn true_widths_are_not_called_contradicted() {
-    for (set_up, frames) in [(SetUp::Default, 1), (SetUp::Careful, 5), (SetUp::Stayed, 1), (SetUp::Fixed, 5)] {
-        let reported = sample_errors(9900, set_up, frames, 24, |_| Default::default()).reported_fraction;
+    for (set_up, frames) in [
+        (SetUp::Default, 1),
+        (SetUp::Careful, 5),
+        (SetUp::Stayed, 1),
+        (SetUp::Fixed, 5),
+    ] {
+        let reported =
+            sample_errors(9900, set_up, frames, 24, |_| Default::default()).reported_fraction;
         println!("{set_up:?}, {frames}: reported {:.0} %", 100.0 * reported);
         assert!(reported < 0.05, "{set_up:?}, {frames}: {reported}");
     }

@@ -5,13 +5,25 @@ use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use wingd::measure::detect::Detection;
-use wingd::measure::identify::{IdentifyError, Identities, MAX_DEFLECTION_CHANGE_M, WingView, estimate_orientation};
+use wingd::measure::identify::{
+    IdentifyError, Identities, MAX_DEFLECTION_CHANGE_M, WingView, estimate_orientation,
+};
 use wingd::measure::setup::{Orientation, Setup, Shape};
 
-const HARD: Conditions =
-    Conditions { noise_px: 0.1, hidden: 0.33, false_ones: 10, mount_px: 40.0, deflection_m: (-1.0, 4.0) };
-const PLAIN: Conditions =
-    Conditions { noise_px: 0.05, hidden: 0.0, false_ones: 0, mount_px: 10.0, deflection_m: (0.5, 3.0) };
+const HARD: Conditions = Conditions {
+    noise_px: 0.1,
+    hidden: 0.33,
+    false_ones: 10,
+    mount_px: 40.0,
+    deflection_m: (-1.0, 4.0),
+};
+const PLAIN: Conditions = Conditions {
+    noise_px: 0.05,
+    hidden: 0.0,
+    false_ones: 0,
+    mount_px: 10.0,
+    deflection_m: (0.5, 3.0),
+};
 
 /// Visible, correctly identified, wrongly identified.
 #[derive(Default, Debug)]
@@ -50,8 +62,16 @@ fn known(world: &World) -> Orientation {
 fn is_complete(setup: &Setup, detections: &[Detection], identities: &Identities) {
     assert_eq!(identities.marker_of.len(), detections.len());
     for j in 0..setup.markers.len() {
-        let found = identities.marker_of.iter().filter(|m| **m == Some(j)).count();
-        let missing = identities.missing.iter().filter(|m| m.0 == j && !m.1.is_empty()).count();
+        let found = identities
+            .marker_of
+            .iter()
+            .filter(|m| **m == Some(j))
+            .count();
+        let missing = identities
+            .missing
+            .iter()
+            .filter(|m| m.0 == j && !m.1.is_empty())
+            .count();
         assert_eq!(found + missing, 1, "marker {j}");
     }
 }
@@ -61,14 +81,19 @@ fn ground_frames_are_oriented_without_a_guess_and_none_is_misidentified() {
     let (mut tally, mut failed, mut errors, mut normalised) = (Tally::default(), 0, vec![], 0.0);
     let cases = 200;
     for seed in 0..cases {
-        let conditions = Conditions { false_ones: 10, hidden: 0.33, ..HARD };
+        let conditions = Conditions {
+            false_ones: 10,
+            hidden: 0.33,
+            ..HARD
+        };
         let world = World::random(seed, &conditions);
         let view = world.ground_view(seed, &conditions);
         match estimate_orientation(&world.setup, std::slice::from_ref(&view.detections)) {
             Ok(fit) => {
                 is_complete(&world.setup, &view.detections, &fit.identities[0]);
                 tally.add(&view, &fit.identities[0]);
-                let off = (world.camera_from_survey * fit.orientation.camera_from_survey.inverse()).scaled_axis();
+                let off = (world.camera_from_survey * fit.orientation.camera_from_survey.inverse())
+                    .scaled_axis();
                 errors.push(off.norm());
                 let covariance = fit.orientation.covariance_rad2.unwrap();
                 normalised += off.dot(&(covariance.try_inverse().unwrap() * off)) / 3.0;
@@ -127,7 +152,10 @@ fn frames_in_flight_are_never_misidentified() {
             }
         }
     }
-    eprintln!("flight: {tally:?}, recall {:.4}, failed {failed}, refused {refused}", tally.recall());
+    eprintln!(
+        "flight: {tally:?}, recall {:.4}, failed {failed}, refused {refused}",
+        tally.recall()
+    );
     assert_eq!(tally.wrong, 0);
     assert_eq!(failed, 0);
     assert!(tally.recall() > 0.98);
@@ -139,7 +167,9 @@ fn plain_frames_lose_no_marker() {
     for seed in 1000..1100 {
         let world = World::random(seed, &PLAIN);
         let view = world.flight_view(deflection(seed, PLAIN.deflection_m), seed, &PLAIN);
-        let identities = WingView::in_flight(&world.setup, &known(&world)).identify_markers(&view.detections).unwrap();
+        let identities = WingView::in_flight(&world.setup, &known(&world))
+            .identify_markers(&view.detections)
+            .unwrap();
         tally.add(&view, &identities);
     }
     eprintln!("plain: {tally:?}");
@@ -151,14 +181,26 @@ fn plain_frames_lose_no_marker() {
 fn the_perspective_bias_is_removed() {
     let (mut before, mut after, mut count) = (0.0, 0.0, 0.0);
     for seed in 0..60 {
-        let conditions = Conditions { noise_px: 0.01, ..PLAIN };
+        let conditions = Conditions {
+            noise_px: 0.01,
+            ..PLAIN
+        };
         let world = World::random(seed, &conditions);
         let view = world.flight_view(deflection(seed, conditions.deflection_m), seed, &conditions);
-        let identities = WingView::in_flight(&world.setup, &known(&world)).identify_markers(&view.detections).unwrap();
-        let corrected =
-            WingView::in_flight(&world.setup, &known(&world)).remove_perspective_bias(&view.detections, &identities);
-        for ((raw, new), j) in view.detections.iter().zip(&corrected).zip(&identities.marker_of) {
-            let Some(truth) = j.and_then(|j| view.centres_px[j]) else { continue };
+        let identities = WingView::in_flight(&world.setup, &known(&world))
+            .identify_markers(&view.detections)
+            .unwrap();
+        let corrected = WingView::in_flight(&world.setup, &known(&world))
+            .remove_perspective_bias(&view.detections, &identities);
+        for ((raw, new), j) in view
+            .detections
+            .iter()
+            .zip(&corrected)
+            .zip(&identities.marker_of)
+        {
+            let Some(truth) = j.and_then(|j| view.centres_px[j]) else {
+                continue;
+            };
             if raw.shape == Shape::Quadrant {
                 assert_eq!(raw, new);
                 continue;
@@ -177,9 +219,18 @@ fn the_perspective_bias_is_removed() {
 fn the_next_frame_is_predicted_within_the_search_radius() {
     for seed in 0..40 {
         let world = World::random(seed, &PLAIN);
-        let now = world.flight_view(2.0, seed, &Conditions { hidden: 0.2, ..PLAIN });
+        let now = world.flight_view(
+            2.0,
+            seed,
+            &Conditions {
+                hidden: 0.2,
+                ..PLAIN
+            },
+        );
         let next = world.flight_view(2.1, seed + 1, &PLAIN);
-        let identities = WingView::in_flight(&world.setup, &known(&world)).identify_markers(&now.detections).unwrap();
+        let identities = WingView::in_flight(&world.setup, &known(&world))
+            .identify_markers(&now.detections)
+            .unwrap();
         let predictions = WingView::in_flight(&world.setup, &known(&world)).predict_next_frame(
             &now.detections,
             &identities,
@@ -203,7 +254,12 @@ fn symmetric_world() -> (Setup, Vec<Detection>) {
     let rotation = world.camera_from_survey;
     let lens = wingd::measure::geometry::Lens::pinhole(4000, 3000, 7800.0, 2000.0, 1500.0);
     setup.lens = lens;
-    let offsets = [(-800.0, -500.0), (-300.0, 200.0), (500.0, -350.0), (900.0, 150.0)];
+    let offsets = [
+        (-800.0, -500.0),
+        (-300.0, 200.0),
+        (500.0, -350.0),
+        (900.0, 150.0),
+    ];
     let both = offsets.iter().flat_map(|(u, v)| [(*u, *v), (-u, -v)]);
     let mut detections = Vec::new();
     setup.markers.truncate(8);
@@ -211,7 +267,8 @@ fn symmetric_world() -> (Setup, Vec<Detection>) {
         let pixel = Vector2::new(2000.0 + u, 1500.0 + v);
         marker.shape = Shape::Circle;
         marker.diameter_m = 0.3;
-        marker.position_m = setup.projection_centre_m + rotation.inverse() * lens.ray(&pixel).unwrap() * 20.0;
+        marker.position_m =
+            setup.projection_centre_m + rotation.inverse() * lens.ray(&pixel).unwrap() * 20.0;
         detections.push(Detection {
             shape: Shape::Circle,
             centre_px: pixel,
@@ -231,14 +288,20 @@ fn symmetric_world() -> (Setup, Vec<Detection>) {
 fn a_layout_that_fits_two_ways_is_reported() {
     let (setup, detections) = symmetric_world();
     let answer = estimate_orientation(&setup, &[detections]);
-    assert!(matches!(answer, Err(IdentifyError::Ambiguous { solutions: 2 })), "{answer:?}");
+    assert!(
+        matches!(answer, Err(IdentifyError::Ambiguous { solutions: 2 })),
+        "{answer:?}"
+    );
 }
 
 #[test]
 fn too_few_markers_and_clutter_alone_are_refused() {
     let world = World::random(4, &PLAIN);
     let view = world.ground_view(4, &PLAIN);
-    assert!(matches!(estimate_orientation(&world.setup, &[]), Err(IdentifyError::TooFew { .. })));
+    assert!(matches!(
+        estimate_orientation(&world.setup, &[]),
+        Err(IdentifyError::TooFew { .. })
+    ));
     let three = view.detections[..3].to_vec();
     assert!(matches!(
         estimate_orientation(&world.setup, std::slice::from_ref(&three)),
@@ -250,11 +313,13 @@ fn too_few_markers_and_clutter_alone_are_refused() {
         let mut rng = StdRng::seed_from_u64(seed);
         let mut clutter = view.detections.clone();
         for d in &mut clutter {
-            d.centre_px = Vector2::new(rng.random_range(0.0..4000.0), rng.random_range(0.0..3000.0));
+            d.centre_px =
+                Vector2::new(rng.random_range(0.0..4000.0), rng.random_range(0.0..3000.0));
         }
         let on_ground = estimate_orientation(&world.setup, &[clutter.clone()]);
         assert!(on_ground.is_err(), "seed {seed}");
-        let in_flight = WingView::in_flight(&world.setup, &known(&world)).identify_markers(&clutter);
+        let in_flight =
+            WingView::in_flight(&world.setup, &known(&world)).identify_markers(&clutter);
         assert!(in_flight.is_err(), "seed {seed}: {in_flight:?}");
     }
 }
@@ -263,28 +328,47 @@ fn too_few_markers_and_clutter_alone_are_refused() {
 fn non_finite_values_do_no_harm() {
     let world = World::random(6, &PLAIN);
     let mut view = world.flight_view(1.0, 6, &PLAIN);
-    let identities = WingView::in_flight(&world.setup, &known(&world)).identify_markers(&view.detections).unwrap();
+    let identities = WingView::in_flight(&world.setup, &known(&world))
+        .identify_markers(&view.detections)
+        .unwrap();
     view.detections[0].centre_px.x = f64::NAN;
     view.detections[3].covariance_px2 = Matrix2::zeros().into();
     view.detections[5].semi_major_px = f64::INFINITY;
-    let again = WingView::in_flight(&world.setup, &known(&world)).identify_markers(&view.detections).unwrap();
-    for (i, (a, b)) in identities.marker_of.iter().zip(&again.marker_of).enumerate() {
+    let again = WingView::in_flight(&world.setup, &known(&world))
+        .identify_markers(&view.detections)
+        .unwrap();
+    for (i, (a, b)) in identities
+        .marker_of
+        .iter()
+        .zip(&again.marker_of)
+        .enumerate()
+    {
         let expected = if [0, 3, 5].contains(&i) { None } else { *a };
         assert_eq!(*b, expected);
     }
-    let corrected = WingView::in_flight(&world.setup, &known(&world)).remove_perspective_bias(&view.detections, &again);
+    let corrected = WingView::in_flight(&world.setup, &known(&world))
+        .remove_perspective_bias(&view.detections, &again);
     assert_eq!(corrected.len(), view.detections.len());
 }
 
 #[test]
 fn several_ground_frames_are_one_orientation() {
-    let conditions = Conditions { noise_px: 0.5, hidden: 0.2, false_ones: 5, ..PLAIN };
+    let conditions = Conditions {
+        noise_px: 0.5,
+        hidden: 0.2,
+        false_ones: 5,
+        ..PLAIN
+    };
     let world = World::random(8, &conditions);
-    let frames: Vec<_> = (0..4).map(|k| world.ground_view(100 + k, &conditions).detections).collect();
+    let frames: Vec<_> = (0..4)
+        .map(|k| world.ground_view(100 + k, &conditions).detections)
+        .collect();
     let one = estimate_orientation(&world.setup, &frames[..1]).unwrap();
     let four = estimate_orientation(&world.setup, &frames).unwrap();
     assert_eq!(four.identities.len(), 4);
-    let trace = |f: &wingd::measure::identify::OrientationFit| f.orientation.covariance_rad2.unwrap().trace();
+    let trace = |f: &wingd::measure::identify::OrientationFit| {
+        f.orientation.covariance_rad2.unwrap().trace()
+    };
     assert!(trace(&four) < trace(&one));
     // The survey errors are common: four frames do not halve the standard deviation.
     assert!(trace(&four) > 0.3 * trace(&one));
@@ -298,7 +382,9 @@ fn a_wrong_survey_point_is_excluded_and_named() {
     setup.markers[4].position_m += Vector3::new(0.05, -0.03, 0.04);
     let fit = estimate_orientation(&setup, &[view.detections]).unwrap();
     assert!(fit.identities[0].missing.iter().any(|(j, _)| *j == 4));
-    let off = world.camera_from_survey.angle_to(&fit.orientation.camera_from_survey);
+    let off = world
+        .camera_from_survey
+        .angle_to(&fit.orientation.camera_from_survey);
     assert!(off < 1e-3, "{off}");
 }
 
@@ -310,12 +396,19 @@ struct Dev {
 /// Simulated detections from the truth of the fixture, without an image.
 fn dev() -> Dev {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev");
-    let setup = wingd::installation::load_without_orientation(&root.join("installation")).unwrap().setup;
+    let setup = wingd::installation::load_without_orientation(&root.join("installation"))
+        .unwrap()
+        .setup;
     let text = std::fs::read_to_string(root.join("truth.json")).unwrap();
     let truth: serde_json::Value = serde_json::from_str(&text).unwrap();
     let mut rng = StdRng::seed_from_u64(7);
     let frames = truth["frames"].as_array().unwrap().iter().map(|f| {
-        let mut view = View { detections: vec![], truth: vec![], centres_px: vec![], visible: vec![] };
+        let mut view = View {
+            detections: vec![],
+            truth: vec![],
+            centres_px: vec![],
+            visible: vec![],
+        };
         for (j, m) in f["markers"].as_array().unwrap().iter().enumerate() {
             let number = |k: &str| m[k].as_f64().unwrap();
             let (width, height) = (number("width"), number("height"));
@@ -342,7 +435,10 @@ fn dev() -> Dev {
         let rotation = Matrix3::from_fn(|a, b| r[a][b].as_f64().unwrap());
         (f["image"].as_str().unwrap().to_string(), view, rotation)
     });
-    Dev { frames: frames.collect(), setup }
+    Dev {
+        frames: frames.collect(),
+        setup,
+    }
 }
 
 #[test]
@@ -352,14 +448,23 @@ fn the_independent_set_is_oriented_and_identified() {
     let fit = estimate_orientation(&dev.setup, std::slice::from_ref(&ground.detections)).unwrap();
     let truth = Rotation3::from_matrix_unchecked(*rotation);
     let off = truth.angle_to(&fit.orientation.camera_from_survey);
-    eprintln!("dev: {:.3} mrad, variance factor {:.2}", 1e3 * off, fit.variance_factor);
+    eprintln!(
+        "dev: {:.3} mrad, variance factor {:.2}",
+        1e3 * off,
+        fit.variance_factor
+    );
     // Error-free pixels leave 0.51 mrad in this set: the survey's 2 mm dominate.
     let sigma = fit.orientation.covariance_rad2.unwrap().trace().sqrt();
     assert!(off < 2.0 * sigma && sigma < 0.4e-3, "{off} {sigma}");
     assert_eq!(fit.identities[0].marker_of, ground.truth);
     for (name, view, _) in &dev.frames[1..] {
-        let identities = WingView::in_flight(&dev.setup, &fit.orientation).identify_markers(&view.detections).unwrap();
-        eprintln!("{name}: tip {:.2} m, missing {:?}", identities.tip_deflection_m, identities.missing);
+        let identities = WingView::in_flight(&dev.setup, &fit.orientation)
+            .identify_markers(&view.detections)
+            .unwrap();
+        eprintln!(
+            "{name}: tip {:.2} m, missing {:?}",
+            identities.tip_deflection_m, identities.missing
+        );
         assert_eq!(identities.marker_of, view.truth, "{name}");
     }
 }
@@ -380,20 +485,35 @@ fn the_picture_orients_as_well_as_pixels_without_error() {
     let dev = dev();
     let (_, view, rotation) = &dev.frames[0];
     let truth = Rotation3::from_matrix(rotation);
-    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/frames/ground.jpg");
-    let picture = wingd::pipeline::decode::decode_image(&std::fs::read(file).unwrap(), None).unwrap();
+    let file =
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/frames/ground.jpg");
+    let picture =
+        wingd::pipeline::decode::decode_image(&std::fs::read(file).unwrap(), None).unwrap();
     let found = wingd::measure::detect::detect(&picture).markers;
     let off = |detections: Vec<Detection>| {
         let fit = estimate_orientation(&dev.setup, &[detections]).unwrap();
         let turn = truth.inverse() * fit.orientation.camera_from_survey;
-        (1e3 * turn.scaled_axis().norm(), fit.identities[0].marker_of.clone())
+        (
+            1e3 * turn.scaled_axis().norm(),
+            fit.identities[0].marker_of.clone(),
+        )
     };
     let (all, _) = off(exact(view));
     let (seen, markers) = off(found);
     let ids: Vec<usize> = markers.iter().flatten().copied().collect();
-    let same = exact(view).into_iter().zip(&view.truth).filter(|(_, m)| m.is_some_and(|m| ids.contains(&m)));
+    let same = exact(view)
+        .into_iter()
+        .zip(&view.truth)
+        .filter(|(_, m)| m.is_some_and(|m| ids.contains(&m)));
     let (same, _) = off(same.map(|(d, _)| d).collect());
-    eprintln!("orientation, mrad: exact pixels of all markers {all:.3}, of those found {same:.3}, image {seen:.3}");
+    eprintln!(
+        "orientation, mrad: exact pixels of all markers {all:.3}, of those found {same:.3}, image {seen:.3}"
+    );
     assert!((seen - same).abs() < 0.03, "{seen} {same}");
-    assert!(ids.len() + 1 >= view.truth.len(), "{} of {}", ids.len(), view.truth.len());
+    assert!(
+        ids.len() + 1 >= view.truth.len(),
+        "{} of {}",
+        ids.len(),
+        view.truth.len()
+    );
 }

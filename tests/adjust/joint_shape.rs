@@ -25,7 +25,11 @@ const DRIFT_RAD: f64 = 1e-4;
 const PITCH_FACTOR: f64 = 1.3;
 
 fn options() -> Options {
-    Options { sigma: SigmaKind::Prior, snooping_alpha: 0.0, ..Options::default() }
+    Options {
+        sigma: SigmaKind::Prior,
+        snooping_alpha: 0.0,
+        ..Options::default()
+    }
 }
 
 fn stations() -> StationChoice {
@@ -49,18 +53,27 @@ impl Drawn {
     fn new(rng: &mut StdRng) -> Self {
         let truth = Truth::new(random_wing(rng), 21);
         let mut setup = truth.surveyed(rng, 0.002, 0.002);
-        setup.uncertainty =
-            setup.uncertainty.with_width(Width::MountShift, SHIFT_M).with_width(Width::MountDrift, DRIFT_RAD);
+        setup.uncertainty = setup
+            .uncertainty
+            .with_width(Width::MountShift, SHIFT_M)
+            .with_width(Width::MountDrift, DRIFT_RAD);
         let orientation = truth.orientation(rng, 0.05, true);
-        Self { truth, setup, orientation }
+        Self {
+            truth,
+            setup,
+            orientation,
+        }
     }
 
     fn fly(&self, rng: &mut StdRng, frames: usize) -> DrawnFlight {
         let mount = remounted(rng, &self.truth.setup);
         let shift_m = normal3(rng) * SHIFT_M;
         // Flights begin with different fuel and weight; the deflection falls as fuel is burnt.
-        let (tanked, tip_m, drop_m) =
-            (rng.random_range(0.15..0.4), rng.random_range(2.4..3.2), rng.random_range(0.6..1.2));
+        let (tanked, tip_m, drop_m) = (
+            rng.random_range(0.15..0.4),
+            rng.random_range(2.4..3.2),
+            rng.random_range(0.6..1.2),
+        );
         let load = |k: usize| {
             let burnt = k as f64 / frames.max(2) as f64;
             (tip_m - drop_m * burnt, tanked * (1.0 - burnt))
@@ -68,22 +81,52 @@ impl Drawn {
         let loads: Vec<(f64, f64)> = (0..frames).map(load).collect();
         let observe = |&(tip_m, fuel): &(f64, f64)| {
             let seen_from = |p: &Vector3<f64>| p - shift_m;
-            let points: Vec<_> = self.truth.positions_in_flight(tip_m, fuel).iter().map(seen_from).collect();
-            let mount = mount + normal3(rng).component_mul(&Vector3::new(PITCH_FACTOR, 1.0, 1.0)) * DRIFT_RAD;
+            let points: Vec<_> = self
+                .truth
+                .positions_in_flight(tip_m, fuel)
+                .iter()
+                .map(seen_from)
+                .collect();
+            let mount = mount
+                + normal3(rng).component_mul(&Vector3::new(PITCH_FACTOR, 1.0, 1.0)) * DRIFT_RAD;
             self.truth.observations(rng, &points, mount, 0.05)
         };
-        DrawnFlight { frames: loads.iter().map(observe).collect(), loads }
+        DrawnFlight {
+            frames: loads.iter().map(observe).collect(),
+            loads,
+        }
     }
 
     fn joint_shape(&self, flight: &DrawnFlight) -> JointShape {
-        adjust::solve_flight_shape(&self.setup, &self.orientation, &flight.frames, &options(), &stations()).unwrap()
+        adjust::solve_flight_shape(
+            &self.setup,
+            &self.orientation,
+            &flight.frames,
+            &options(),
+            &stations(),
+        )
+        .unwrap()
     }
 
     /// Errors of displacement, slope and twist of all stations, and their indices among the functions.
-    fn errors(&self, shape: &JointShape, frame: &FrameShape, (tip_m, fuel): (f64, f64)) -> (DVector<f64>, Vec<usize>) {
-        let etas: Vec<f64> = shape.arcs_m.iter().map(|arc_m| arc_m / self.truth.length_m()).collect();
+    fn errors(
+        &self,
+        shape: &JointShape,
+        frame: &FrameShape,
+        (tip_m, fuel): (f64, f64),
+    ) -> (DVector<f64>, Vec<usize>) {
+        let etas: Vec<f64> = shape
+            .arcs_m
+            .iter()
+            .map(|arc_m| arc_m / self.truth.length_m())
+            .collect();
         let (mut errors, mut rows) = (vec![], vec![]);
-        for (s, (moved, slope, twist)) in self.truth.section_motions(&etas, tip_m, fuel).into_iter().enumerate() {
+        for (s, (moved, slope, twist)) in self
+            .truth
+            .section_motions(&etas, tip_m, fuel)
+            .into_iter()
+            .enumerate()
+        {
             for (f, truth) in [(2, moved.z), (3, slope), (4, twist)] {
                 rows.push(shape.station_function(f, s));
                 errors.push(frame.values[shape.station_function(f, s)] - truth);
@@ -99,9 +142,16 @@ const STIFF_FROM: f64 = 0.6;
 
 impl Drawn {
     /// Displacement, slope and twist of the stations by a computation that is right, or too stiff outboard.
-    fn computation(&self, shape: &JointShape, (tip_m, fuel): (f64, f64), is_stiff: bool) -> DVector<f64> {
+    fn computation(
+        &self,
+        shape: &JointShape,
+        (tip_m, fuel): (f64, f64),
+        is_stiff: bool,
+    ) -> DVector<f64> {
         let count = 400;
-        let etas: Vec<f64> = (0..=count).map(|k| f64::from(k) / f64::from(count)).collect();
+        let etas: Vec<f64> = (0..=count)
+            .map(|k| f64::from(k) / f64::from(count))
+            .collect();
         let motions = self.truth.section_motions(&etas, tip_m, fuel);
         let bend = motions[(STIFF_FROM * f64::from(count)) as usize].1;
         let missing = |k: usize| match is_stiff && etas[k] > STIFF_FROM {
@@ -126,7 +176,9 @@ impl Drawn {
         [false, true].map(|is_stiff| {
             let predicted = self.computation(shape, load, is_stiff);
             let mean = shape.mean(&[frame]).first_functions(predicted.len());
-            let functions: Vec<usize> = (0..predicted.len()).filter(|k| !predicted[*k].is_nan()).collect();
+            let functions: Vec<usize> = (0..predicted.len())
+                .filter(|k| !predicted[*k].is_nan())
+                .collect();
             mean.difference_from(&predicted).test(&functions).p
         })
     }
@@ -140,11 +192,18 @@ fn rejection_rates(tests: &[[f64; 2]]) -> [f64; 2] {
 /// Chi-square over degrees of freedom of errors with this factor of their covariance, over the combinations that it has.
 fn chi_square(errors: &DVector<f64>, factor: &DMatrix<f64>) -> (f64, usize) {
     let sigmas = DVector::from_iterator(factor.nrows(), factor.row_iter().map(|row| row.norm()));
-    let scaled = DMatrix::from_fn(factor.nrows(), factor.ncols(), |i, j| factor[(i, j)] / sigmas[i]);
-    let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(&scaled * scaled.transpose());
+    let scaled = DMatrix::from_fn(factor.nrows(), factor.ncols(), |i, j| {
+        factor[(i, j)] / sigmas[i]
+    });
+    let SymmetricEigen {
+        eigenvectors,
+        eigenvalues,
+    } = SymmetricEigen::new(&scaled * scaled.transpose());
     let along = eigenvectors.tr_mul(&errors.component_div(&sigmas));
     let modes = (0..eigenvalues.len()).filter(|k| eigenvalues[*k] > MIN_MODE_VARIANCE);
-    modes.fold((0.0, 0), |(sum, count), k| (sum + along[k].powi(2) / eigenvalues[k], count + 1))
+    modes.fold((0.0, 0), |(sum, count), k| {
+        (sum + along[k].powi(2) / eigenvalues[k], count + 1)
+    })
 }
 
 /// Factor of the joint covariance of several frames of one flight (rows of the frames one below the other).
@@ -155,8 +214,14 @@ fn joint_factor(frames: &[FrameShape], rows: &[usize]) -> DMatrix<f64> {
     let mut column = common;
     for (k, frame) in frames.iter().enumerate() {
         let (first, lasting) = (k * rows.len(), frame.lasting.ncols());
-        for (part, at) in [(&frame.lasting, 0), (&frame.shared, lasting), (&frame.own, column)] {
-            factor.view_mut((first, at), (rows.len(), part.ncols())).copy_from(&part.select_rows(rows));
+        for (part, at) in [
+            (&frame.lasting, 0),
+            (&frame.shared, lasting),
+            (&frame.own, column),
+        ] {
+            factor
+                .view_mut((first, at), (rows.len(), part.ncols()))
+                .copy_from(&part.select_rows(rows));
         }
         column += frame.own.ncols();
     }
@@ -171,24 +236,44 @@ fn the_shape_of_a_single_frame_has_an_honest_joint_covariance() {
     for _ in 0..500 {
         let drawn = Drawn::new(&mut rng);
         let flight = drawn.fly(&mut rng, 1);
-        let shape =
-            adjust::solve_frame_shape(&drawn.setup, &drawn.orientation, &flight.frames[0], &options(), &stations())
-                .unwrap();
+        let shape = adjust::solve_frame_shape(
+            &drawn.setup,
+            &drawn.orientation,
+            &flight.frames[0],
+            &options(),
+            &stations(),
+        )
+        .unwrap();
         let frame = &shape.frames[0];
         tests.push(drawn.tested(&shape, 0, flight.loads[0]));
         let (errors, rows) = drawn.errors(&shape, frame, flight.loads[0]);
         let variances = frame.variances();
-        of_each.extend(errors.iter().zip(&rows).map(|(e, row)| e / variances[*row].sqrt()));
+        of_each.extend(
+            errors
+                .iter()
+                .zip(&rows)
+                .map(|(e, row)| e / variances[*row].sqrt()),
+        );
         let (chi2, count) = chi_square(&errors, &frame.own.select_rows(&rows));
         sum += chi2;
         modes += count;
     }
     let normalised = sum / modes as f64;
-    println!("single: chi-square per combination {normalised:.2} ({modes}), each function {:.2}", rms(&of_each));
+    println!(
+        "single: chi-square per combination {normalised:.2} ({modes}), each function {:.2}",
+        rms(&of_each)
+    );
     assert!((0.8..1.2).contains(&normalised), "{normalised}");
     let [right, stiff] = rejection_rates(&tests);
-    println!("single: rejected at 5 %: a right computation {:.1} %, a stiff one {:.1} %", 1e2 * right, 1e2 * stiff);
-    assert!((0.01..0.065).contains(&right) && stiff > 0.95, "{right} {stiff}");
+    println!(
+        "single: rejected at 5 %: a right computation {:.1} %, a stiff one {:.1} %",
+        1e2 * right,
+        1e2 * stiff
+    );
+    assert!(
+        (0.01..0.065).contains(&right) && stiff > 0.95,
+        "{right} {stiff}"
+    );
 }
 
 #[test]
@@ -201,9 +286,17 @@ fn the_shapes_of_a_flight_have_an_honest_joint_covariance() {
         let flights = [drawn.fly(&mut rng, 5), drawn.fly(&mut rng, 5)];
         let shapes = flights.each_ref().map(|flight| drawn.joint_shape(flight));
         for (shape, flight) in shapes.iter().zip(&flights) {
-            let of_frames: Vec<_> = (0..5).map(|k| drawn.errors(shape, &shape.frames[k], flight.loads[k])).collect();
-            let errors: Vec<f64> = of_frames.iter().flat_map(|(errors, _)| errors.iter().copied()).collect();
-            let (chi2, count) = chi_square(&errors.into(), &joint_factor(&shape.frames, &of_frames[0].1));
+            let of_frames: Vec<_> = (0..5)
+                .map(|k| drawn.errors(shape, &shape.frames[k], flight.loads[k]))
+                .collect();
+            let errors: Vec<f64> = of_frames
+                .iter()
+                .flat_map(|(errors, _)| errors.iter().copied())
+                .collect();
+            let (chi2, count) = chi_square(
+                &errors.into(),
+                &joint_factor(&shape.frames, &of_frames[0].1),
+            );
             sum += chi2;
             modes += count;
             tests.push(drawn.tested(shape, 2, flight.loads[2]));
@@ -213,8 +306,15 @@ fn the_shapes_of_a_flight_have_an_honest_joint_covariance() {
     println!("flight: chi-square per combination {normalised:.2} ({modes})");
     assert!((0.8..1.2).contains(&normalised), "{normalised}");
     let [right, stiff] = rejection_rates(&tests);
-    println!("flight: rejected at 5 %: a right computation {:.1} %, a stiff one {:.1} %", 1e2 * right, 1e2 * stiff);
-    assert!((0.01..0.065).contains(&right) && stiff > 0.95, "{right} {stiff}");
+    println!(
+        "flight: rejected at 5 %: a right computation {:.1} %, a stiff one {:.1} %",
+        1e2 * right,
+        1e2 * stiff
+    );
+    assert!(
+        (0.01..0.065).contains(&right) && stiff > 0.95,
+        "{right} {stiff}"
+    );
 }
 
 /// Errors of the deflections of wing markers in the frames of a flight.
@@ -238,46 +338,77 @@ impl DrawnAircraft {
         let mut setup = aircraft.surveyed(rng, SURVEY_M);
         setup.uncertainty = SetupUncertainty::DEFAULT;
         let mut draw = |width: Width| setup.uncertainty[width] * normal(rng);
-        let [axis, root, chord, direction] =
-            [Width::SkinHeight, Width::RootOffset, Width::ChordOffset, Width::SpanDirection].map(&mut draw);
+        let [axis, root, chord, direction] = [
+            Width::SkinHeight,
+            Width::RootOffset,
+            Width::ChordOffset,
+            Width::SpanDirection,
+        ]
+        .map(&mut draw);
         let skin = setup.skin_height.unwrap();
-        setup.skin_height = Some(SkinHeight { root_m: skin.root_m + axis, tip_m: skin.tip_m + axis, ..skin });
+        setup.skin_height = Some(SkinHeight {
+            root_m: skin.root_m + axis,
+            tip_m: skin.tip_m + axis,
+            ..skin
+        });
         setup.root_offset_m += root;
         setup.axis_chord_offset_m = setup.axis_chord_offset_m.map(|offset| offset + chord);
         setup.span_direction = Rotation2::new(direction) * setup.span_direction;
         let orientation = aircraft.orientation(rng, NOISE_PX);
-        Self { aircraft, setup, orientation }
+        Self {
+            aircraft,
+            setup,
+            orientation,
+        }
     }
 
     fn effects(rng: &mut StdRng) -> Effects {
         let engine = normal(rng).abs() * ENGINE_RELIEF;
-        Effects { step: normal(rng) * STIFFNESS_STEP, engine, ..combined_effects(rng) }
+        Effects {
+            step: normal(rng) * STIFFNESS_STEP,
+            engine,
+            ..combined_effects(rng)
+        }
     }
 
     fn fly(&mut self, rng: &mut StdRng) -> FlightErrors {
-        let effects =
-            Effects { step: self.aircraft.effects.step, engine: self.aircraft.effects.engine, ..Self::effects(rng) };
+        let effects = Effects {
+            step: self.aircraft.effects.step,
+            engine: self.aircraft.effects.engine,
+            ..Self::effects(rng)
+        };
         self.aircraft.start_next_flight(rng, effects);
         let (mount, shift) = SetUp::Default.mounting(rng, &self.setup);
         let (high_m, drop_m) = (rng.random_range(2.4..3.2), rng.random_range(0.6..1.2));
         let (fuel, burnt) = (self.aircraft.truth.fuel(), rng.random_range(0.2..0.9));
         let when = |k: usize| {
             let share = k as f64 / 4.0;
-            WingState::Flight { deflection_m: high_m - drop_m * share, fuel: fuel * (1.0 - burnt * share) }
+            WingState::Flight {
+                deflection_m: high_m - drop_m * share,
+                fuel: fuel * (1.0 - burnt * share),
+            }
         };
         let whens: Vec<WingState> = (0..5).map(when).collect();
         let observe = |when: &WingState| {
             let drift = normal3(rng) * self.setup.uncertainty[Width::MountDrift];
-            self.aircraft.frame(rng, *when, (mount + drift, shift), NOISE_PX)
+            self.aircraft
+                .frame(rng, *when, (mount + drift, shift), NOISE_PX)
         };
         let frames: Vec<_> = whens.iter().map(observe).collect();
-        let shape =
-            adjust::solve_flight_shape(&self.setup, &self.orientation, &frames, &options(), &stations()).unwrap();
+        let shape = adjust::solve_flight_shape(
+            &self.setup,
+            &self.orientation,
+            &frames,
+            &options(),
+            &stations(),
+        )
+        .unwrap();
         let survey = self.aircraft.points(WingState::Survey);
         let errors = |(when, frame): (&WingState, &FrameShape)| {
             let points = self.aircraft.points(*when);
-            let error =
-                |(k, m): (usize, &usize)| frame.values[shape.marker_function(k) + 2] - (points[*m].z - survey[*m].z);
+            let error = |(k, m): (usize, &usize)| {
+                frame.values[shape.marker_function(k) + 2] - (points[*m].z - survey[*m].z)
+            };
             shape.markers.iter().enumerate().map(error).collect()
         };
         let errors_m = whens.iter().zip(&shape.frames).map(errors).collect();
@@ -299,9 +430,13 @@ fn differences_of_frames_and_of_flights_have_honest_standard_deviations() {
         let flights = [drawn.fly(&mut rng), drawn.fly(&mut rng)];
         let tip = flights[0].shape.markers.len() - 1;
         let row = flights[0].shape.marker_function(tip) + 2;
-        let error = |(flight, frame): (usize, usize), (other, second): (usize, usize), common: CommonErrors| {
+        let error = |(flight, frame): (usize, usize),
+                     (other, second): (usize, usize),
+                     common: CommonErrors| {
             let mean = |flight: usize, frame: usize| flights[flight].shape.mean(&[frame]);
-            let sigma = mean(flight, frame).minus(&mean(other, second), common).sigmas()[row];
+            let sigma = mean(flight, frame)
+                .minus(&mean(other, second), common)
+                .sigmas()[row];
             (flights[flight].errors_m[frame][tip] - flights[other].errors_m[second][tip]) / sigma
         };
         within.push(error((0, 0), (0, 1), CommonErrors::Flight));
@@ -309,7 +444,10 @@ fn differences_of_frames_and_of_flights_have_honest_standard_deviations() {
         between.push(error((0, 0), (1, 0), CommonErrors::Installation));
     }
     let ratios = [rms(&within), rms(&between)];
-    println!("differences, sampled over predicted: frames {:.2}, flights {:.2}", ratios[0], ratios[1]);
+    println!(
+        "differences, sampled over predicted: frames {:.2}, flights {:.2}",
+        ratios[0], ratios[1]
+    );
     for ratio in ratios {
         assert!((1.0 / 1.15..1.0 / 0.85).contains(&ratio), "{ratio}");
     }
@@ -322,20 +460,36 @@ fn streamwise_twist_is_that_of_the_rotated_section() {
     let mut drawn = Drawn::new(&mut rng);
     let frame = drawn.setup.wing_frame();
     let side = drawn.setup.side().unwrap();
-    let aft = if side == wingd::measure::setup::WingSide::Right { 1.0 } else { -1.0 };
+    let aft = if side == wingd::measure::setup::WingSide::Right {
+        1.0
+    } else {
+        -1.0
+    };
     let sweep = 28f64.to_radians();
     let flow = frame.wing_from_survey.inverse() * Vector3::new(sweep.sin(), 0.0, aft * sweep.cos());
     drawn.setup.flow_direction = Some(flow.xy());
     let flight = drawn.fly(&mut rng, 1);
-    let shape = adjust::solve_frame_shape(&drawn.setup, &drawn.orientation, &flight.frames[0], &options(), &stations())
-        .unwrap();
+    let shape = adjust::solve_frame_shape(
+        &drawn.setup,
+        &drawn.orientation,
+        &flight.frames[0],
+        &options(),
+        &stations(),
+    )
+    .unwrap();
     let values = &shape.frames[0].values;
     for s in 0..STATIONS.len() {
         let of = |f: usize| values[shape.station_function(f, s)];
         // To first order, the twist turns about the swept axis and the slope about the chord.
         let first_order = of(4) * sweep.cos() - of(3) * sweep.sin();
         let off = of(5) - first_order;
-        println!("{:.1}: slope {:.4} twist {:.4} streamwise {:.4} off {off:.5}", STATIONS[s], of(3), of(4), of(5));
+        println!(
+            "{:.1}: slope {:.4} twist {:.4} streamwise {:.4} off {off:.5}",
+            STATIONS[s],
+            of(3),
+            of(4),
+            of(5)
+        );
         assert!(off.abs() < 0.3 * of(3).abs().powi(2).max(1e-4), "{off}");
     }
 }

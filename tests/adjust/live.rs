@@ -11,7 +11,8 @@ use wingd::measure::setup::{Orientation, Setup, SetupUncertainty, Width};
 
 use crate::aircraft::{EffectErrors, NOISE_PX, SURVEY_M, SetUp, combined_effects};
 use crate::common::beam_truth::{
-    Aircraft, Structure, Truth, WingState, median, normal, normal3, random_wing, remounted, rms, rng,
+    Aircraft, Structure, Truth, WingState, median, normal, normal3, random_wing, remounted, rms,
+    rng,
 };
 use crate::effect_kinds::figures;
 
@@ -36,8 +37,9 @@ impl SimulatedFlight {
     fn new(rng: &mut StdRng, markers: usize) -> Self {
         let truth = Truth::new(random_wing(rng), markers);
         let mut setup = truth.surveyed(rng, 0.002, 0.002);
-        setup.uncertainty =
-            SetupUncertainty::from_drawings().with_width(Width::MountShift, 0.002).with_width(Width::MountDrift, 2e-5);
+        setup.uncertainty = SetupUncertainty::from_drawings()
+            .with_width(Width::MountShift, 0.002)
+            .with_width(Width::MountDrift, 2e-5);
         let orientation = truth.orientation(rng, 0.05, true);
         let gust = |hz: f64, rng: &mut StdRng| (0.15 * normal(rng), hz, rng.random_range(0.0..6.0));
         Self {
@@ -58,16 +60,27 @@ impl SimulatedFlight {
         let t = self.frames as f64 * STEP_S;
         self.frames += 1;
         self.turn += normal3(rng) * (self.walk * STEP_S.sqrt());
-        let gust: f64 = self.gusts.iter().map(|(a, hz, phase)| a * (TAU * hz * t + phase).sin()).sum();
+        let gust: f64 = self
+            .gusts
+            .iter()
+            .map(|(a, hz, phase)| a * (TAU * hz * t + phase).sin())
+            .sum();
         // The fuel's inertia responds to the fastest gust with a delay, which changes the shape.
         let relief = 1.0 + 0.1 * (TAU * 1.9 * t).sin();
-        let points = self.truth.positions_in_flight(self.level_m + gust, self.truth.fuel() * relief);
+        let points = self
+            .truth
+            .positions_in_flight(self.level_m + gust, self.truth.fuel() * relief);
         let seen: Vec<_> = points.iter().map(|p| p - self.shift).collect();
         (self.truth.observations(rng, &seen, self.turn, 0.05), points)
     }
 
     fn live(&self) -> LiveAdjustment {
-        LiveAdjustment::new(self.setup.clone(), self.orientation.clone(), Options::default()).unwrap()
+        LiveAdjustment::new(
+            self.setup.clone(),
+            self.orientation.clone(),
+            Options::default(),
+        )
+        .unwrap()
     }
 }
 
@@ -82,7 +95,11 @@ fn errors(truth: &Truth, points: &[Vector3<f64>], solution: &Solution) -> (Vec<f
 }
 
 fn tip_sigma(solution: &Solution) -> f64 {
-    solution.markers.iter().filter_map(|m| m.deflection_m?.sigma).fold(0.0, f64::max)
+    solution
+        .markers
+        .iter()
+        .filter_map(|m| m.deflection_m?.sigma)
+        .fold(0.0, f64::max)
 }
 
 #[test]
@@ -92,7 +109,8 @@ fn deflections_are_in_sigma_from_the_first_frame_to_the_last() {
     let mut normalised = vec![vec![]; checked.len()];
     let mut apart = vec![vec![]; checked.len()];
     let mut sigmas = vec![vec![]; checked.len()];
-    let (mut single, mut single_sigma, mut single_normalised, mut times) = (vec![], vec![], vec![], vec![]);
+    let (mut single, mut single_sigma, mut single_normalised, mut times) =
+        (vec![], vec![], vec![], vec![]);
     let mut mountings = 0;
     for _ in 0..40 {
         let mut flight = SimulatedFlight::new(&mut rng, 21);
@@ -111,8 +129,13 @@ fn deflections_are_in_sigma_from_the_first_frame_to_the_last() {
                 sigmas[at].push(tip_sigma(&solution));
             }
             if k == 59 {
-                let alone =
-                    adjust::solve_spatial(&flight.setup, &flight.orientation, &seen, &Options::default()).unwrap();
+                let alone = adjust::solve_spatial(
+                    &flight.setup,
+                    &flight.orientation,
+                    &seen,
+                    &Options::default(),
+                )
+                .unwrap();
                 let (n, e) = errors(&flight.truth, &points, &alone);
                 single_normalised.extend(n);
                 single.extend(e);
@@ -138,7 +161,12 @@ fn deflections_are_in_sigma_from_the_first_frame_to_the_last() {
         1e3 * median(&times)
     );
     for (frame, n) in checked.iter().zip(&normalised) {
-        assert!((0.7..1.3).contains(&rms(n)), "frame {}: {}", frame + 1, rms(n));
+        assert!(
+            (0.7..1.3).contains(&rms(n)),
+            "frame {}: {}",
+            frame + 1,
+            rms(n)
+        );
     }
     assert!(mountings <= 41, "{mountings}");
     assert!(rms(apart.last().unwrap()) < 0.8 * rms(&single), "no gain");
@@ -197,7 +225,10 @@ fn a_wrong_image_is_excluded_and_is_no_mount_disturbance() {
         }
         assert_eq!(live.mounting_count(), 1, "wing {wing}");
     }
-    println!("wrong images excluded: {left_out} of 96, normalised {:.2}", rms(&normalised));
+    println!(
+        "wrong images excluded: {left_out} of 96, normalised {:.2}",
+        rms(&normalised)
+    );
     assert!(left_out >= 94 && (0.4..1.3).contains(&rms(&normalised)));
 }
 
@@ -245,7 +276,11 @@ fn a_damaged_frame_updates_nothing_at_any_position() {
             at + 1,
             rms(&normalised)
         );
-        assert!((0.3..1.3).contains(&rms(&normalised)) && worst < 3.5, "torn in frame {}", at + 1);
+        assert!(
+            (0.3..1.3).contains(&rms(&normalised)) && worst < 3.5,
+            "torn in frame {}",
+            at + 1
+        );
     }
 }
 
@@ -260,10 +295,20 @@ fn underestimated_noise_is_no_contradiction() {
             let (mut seen, points) = flight.frame(&mut rng);
             seen.iter_mut().for_each(|o| o.covariance_px2 /= 4.0);
             let solution = live.adjust_frame(&seen, STEP_S).unwrap();
-            by_itself += usize::from(solution.remarks.iter().any(|r| r.starts_with("adjusted on its own")));
+            by_itself += usize::from(
+                solution
+                    .remarks
+                    .iter()
+                    .any(|r| r.starts_with("adjusted on its own")),
+            );
             if k == 39 {
-                let alone =
-                    adjust::solve_spatial(&flight.setup, &flight.orientation, &seen, &Options::default()).unwrap();
+                let alone = adjust::solve_spatial(
+                    &flight.setup,
+                    &flight.orientation,
+                    &seen,
+                    &Options::default(),
+                )
+                .unwrap();
                 apart.extend(errors(&flight.truth, &points, &solution).1);
                 single.extend(errors(&flight.truth, &points, &alone).1);
             }
@@ -275,7 +320,10 @@ fn underestimated_noise_is_no_contradiction() {
         1e3 * rms(&single)
     );
     // At 1.5 per frame, reaching four times the configured noise takes four frames, for each of the 12 wings.
-    assert!(by_itself <= 48 && rms(&apart) < 0.8 * rms(&single), "{by_itself}");
+    assert!(
+        by_itself <= 48 && rms(&apart) < 0.8 * rms(&single),
+        "{by_itself}"
+    );
 }
 
 /// Compares the joint adjustment of one flight's frames, with one known mounting, with their live adjustment.
@@ -293,10 +341,18 @@ fn the_last_of_many_frames_agrees_with_their_joint_adjustment() {
             frames.push(seen);
         }
         let (own, points) = last.unwrap();
-        let options = Options { mountings: Some(vec![adjust::Mounting::Numbered(1); 40]), ..Options::default() };
-        let all = adjust::solve_flight(&flight.setup, &flight.orientation, &frames, &options).unwrap().pop().unwrap();
+        let options = Options {
+            mountings: Some(vec![adjust::Mounting::Numbered(1); 40]),
+            ..Options::default()
+        };
+        let all = adjust::solve_flight(&flight.setup, &flight.orientation, &frames, &options)
+            .unwrap()
+            .pop()
+            .unwrap();
         for (a, b) in own.markers.iter().zip(&all.markers) {
-            let (Some(a), Some(b)) = (a.deflection_m, b.deflection_m) else { continue };
+            let (Some(a), Some(b)) = (a.deflection_m, b.deflection_m) else {
+                continue;
+            };
             apart.push((a.value - b.value) / a.sigma.unwrap());
         }
         live_errors.extend(errors(&flight.truth, &points, &own).0);
@@ -331,17 +387,32 @@ fn minutes_of_frames_do_not_make_sigma_too_small() {
         assert_eq!(live.mounting_count(), 1);
     }
     for (part, (n, s)) in normalised.iter().zip(&sigmas).enumerate() {
-        println!("part {part}: normalised {:.2}, sigma of the tip {:.2} mm", rms(n), 1e3 * median(s));
+        println!(
+            "part {part}: normalised {:.2}, sigma of the tip {:.2} mm",
+            rms(n),
+            1e3 * median(s)
+        );
     }
-    assert!(normalised.iter().all(|part| (0.4..1.3).contains(&rms(part))));
-    assert!(median(&sigmas[1]) > 0.9 * median(&sigmas[0]), "it remembers too much");
+    assert!(
+        normalised
+            .iter()
+            .all(|part| (0.4..1.3).contains(&rms(part)))
+    );
+    assert!(
+        median(&sigmas[1]) > 0.9 * median(&sigmas[0]),
+        "it remembers too much"
+    );
 }
 
 /// Frames of a live flight whose results are compared with the truth.
 pub const CHECKED: [usize; 4] = [0, 9, 99, 299];
 
 /// Live flights of wings with all in-flight effects, 300 frames in gusts: errors of the [`CHECKED`] frames.
-pub fn sample_live_errors(seed: u64, set_up: SetUp, flights: usize) -> [EffectErrors; CHECKED.len()] {
+pub fn sample_live_errors(
+    seed: u64,
+    set_up: SetUp,
+    flights: usize,
+) -> [EffectErrors; CHECKED.len()] {
     let mut rng = rng(seed);
     let mut shown = CHECKED.map(|_| EffectErrors::default());
     for _ in 0..flights {
@@ -352,18 +423,32 @@ pub fn sample_live_errors(seed: u64, set_up: SetUp, flights: usize) -> [EffectEr
         setup.uncertainty = set_up.priors(setup.reach_m());
         let orientation = aircraft.orientation(&mut rng, NOISE_PX);
         let (mut turn, shift) = set_up.mounting(&mut rng, &setup);
-        let mounting = if set_up == SetUp::Stayed { Mounting::Ground } else { Mounting::Numbered(0) };
-        let options = Options { mountings: Some(vec![mounting]), ..Options::default() };
+        let mounting = if set_up == SetUp::Stayed {
+            Mounting::Ground
+        } else {
+            Mounting::Numbered(0)
+        };
+        let options = Options {
+            mountings: Some(vec![mounting]),
+            ..Options::default()
+        };
         let mut live = LiveAdjustment::new(setup.clone(), orientation, options).unwrap();
         let walk = setup.uncertainty[Width::MountDrift] * (STEP_S / 60.0).sqrt();
-        let gusts = [0.17, 0.6, 1.9].map(|hz| (0.15 * normal(&mut rng), hz, rng.random_range(0.0..6.0)));
+        let gusts =
+            [0.17, 0.6, 1.9].map(|hz| (0.15 * normal(&mut rng), hz, rng.random_range(0.0..6.0)));
         let level_m = rng.random_range(1.0..3.2);
         for k in 0..=CHECKED[3] {
             let t = k as f64 * STEP_S;
             turn += normal3(&mut rng) * walk;
-            let gust: f64 = gusts.iter().map(|(a, hz, phase)| a * (TAU * hz * t + phase).sin()).sum();
+            let gust: f64 = gusts
+                .iter()
+                .map(|(a, hz, phase)| a * (TAU * hz * t + phase).sin())
+                .sum();
             let fuel = aircraft.truth.fuel() * (1.0 + 0.1 * (TAU * 1.9 * t).sin());
-            let when = WingState::Flight { deflection_m: level_m + gust, fuel };
+            let when = WingState::Flight {
+                deflection_m: level_m + gust,
+                fuel,
+            };
             let seen = aircraft.frame(&mut rng, when, (turn, shift), NOISE_PX);
             let solution = live.adjust_frame(&seen, STEP_S).unwrap();
             if let Some(at) = CHECKED.iter().position(|checked| *checked == k) {
@@ -386,7 +471,11 @@ fn twist_and_moment_are_in_sigma_from_the_first_frame_to_the_last() {
                 frame + 1
             );
             // Ten wings, each with one error of its own: 1.4 plus their scatter of 22 %.
-            assert!(deflection < 1.7 && (0.3..1.7).contains(&twist) && moment < 1.7, "{set_up:?}, frame {}", frame + 1);
+            assert!(
+                deflection < 1.7 && (0.3..1.7).contains(&twist) && moment < 1.7,
+                "{set_up:?}, frame {}",
+                frame + 1
+            );
         }
     }
 }

@@ -12,10 +12,18 @@ fn the_first_frames_are_solved_if_rounding_rejects_the_last_steps() {
     let installation = wingd::installation::load(&fixture.join("installation")).unwrap();
     let orientation = installation.require_orientation().unwrap().clone();
     let mut frames: Vec<(u32, Vec<Observation>)> = vec![];
-    for row in csv::Reader::from_path(fixture.join("observations.csv")).unwrap().records() {
+    for row in csv::Reader::from_path(fixture.join("observations.csv"))
+        .unwrap()
+        .records()
+    {
         let row = row.unwrap();
         let number = |k: usize| row[k].parse::<f64>().unwrap();
-        let marker = installation.setup.markers.iter().position(|m| m.id == row[1]).unwrap();
+        let marker = installation
+            .setup
+            .markers
+            .iter()
+            .position(|m| m.id == row[1])
+            .unwrap();
         let observation = Observation {
             marker,
             pixel: Vector2::new(number(2), number(3)),
@@ -34,9 +42,19 @@ fn the_first_frames_are_solved_if_rounding_rejects_the_last_steps() {
         setup.uncertainty = setup.uncertainty.with_flight_effects(&flight);
         let mut live = LiveAdjustment::new(setup, orientation.clone(), Options::default()).unwrap();
         for (frame, observations) in &frames {
-            let solution = live.adjust_frame(observations, 0.1).unwrap_or_else(|e| panic!("frame {frame}: {e}"));
-            assert!(solution.iterations < 200, "frame {frame}: {} iterations", solution.iterations);
+            let solution = live
+                .adjust_frame(observations, 0.1)
+                .unwrap_or_else(|e| panic!("frame {frame}: {e}"));
+            assert!(
+                solution.iterations < 200,
+                "frame {frame}: {} iterations",
+                solution.iterations
+            );
         }
-        assert_eq!(live.mounting_count(), 1, "nothing was taken for a mount disturbance");
+        assert_eq!(
+            live.mounting_count(),
+            1,
+            "nothing was taken for a mount disturbance"
+        );
     }
 }

@@ -20,13 +20,23 @@ struct Flight {
 
 impl Flight {
     fn solve(&self) -> Vec<Solution> {
-        adjust::solve_flight(&self.setup, &self.orientation, &self.frames, &Options::default()).unwrap()
+        adjust::solve_flight(
+            &self.setup,
+            &self.orientation,
+            &self.frames,
+            &Options::default(),
+        )
+        .unwrap()
     }
 }
 
 fn noisy(rng: &mut StdRng, marker: usize, pixel: Vector2<f64>) -> Observation {
     let covariance_px2 = Matrix2::identity() * PIXEL_SIGMA.powi(2);
-    Observation { marker, pixel: pixel + normal2(rng) * PIXEL_SIGMA, covariance_px2 }
+    Observation {
+        marker,
+        pixel: pixel + normal2(rng) * PIXEL_SIGMA,
+        covariance_px2,
+    }
 }
 
 /// The deflection falls from 3.0 to 1.8 m; the camera moves by `jump_px` at the middle frame.
@@ -39,14 +49,27 @@ fn cantilever(wing: Wing, rng: &mut StdRng, count: usize, jump_px: f64) -> Fligh
     let orientation = truth.orientation(rng, PIXEL_SIGMA, true);
     let frame = |k: usize| {
         let points = truth.positions_in_flight(3.0 - 1.2 * k as f64 / count as f64, truth.fuel());
-        truth.observations(rng, &points, if 2 * k < count { before } else { after }, PIXEL_SIGMA)
+        truth.observations(
+            rng,
+            &points,
+            if 2 * k < count { before } else { after },
+            PIXEL_SIGMA,
+        )
     };
-    Flight { setup, orientation, frames: (0..count).map(frame).collect() }
+    Flight {
+        setup,
+        orientation,
+        frames: (0..count).map(frame).collect(),
+    }
 }
 
 /// Geometry of the rendered wing, remounted since the ground frame.
 fn rendered(seed: u64, rng: &mut StdRng, count: usize) -> Flight {
-    let side = if seed.is_multiple_of(2) { SceneSide::Left } else { SceneSide::Right };
+    let side = if seed.is_multiple_of(2) {
+        SceneSide::Left
+    } else {
+        SceneSide::Right
+    };
     let scene = Scene::random(seed, &render::SceneOptions::random(seed, side));
     let mount = scene.remount(&mut render::SeededRandom::new(seed, 5));
     let ground = scene.truth(&scene.ground_shot(1));
@@ -55,9 +78,14 @@ fn rendered(seed: u64, rng: &mut StdRng, count: usize) -> Flight {
         marker.position_m = truth.position_m + normal3(rng) * SURVEY_SIGMA_M;
         marker.sigma_m = SURVEY_SIGMA_M;
     }
-    setup.projection_centre_m = scene.frame.origin_m + normal3(rng) * setup.projection_centre_sigma_m;
+    setup.projection_centre_m =
+        scene.frame.origin_m + normal3(rng) * setup.projection_centre_sigma_m;
     let sight = |(marker, pixel)| noisy(rng, marker, pixel);
-    let seen = ground.markers.iter().enumerate().filter_map(|(k, m)| Some((k, m.pixel?)));
+    let seen = ground
+        .markers
+        .iter()
+        .enumerate()
+        .filter_map(|(k, m)| Some((k, m.pixel?)));
     let orientation = Orientation {
         camera_from_survey: ground.camera_from_survey,
         covariance_rad2: Some(Matrix3::identity() * 1e-9),
@@ -68,16 +96,29 @@ fn rendered(seed: u64, rng: &mut StdRng, count: usize) -> Flight {
         let mut shot = scene.flight_shot(2.8 - 1.1 * k as f64 / count as f64, Light::Plain, 5);
         shot.mount = mount;
         let truth = scene.truth(&shot);
-        let seen = truth.markers.iter().enumerate().filter_map(|(k, m)| Some((k, m.pixel?)));
+        let seen = truth
+            .markers
+            .iter()
+            .enumerate()
+            .filter_map(|(k, m)| Some((k, m.pixel?)));
         seen.map(|(k, pixel)| noisy(rng, k, pixel)).collect()
     };
-    Flight { setup, orientation, frames: (0..count).map(frame).collect() }
+    Flight {
+        setup,
+        orientation,
+        frames: (0..count).map(frame).collect(),
+    }
 }
 
 fn mountings(solutions: &[Solution]) -> usize {
     let remark = &solutions[0].remarks[0];
-    let count = remark.split(" in ").nth(1).and_then(|rest| rest.split(' ').next());
-    count.and_then(|c| c.parse().ok()).unwrap_or_else(|| panic!("{remark}"))
+    let count = remark
+        .split(" in ")
+        .nth(1)
+        .and_then(|rest| rest.split(' ').next());
+    count
+        .and_then(|c| c.parse().ok())
+        .unwrap_or_else(|| panic!("{remark}"))
 }
 
 /// Markers removed from all frames because of their survey.
@@ -97,9 +138,15 @@ fn check_without_fault(flights: &[Flight]) {
         points += flight.setup.markers.len();
         images += flight.frames.iter().map(Vec::len).sum::<usize>();
         let first = &solutions[0].remarks;
-        let common = first.iter().filter(|r| solutions.iter().all(|s| s.remarks.contains(*r))).count();
+        let common = first
+            .iter()
+            .filter(|r| solutions.iter().all(|s| s.remarks.contains(*r)))
+            .count();
         contradicted += usize::from(first.iter().any(|remark| remark.contains("contradicted")));
-        out += solutions.iter().map(|s| s.remarks.len() - common).sum::<usize>();
+        out += solutions
+            .iter()
+            .map(|s| s.remarks.len() - common)
+            .sum::<usize>();
     }
     println!(
         "survey points removed {lost} of {points}, images removed {out} of {images}, widths contradicted {contradicted}"
@@ -115,7 +162,9 @@ fn check_without_fault(flights: &[Flight]) {
 #[test]
 fn nothing_is_blamed_in_85_frames_without_a_fault() {
     let mut rng = rng(85);
-    let mut flights: Vec<_> = (0..6).map(|_| cantilever(random_wing(&mut rng), &mut rng, 85, 0.0)).collect();
+    let mut flights: Vec<_> = (0..6)
+        .map(|_| cantilever(random_wing(&mut rng), &mut rng, 85, 0.0))
+        .collect();
     flights.push(cantilever(Wing::default(), &mut rng, 85, 0.0));
     flights.extend((1..=6).map(|seed| rendered(seed, &mut rng, 85)));
     check_without_fault(&flights);
@@ -124,7 +173,9 @@ fn nothing_is_blamed_in_85_frames_without_a_fault() {
 #[test]
 fn nothing_is_blamed_in_400_frames_without_a_fault() {
     let mut rng = rng(400);
-    let mut flights: Vec<_> = (0..3).map(|_| cantilever(random_wing(&mut rng), &mut rng, 400, 0.0)).collect();
+    let mut flights: Vec<_> = (0..3)
+        .map(|_| cantilever(random_wing(&mut rng), &mut rng, 400, 0.0))
+        .collect();
     flights.push(cantilever(Wing::default(), &mut rng, 400, 0.0));
     flights.extend((1..=3).map(|seed| rendered(seed, &mut rng, 400)));
     check_without_fault(&flights);
@@ -134,12 +185,23 @@ fn nothing_is_blamed_in_400_frames_without_a_fault() {
 /// removed markers without and with the fault.
 fn excluded_with_a_fault(mut flight: Flight, marker: usize) -> (Vec<usize>, Vec<usize>) {
     let before = excluded_markers(&flight.solve());
-    let one = adjust::solve_spatial(&flight.setup, &flight.orientation, &flight.frames[0], &Options::default());
-    let bias = one.unwrap().markers[marker].minimal_detectable_bias_m.unwrap();
+    let one = adjust::solve_spatial(
+        &flight.setup,
+        &flight.orientation,
+        &flight.frames[0],
+        &Options::default(),
+    );
+    let bias = one.unwrap().markers[marker]
+        .minimal_detectable_bias_m
+        .unwrap();
     flight.setup.markers[marker].position_m.z += 2.0 * bias.y;
     let solutions = flight.solve();
     assert_eq!(mountings(&solutions), 1);
-    println!("{:.1} mm: {before:?} {:?}", 2e3 * bias.y, excluded_markers(&solutions));
+    println!(
+        "{:.1} mm: {before:?} {:?}",
+        2e3 * bias.y,
+        excluded_markers(&solutions)
+    );
     (before, excluded_markers(&solutions))
 }
 
@@ -156,7 +218,10 @@ fn a_wrong_survey_point_takes_no_good_one_with_it() {
         let (before, after) = excluded_with_a_fault(flight, marker);
         assert!(after.contains(&marker));
         // Points removed without the fault may be removed with it, too.
-        others += after.iter().filter(|m| **m != marker && !before.contains(m)).count();
+        others += after
+            .iter()
+            .filter(|m| **m != marker && !before.contains(m))
+            .count();
     }
     assert!(others <= 1, "{others}");
 }

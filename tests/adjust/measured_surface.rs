@@ -20,9 +20,20 @@ fn observe(random: &mut SeededRandom, scene: &Scene, shot: &SceneShot) -> Vec<Ob
     let mut see = |(marker, m): (usize, MarkerTruth)| {
         let noise = Vector2::new(random.normal(), random.normal()) * NOISE_PX;
         let covariance_px2 = Matrix2::identity() * (NOISE_PX * NOISE_PX);
-        Observation { marker, pixel: m.pixel.unwrap() + noise, covariance_px2 }
+        Observation {
+            marker,
+            pixel: m.pixel.unwrap() + noise,
+            covariance_px2,
+        }
     };
-    scene.truth(shot).markers.into_iter().enumerate().filter(|(_, m)| m.visible).map(&mut see).collect()
+    scene
+        .truth(shot)
+        .markers
+        .into_iter()
+        .enumerate()
+        .filter(|(_, m)| m.visible)
+        .map(&mut see)
+        .collect()
 }
 
 /// Joint shape of a flight whose tip deflections rise to the largest that stays in the picture, with its shots. `scene.setup`
@@ -50,9 +61,21 @@ fn measure_flight(
         }
     };
     let shots: Vec<SceneShot> = (0..FRAMES).map(&mut fly).collect();
-    let frames: Vec<_> = shots.iter().map(|shot| observe(random, scene, shot)).collect();
-    let options = Options { sigma: SigmaKind::Prior, ..Options::default() };
-    let shape = adjust::solve_flight_shape(specified, &orientation, &frames, &options, &StationChoice::Standard);
+    let frames: Vec<_> = shots
+        .iter()
+        .map(|shot| observe(random, scene, shot))
+        .collect();
+    let options = Options {
+        sigma: SigmaKind::Prior,
+        ..Options::default()
+    };
+    let shape = adjust::solve_flight_shape(
+        specified,
+        &orientation,
+        &frames,
+        &options,
+        &StationChoice::Standard,
+    );
     (shape.unwrap(), shots)
 }
 
@@ -69,23 +92,31 @@ impl SurfaceErrors {
         let truth = SectionTruth::new(scene, shot);
         let poses = SampledPoses::new(shape, &[frame], 100, 7);
         let wing = WingDeformation::new(&poses.mean).unwrap();
-        let samples: Vec<_> = poses.samples.iter().map(|one| WingDeformation::new(one).unwrap()).collect();
+        let samples: Vec<_> = poses
+            .samples
+            .iter()
+            .map(|one| WingDeformation::new(one).unwrap())
+            .collect();
         for k in 1..=60 {
             let s = truth.length_m() * f64::from(k) / 60.0;
             let (leading, trailing) = truth.edges_m(s);
-            let chord = |from: Vector3<f64>, to: Vector3<f64>| ((to - from).z / (to - from).norm()).asin().to_degrees();
+            let chord = |from: Vector3<f64>, to: Vector3<f64>| {
+                ((to - from).z / (to - from).norm()).asin().to_degrees()
+            };
             for upper in [true, false] {
-                let points =
-                    [0.0, 0.25, 0.5, 0.75, 1.0].map(|f| truth.skin(upper, s, leading + f * (trailing - leading)));
+                let points = [0.0, 0.25, 0.5, 0.75, 1.0]
+                    .map(|f| truth.skin(upper, s, leading + f * (trailing - leading)));
                 let moved = points.map(|[ground, _]| wing.move_point(&ground));
                 for ([ground, flight], moved) in points.iter().zip(&moved) {
                     let error = moved - flight;
                     self.skin_mm.push(1e3 * error.norm());
                     if s > BLEND_FRACTION * truth.length_m() {
-                        self.normalised.push(error.z / sample_sigma_m(&samples, ground).unwrap().z);
+                        self.normalised
+                            .push(error.z / sample_sigma_m(&samples, ground).unwrap().z);
                     }
                 }
-                self.twist_deg.push(chord(moved[0], moved[4]) - chord(points[0][1], points[4][1]));
+                self.twist_deg
+                    .push(chord(moved[0], moved[4]) - chord(points[0][1], points[4][1]));
             }
         }
     }
@@ -98,13 +129,20 @@ impl SurfaceErrors {
     }
 
     fn print(&self, name: &str) {
-        let [skin_mm, normalised, twist_deg] = [&self.skin_mm, &self.normalised, &self.twist_deg].map(|v| rms(v));
-        println!("{name}: skins {skin_mm:.1} mm, heights {normalised:.2} sigma, twist {twist_deg:.3} deg (rms)");
+        let [skin_mm, normalised, twist_deg] =
+            [&self.skin_mm, &self.normalised, &self.twist_deg].map(|v| rms(v));
+        println!(
+            "{name}: skins {skin_mm:.1} mm, heights {normalised:.2} sigma, twist {twist_deg:.3} deg (rms)"
+        );
     }
 }
 
 fn random_scene(seed: u64) -> (Scene, f64) {
-    let side = if seed.is_multiple_of(2) { SceneSide::Left } else { SceneSide::Right };
+    let side = if seed.is_multiple_of(2) {
+        SceneSide::Left
+    } else {
+        SceneSide::Right
+    };
     let options = SceneOptions::random(seed, side);
     (Scene::random(seed, &options), options.tip_deflection_m)
 }
@@ -115,9 +153,13 @@ fn surfaces_moved_by_the_measured_shape_are_those_in_flight() {
     for seed in 900..908 {
         let (scene, tip_deflection_m) = random_scene(seed);
         let mut random = SeededRandom::new(seed, 41);
-        let (shape, shots) = measure_flight(&mut random, (&scene, &scene.setup), None, tip_deflection_m);
+        let (shape, shots) =
+            measure_flight(&mut random, (&scene, &scene.setup), None, tip_deflection_m);
         let mut own = SurfaceErrors::default();
-        shots.iter().enumerate().for_each(|(k, shot)| own.add_frame(&scene, shot, &shape, k));
+        shots
+            .iter()
+            .enumerate()
+            .for_each(|(k, shot)| own.add_frame(&scene, shot, &shape, k));
         all.add(&format!("wing {seed}"), own);
     }
     all.print("all wings");
@@ -135,7 +177,12 @@ fn standard_deviations_of_surfaces_cover_the_errors_of_sampled_aircraft() {
         let mut random = SeededRandom::new(seed, 42);
         let aircraft = SampledAircraft::new(&scene, &mut random);
         let specified = SampledAircraft::perturbed_setup(&scene, &mut random);
-        let (shape, shots) = measure_flight(&mut random, (&scene, &specified), Some(&aircraft), tip_deflection_m);
+        let (shape, shots) = measure_flight(
+            &mut random,
+            (&scene, &specified),
+            Some(&aircraft),
+            tip_deflection_m,
+        );
         let mut own = SurfaceErrors::default();
         own.add_frame(&scene, &shots[FRAMES - 1], &shape, FRAMES - 1);
         all.add(&format!("aircraft {seed}"), own);

@@ -53,7 +53,9 @@ impl Frame {
     }
 
     fn tip_sigma_m(&self) -> f64 {
-        self.used().filter_map(|m| m.deflection_m?.sigma).fold(0.0, f64::max)
+        self.used()
+            .filter_map(|m| m.deflection_m?.sigma)
+            .fold(0.0, f64::max)
     }
 }
 
@@ -71,8 +73,9 @@ impl VibratingFlight {
         let truth = Truth::new(random_wing(rng), 21);
         let mode = truth.second_mode(vibrations);
         let mut setup = truth.surveyed(rng, 0.002, 0.002);
-        setup.uncertainty =
-            SetupUncertainty::from_drawings().with_width(Width::MountShift, 0.002).with_width(Width::MountDrift, 2e-5);
+        setup.uncertainty = SetupUncertainty::from_drawings()
+            .with_width(Width::MountShift, 0.002)
+            .with_width(Width::MountDrift, 2e-5);
         let orientation = truth.orientation(rng, NOISE_PX, true);
         let walk = setup.uncertainty[Width::MountDrift] * (1.0 / (60.0 * RATE_HZ)).sqrt();
         let mut turn = remounted(rng, &truth.setup);
@@ -80,20 +83,30 @@ impl VibratingFlight {
         let modes = [FIRST, (SECOND.0, SECOND.1, second_m)];
         let vibrations = modes.map(|mode| oscillation(rng, mode, frames));
         let mut live = LiveAdjustment::new(setup, orientation, Options::default()).unwrap();
-        let mut flight = Self { truth, mode, vibrations, results: vec![] };
+        let mut flight = Self {
+            truth,
+            mode,
+            vibrations,
+            results: vec![],
+        };
         for k in 0..frames {
             turn += normal3(rng) * walk;
             let points = flight.deflections_at(flight.vibrations[0][k], flight.vibrations[1][k]);
             let seen: Vec<_> = points.iter().map(|p| p - shift).collect();
             let seen = flight.truth.observations(rng, &seen, turn, NOISE_PX);
             let solution = live.adjust_frame(&seen, 1.0 / RATE_HZ).unwrap();
-            flight.results.push(Frame { solution, seen, points });
+            flight.results.push(Frame {
+                solution,
+                seen,
+                points,
+            });
         }
         flight
     }
 
     fn deflections_at(&self, first_m: f64, second_m: f64) -> Vec<Vector3<f64>> {
-        self.truth.vibrating_positions(LEVEL_M + first_m, self.truth.fuel(), &self.mode, second_m)
+        self.truth
+            .vibrating_positions(LEVEL_M + first_m, self.truth.fuel(), &self.mode, second_m)
     }
 
     /// Marker deflections for a unit vibration at the tip.
@@ -120,10 +133,18 @@ impl VibratingFlight {
 
     /// Regression of a marker's solved deflection on both vibrations: least squares with a constant.
     fn mode_response(&self, marker: usize, from: usize) -> [f64; 2] {
-        let rows = self.results.iter().enumerate().skip(from).filter_map(|(k, frame)| {
-            let deflection = frame.used().find(|m| m.marker == marker)?.deflection_m?;
-            Some((Vector3::new(1.0, self.vibrations[0][k], self.vibrations[1][k]), deflection.value))
-        });
+        let rows = self
+            .results
+            .iter()
+            .enumerate()
+            .skip(from)
+            .filter_map(|(k, frame)| {
+                let deflection = frame.used().find(|m| m.marker == marker)?.deflection_m?;
+                Some((
+                    Vector3::new(1.0, self.vibrations[0][k], self.vibrations[1][k]),
+                    deflection.value,
+                ))
+            });
         let (mut normal, mut right) = (nalgebra::Matrix3::zeros(), Vector3::zeros());
         for (row, deflection_m) in rows {
             normal += row * row.transpose();
@@ -135,7 +156,9 @@ impl VibratingFlight {
 
     /// Modal assurance criterion of both estimated mode shapes with the true ones.
     pub fn assurance(&self, from: usize) -> [f64; 2] {
-        let found: Vec<[f64; 2]> = (0..self.truth.ground_m.len()).map(|i| self.mode_response(i, from)).collect();
+        let found: Vec<[f64; 2]> = (0..self.truth.ground_m.len())
+            .map(|i| self.mode_response(i, from))
+            .collect();
         let truths = [self.shape(0.01, 0.0), self.shape(0.0, 0.01)];
         std::array::from_fn(|k| {
             let dot = |a: &dyn Fn(usize) -> f64, b: &dyn Fn(usize) -> f64| -> f64 {
@@ -151,7 +174,10 @@ impl VibratingFlight {
 #[test]
 fn both_modes_have_their_shapes_and_deflections_keep_their_sigma() {
     const LEARNT: usize = 100;
-    let wings: usize = std::env::var("WINGS").ok().and_then(|text| text.parse().ok()).unwrap_or(4);
+    let wings: usize = std::env::var("WINGS")
+        .ok()
+        .and_then(|text| text.parse().ok())
+        .unwrap_or(4);
     for (vibrations, second_m) in [
         (ModeShape::Uniform, 0.003),
         (ModeShape::AsItIs, 0.003),
@@ -160,12 +186,27 @@ fn both_modes_have_their_shapes_and_deflections_keep_their_sigma() {
         (ModeShape::AsItIs, 0.03),
     ] {
         let mut rng = rng(512);
-        let flights: Vec<VibratingFlight> =
-            (0..wings).map(|_| VibratingFlight::new(&mut rng, second_m, vibrations, 300)).collect();
-        let of = |from: usize| rms(&flights.iter().flat_map(|flight| flight.normalised(from)).collect::<Vec<_>>());
+        let flights: Vec<VibratingFlight> = (0..wings)
+            .map(|_| VibratingFlight::new(&mut rng, second_m, vibrations, 300))
+            .collect();
+        let of = |from: usize| {
+            rms(&flights
+                .iter()
+                .flat_map(|flight| flight.normalised(from))
+                .collect::<Vec<_>>())
+        };
         let (all, settled) = (of(1), of(LEARNT));
-        let tips: Vec<f64> = flights.iter().filter_map(|r| r.results.last()).map(|f| f.tip_sigma_m()).collect();
-        let least = |k: usize| flights.iter().map(|flight| flight.assurance(LEARNT)[k]).fold(1.0, f64::min);
+        let tips: Vec<f64> = flights
+            .iter()
+            .filter_map(|r| r.results.last())
+            .map(|f| f.tip_sigma_m())
+            .collect();
+        let least = |k: usize| {
+            flights
+                .iter()
+                .map(|flight| flight.assurance(LEARNT)[k])
+                .fold(1.0, f64::min)
+        };
         let [first, second] = [least(0), least(1)];
         println!(
             "{vibrations:?}, {:2.0} mm: deflections {all:.2} normalised, {settled:.2} after 10 s; sigma of the tip {:.1} mm; least MAC {first:.4}, {second:.4}",

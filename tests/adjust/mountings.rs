@@ -49,9 +49,15 @@ fn rotations(rng: &mut StdRng, setup: &Setup, kind: Mounting, frames: usize) -> 
 fn normalised(truth: &Truth, points: &[Vector3<f64>], solution: &Solution) -> Vec<f64> {
     let one = |m: &adjust::MarkerSolution| {
         let deflection = m.deflection_m.unwrap();
-        (deflection.value - (points[m.marker].z - truth.ground_m[m.marker].z)) / deflection.sigma.unwrap()
+        (deflection.value - (points[m.marker].z - truth.ground_m[m.marker].z))
+            / deflection.sigma.unwrap()
     };
-    solution.markers.iter().filter(|m| m.used).map(one).collect()
+    solution
+        .markers
+        .iter()
+        .filter(|m| m.used)
+        .map(one)
+        .collect()
 }
 
 /// One flight: its normalised errors and whether its test passed.
@@ -70,9 +76,14 @@ fn flight(rng: &mut StdRng, kind: Mounting) -> (Vec<f64>, bool) {
         frames.push(truth.observations(rng, &points, rotation, 0.05));
         places.push(points);
     }
-    let solutions = adjust::solve_flight(&setup, &orientation, &frames, &Options::default()).unwrap();
+    let solutions =
+        adjust::solve_flight(&setup, &orientation, &frames, &Options::default()).unwrap();
     let passed = solutions[0].global_test == Some(GlobalTest::Passed);
-    let errors = solutions.iter().zip(&places).flat_map(|(s, p)| normalised(&truth, p, s)).collect();
+    let errors = solutions
+        .iter()
+        .zip(&places)
+        .flat_map(|(s, p)| normalised(&truth, p, s))
+        .collect();
     (errors, passed)
 }
 
@@ -86,7 +97,10 @@ fn flights(seed: u64, kind: Mounting) {
         worst = rms(&errors).max(worst);
         all.extend(errors);
     }
-    println!("{kind:?}: normalised deflection rms {:.2}, worst flight {worst:.2}, passed {passed} of 40", rms(&all));
+    println!(
+        "{kind:?}: normalised deflection rms {:.2}, worst flight {worst:.2}, passed {passed} of 40",
+        rms(&all)
+    );
     assert!((0.6..1.3).contains(&rms(&all)), "{kind:?}: {}", rms(&all));
     assert!(worst < 2.5, "{kind:?}: worst flight {worst}");
 }
@@ -114,13 +128,21 @@ fn shifted_camera(seed: u64, shift_m: f64, allowed_m: f64, flight: bool) -> (f64
     for wing in 0..24 {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let mut setup = truth.surveyed(&mut rng, 0.002, 0.002);
-        setup.uncertainty = SetupUncertainty::from_drawings().with_width(Width::MountShift, allowed_m);
+        setup.uncertainty =
+            SetupUncertainty::from_drawings().with_width(Width::MountShift, allowed_m);
         let orientation = truth.orientation(&mut rng, 0.05, true);
         let mount = remounted(&mut rng, &setup);
         let mut shift = Vector3::zeros();
         shift[wing % 3] = if wing % 2 == 0 { shift_m } else { -shift_m };
-        let deflections: &[f64] = if flight { &[3.2, 2.8, 2.4, 2.0] } else { &[2.8] };
-        let places: Vec<_> = deflections.iter().map(|l| truth.positions_in_flight(*l, truth.fuel())).collect();
+        let deflections: &[f64] = if flight {
+            &[3.2, 2.8, 2.4, 2.0]
+        } else {
+            &[2.8]
+        };
+        let places: Vec<_> = deflections
+            .iter()
+            .map(|l| truth.positions_in_flight(*l, truth.fuel()))
+            .collect();
         let frames: Vec<_> = places
             .iter()
             .map(|points| {
@@ -131,15 +153,28 @@ fn shifted_camera(seed: u64, shift_m: f64, allowed_m: f64, flight: bool) -> (f64
         let solutions = if flight {
             adjust::solve_flight(&setup, &orientation, &frames, &Options::default()).unwrap()
         } else {
-            vec![adjust::solve_spatial(&setup, &orientation, &frames[0], &Options::default()).unwrap()]
+            vec![
+                adjust::solve_spatial(&setup, &orientation, &frames[0], &Options::default())
+                    .unwrap(),
+            ]
         };
         for (solution, points) in solutions.iter().zip(&places) {
             errors.extend(normalised(&truth, points, solution));
-            sigmas.extend(solution.markers.iter().filter_map(|m| m.deflection_m?.sigma).reduce(f64::max));
+            sigmas.extend(
+                solution
+                    .markers
+                    .iter()
+                    .filter_map(|m| m.deflection_m?.sigma)
+                    .reduce(f64::max),
+            );
             rejected += usize::from(solution.global_test == Some(GlobalTest::Rejected));
         }
     }
-    (rms(&errors), sigmas.iter().sum::<f64>() / sigmas.len() as f64, rejected)
+    (
+        rms(&errors),
+        sigmas.iter().sum::<f64>() / sigmas.len() as f64,
+        rejected,
+    )
 }
 
 #[test]
@@ -154,7 +189,10 @@ fn a_camera_shifted_by_a_remount_is_in_sigma() {
                 1e3 * held
             );
             // 5 mm are 2.5 configured standard deviations.
-            assert!(found < if shift_mm < 3.0 { 1.3 } else { 2.5 }, "{shift_mm} mm: {found}");
+            assert!(
+                found < if shift_mm < 3.0 { 1.3 } else { 2.5 },
+                "{shift_mm} mm: {found}"
+            );
         }
     }
 }
@@ -167,11 +205,17 @@ fn unmoved_camera(seed: u64, known: bool, flight: bool) -> (f64, f64) {
     for _ in 0..24 {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let mut setup = truth.surveyed(&mut rng, 0.002, 0.002);
-        setup.uncertainty =
-            SetupUncertainty::from_drawings().with_width(Width::MountShift, 0.002).with_width(Width::MountDrift, 2e-5);
+        setup.uncertainty = SetupUncertainty::from_drawings()
+            .with_width(Width::MountShift, 0.002)
+            .with_width(Width::MountDrift, 2e-5);
         let orientation = truth.orientation(&mut rng, 0.05, true);
         let numbers: &[Known] = match flight {
-            true => &[Known::Ground, Known::Numbered(7), Known::Numbered(7), Known::Numbered(3)],
+            true => &[
+                Known::Ground,
+                Known::Numbered(7),
+                Known::Numbered(7),
+                Known::Numbered(3),
+            ],
             false => &[Known::Ground],
         };
         let remounts = [0, 1].map(|_| (remounted(&mut rng, &setup), normal3(&mut rng) * 0.002));
@@ -187,23 +231,40 @@ fn unmoved_camera(seed: u64, known: bool, flight: bool) -> (f64, f64) {
             frames.push(truth.observations(&mut rng, &seen, turn, 0.05));
             places.push(points);
         }
-        let options = Options { mountings: known.then(|| numbers.to_vec()), ..Options::default() };
+        let options = Options {
+            mountings: known.then(|| numbers.to_vec()),
+            ..Options::default()
+        };
         let solutions = match flight {
             true => adjust::solve_flight(&setup, &orientation, &frames, &options).unwrap(),
-            false => vec![adjust::solve_spatial(&setup, &orientation, &frames[0], &options).unwrap()],
+            false => {
+                vec![adjust::solve_spatial(&setup, &orientation, &frames[0], &options).unwrap()]
+            }
         };
         for (solution, points) in solutions.iter().zip(&places) {
             errors.extend(normalised(&truth, points, solution));
         }
-        sigmas.extend(solutions[0].markers.iter().filter_map(|m| m.deflection_m?.sigma).reduce(f64::max));
+        sigmas.extend(
+            solutions[0]
+                .markers
+                .iter()
+                .filter_map(|m| m.deflection_m?.sigma)
+                .reduce(f64::max),
+        );
     }
-    (rms(&errors), sigmas.iter().sum::<f64>() / sigmas.len() as f64)
+    (
+        rms(&errors),
+        sigmas.iter().sum::<f64>() / sigmas.len() as f64,
+    )
 }
 
 #[test]
 fn a_mounting_known_to_be_that_of_the_ground_frames_is_more_precise() {
     for flight in [false, true] {
-        let ((known, sharp), (unknown, blunt)) = (unmoved_camera(90, true, flight), unmoved_camera(90, false, flight));
+        let ((known, sharp), (unknown, blunt)) = (
+            unmoved_camera(90, true, flight),
+            unmoved_camera(90, false, flight),
+        );
         println!(
             "flight {flight}: known {known:.2}, sigma {:.2} mm; not declared {unknown:.2}, sigma {:.2} mm",
             1e3 * sharp,

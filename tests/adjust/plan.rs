@@ -15,10 +15,15 @@ fn planned(options: &PlanOptions) -> InstallationPlan {
 #[test]
 fn removing_a_marker_never_helps_and_adding_one_never_hurts() {
     let plan = planned(&PlanOptions::default());
-    let prediction = plan.prediction.as_ref().unwrap_or_else(|| panic!("{:?}", plan.remarks));
+    let prediction = plan
+        .prediction
+        .as_ref()
+        .unwrap_or_else(|| panic!("{:?}", plan.remarks));
     assert_eq!(prediction.changes.len(), prediction.markers.len() + 1);
     for change in &prediction.changes {
-        let after = change.expected.unwrap_or_else(|| panic!("{:?}", change.without));
+        let after = change
+            .expected
+            .unwrap_or_else(|| panic!("{:?}", change.without));
         let ratio = after.sigma_mean_deflection_m / prediction.expected.sigma_mean_deflection_m;
         println!("{:?} at {:.2} m: {ratio:.4}", change.without, change.span_m);
         // The surface through the markers is fitted again: 0.1 % either way. The mean runs over
@@ -34,17 +39,38 @@ fn removing_a_marker_never_helps_and_adding_one_never_hurts() {
 #[test]
 fn worse_images_give_worse_positions() {
     let sigma = |pixel_sigma| {
-        let plan = planned(&PlanOptions { pixel_sigma, ..PlanOptions::default() });
-        let tip = plan.markers.iter().max_by(|a, b| a.span_m.total_cmp(&b.span_m)).unwrap().sigma.unwrap();
-        (tip.deflection_m, tip.span_m, plan.prediction.unwrap().expected.sigma_tip_deflection_m)
+        let plan = planned(&PlanOptions {
+            pixel_sigma,
+            ..PlanOptions::default()
+        });
+        let tip = plan
+            .markers
+            .iter()
+            .max_by(|a, b| a.span_m.total_cmp(&b.span_m))
+            .unwrap()
+            .sigma
+            .unwrap();
+        (
+            tip.deflection_m,
+            tip.span_m,
+            plan.prediction.unwrap().expected.sigma_tip_deflection_m,
+        )
     };
     let (fine, coarse) = (sigma(0.1), sigma(1.0));
-    assert!(coarse.0 > fine.0 && coarse.1 > fine.1 && coarse.2 > fine.2, "{fine:?} {coarse:?}");
+    assert!(
+        coarse.0 > fine.0 && coarse.1 > fine.1 && coarse.2 > fine.2,
+        "{fine:?} {coarse:?}"
+    );
 }
 
 #[test]
 fn the_camera_may_be_planned_without_an_orientation() {
-    let plan = plan::plan_installation(&Truth::new(Wing::default(), 21).setup, None, &PlanOptions::default()).unwrap();
+    let plan = plan::plan_installation(
+        &Truth::new(Wing::default(), 21).setup,
+        None,
+        &PlanOptions::default(),
+    )
+    .unwrap();
     assert!(plan.prediction.is_some(), "{:?}", plan.remarks);
 }
 
@@ -52,14 +78,25 @@ fn the_camera_may_be_planned_without_an_orientation() {
 fn predicted_standard_deviations_are_those_of_sampled_errors() {
     let mut rng = rng(31);
     let (mut deflection, mut span) = (vec![], vec![]);
-    let options = Options { sigma: SigmaKind::Prior, snooping_alpha: 0.0, ..Options::default() };
+    let options = Options {
+        sigma: SigmaKind::Prior,
+        snooping_alpha: 0.0,
+        ..Options::default()
+    };
     for _ in 0..220 {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let tip_deflection_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
         let setup = truth.surveyed(&mut rng, 0.002, 0.002);
         let orientation = truth.orientation(&mut rng, PIXEL_SIGMA, true);
-        let wanted = PlanOptions { tip_deflection_m, pixel_sigma: PIXEL_SIGMA, ..PlanOptions::default() };
-        let predicted = plan::plan_installation(&setup, Some(&orientation), &wanted).unwrap().prediction.unwrap();
+        let wanted = PlanOptions {
+            tip_deflection_m,
+            pixel_sigma: PIXEL_SIGMA,
+            ..PlanOptions::default()
+        };
+        let predicted = plan::plan_installation(&setup, Some(&orientation), &wanted)
+            .unwrap()
+            .prediction
+            .unwrap();
         let flight = truth.positions_in_flight(tip_deflection_m, truth.fuel());
         let mount = remounted(&mut rng, &truth.setup);
         let seen = truth.observations(&mut rng, &flight, mount, PIXEL_SIGMA);
@@ -73,7 +110,11 @@ fn predicted_standard_deviations_are_those_of_sampled_errors() {
             span.push((off.x * outboard.x + off.y * outboard.y) / p.span_m);
         }
     }
-    println!("sampled over planned: deflection {:.2}, along the span {:.2}", rms(&deflection), rms(&span));
+    println!(
+        "sampled over planned: deflection {:.2}, along the span {:.2}",
+        rms(&deflection),
+        rms(&span)
+    );
     for ratio in [rms(&deflection), rms(&span)] {
         assert!((0.8..1.25).contains(&ratio), "{ratio}");
     }
@@ -88,18 +129,36 @@ fn variance_components_of_the_spatial_method_are_recovered() {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let setup = truth.surveyed(&mut rng, 0.002, 0.002);
         let mut orientation = truth.orientation(&mut rng, PIXEL_SIGMA, true);
-        orientation.ground.iter_mut().for_each(|g| g.covariance_px2 /= 4.0);
+        orientation
+            .ground
+            .iter_mut()
+            .for_each(|g| g.covariance_px2 /= 4.0);
         let flight = truth.positions_in_flight(2.4, truth.fuel());
         let mount = remounted(&mut rng, &setup);
         let mut seen = truth.observations(&mut rng, &flight, mount, PIXEL_SIGMA);
         seen.iter_mut().for_each(|o| o.covariance_px2 /= 4.0);
-        let options = Options { variance_components: true, snooping_alpha: 0.0, ..Options::default() };
+        let options = Options {
+            variance_components: true,
+            snooping_alpha: 0.0,
+            ..Options::default()
+        };
         let s = adjust::solve_spatial(&setup, &orientation, &seen, &options).unwrap();
-        let of = |name| s.variance_components.iter().find(|c| c.group == name).unwrap().factor.unwrap();
+        let of = |name| {
+            s.variance_components
+                .iter()
+                .find(|c| c.group == name)
+                .unwrap()
+                .factor
+                .unwrap()
+        };
         image.push(of("image"));
         survey.push(of("survey"));
     }
     let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
-    println!("components: image {:.2} (true 4), survey {:.2} (true 1)", mean(&image), mean(&survey));
+    println!(
+        "components: image {:.2} (true 4), survey {:.2} (true 1)",
+        mean(&image),
+        mean(&survey)
+    );
     assert!((mean(&image) - 4.0).abs() < 0.8 && (mean(&survey) - 1.0).abs() < 0.2);
 }

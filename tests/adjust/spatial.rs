@@ -28,7 +28,8 @@ impl Errors {
             self.vertical.push(d.z);
             let e = deflection.value - (flight[m.marker].z - truth.ground_m[m.marker].z);
             self.deflection.push(e);
-            self.normalised_deflection.push(e / deflection.sigma.unwrap());
+            self.normalised_deflection
+                .push(e / deflection.sigma.unwrap());
         }
         let n = flight.len();
         let (a, b) = (n - 2, n - 1);
@@ -66,7 +67,8 @@ fn fleet(wings: usize, survey_m: f64, sigma_px: f64, sights: bool) -> Errors {
         let setup = truth.surveyed(&mut rng, survey_m, 0.002);
         let orientation = truth.orientation(&mut rng, sigma_px, sights);
         let seen = truth.observations(&mut rng, &flight, mount, sigma_px);
-        let solution = adjust::solve_spatial(&setup, &orientation, &seen, &Options::default()).unwrap();
+        let solution =
+            adjust::solve_spatial(&setup, &orientation, &seen, &Options::default()).unwrap();
         errors.add(&truth, &flight, &solution);
     }
     errors
@@ -100,15 +102,33 @@ fn at_the_papers_noise_spatial_is_far_closer_than_profile() {
         let setup = truth.surveyed(&mut rng, 0.005, 0.002);
         let orientation = truth.orientation(&mut rng, 5.0, false);
         let seen = truth.observations(&mut rng, &flight, mount, 5.0);
-        let options = Options { snooping_alpha: 0.0, ..Options::default() };
+        let options = Options {
+            snooping_alpha: 0.0,
+            ..Options::default()
+        };
         for (list, solution) in [
-            (&mut spatial, adjust::solve_spatial(&setup, &orientation, &seen, &options).unwrap()),
-            (&mut profile, adjust::solve_profile(&setup, &orientation, &seen, &options).unwrap()),
+            (
+                &mut spatial,
+                adjust::solve_spatial(&setup, &orientation, &seen, &options).unwrap(),
+            ),
+            (
+                &mut profile,
+                adjust::solve_profile(&setup, &orientation, &seen, &options).unwrap(),
+            ),
         ] {
-            list.extend(solution.markers.iter().filter_map(|m| Some((m.position_m? - flight[m.marker]).norm())));
+            list.extend(
+                solution
+                    .markers
+                    .iter()
+                    .filter_map(|m| Some((m.position_m? - flight[m.marker]).norm())),
+            );
         }
     }
     let ratio = rms(&profile) / rms(&spatial);
-    println!("5 px, 5 mm: spatial {:.1} mm, profile {:.1} mm", 1e3 * rms(&spatial), 1e3 * rms(&profile));
+    println!(
+        "5 px, 5 mm: spatial {:.1} mm, profile {:.1} mm",
+        1e3 * rms(&spatial),
+        1e3 * rms(&profile)
+    );
     assert!(ratio > 8.0, "{ratio}");
 }

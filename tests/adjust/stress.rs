@@ -8,8 +8,8 @@ use sha2::{Digest, Sha256};
 use wingd::measure::adjust::{self, Options, SigmaKind, Solution};
 use wingd::measure::setup::{SetupUncertainty, StiffnessSection, Width};
 use wingd::measure::stress::{
-    BendingCurvature, BendingMoment, analyse_sampling, bending_length_m, count_flight_cycles, ground_air_ground,
-    rainflow, relative_damage,
+    BendingCurvature, BendingMoment, analyse_sampling, bending_length_m, count_flight_cycles,
+    ground_air_ground, rainflow, relative_damage,
 };
 
 /// Results of `rainflow` and `pylife` (tests/rainflow/README.md).
@@ -54,8 +54,10 @@ fn rainflow_counts_as_two_public_packages_do() {
         let cycles = rainflow::count_cycles(&values);
         let count: f64 = cycles.iter().map(|c| c.count).sum();
         assert_eq!(count, cells[2].parse::<f64>().unwrap(), "{line}");
-        let mut lines: Vec<String> =
-            cycles.iter().map(|c| format!("{} {} {}", c.range, 2.0 * c.mean, 2.0 * c.count)).collect();
+        let mut lines: Vec<String> = cycles
+            .iter()
+            .map(|c| format!("{} {} {}", c.range, 2.0 * c.mean, 2.0 * c.count))
+            .collect();
         lines.sort();
         let digest = Sha256::digest(lines.join("\n").as_bytes());
         let hex = digest.iter().take(8).fold(String::new(), |mut text, byte| {
@@ -74,19 +76,38 @@ const ROOT_EI_N_M2: f64 = 2e9;
 const BEAMS: usize = 600;
 
 fn curvature(s: &Solution, length_m: f64, root_sigma_m: f64) -> BendingCurvature {
-    let p = s.parameters.iter().find(|p| p.name == "curvature_per_m").unwrap();
+    let p = s
+        .parameters
+        .iter()
+        .find(|p| p.name == "curvature_per_m")
+        .unwrap();
     let n = p.values.len();
     let sigma = |k: usize| p.values[k].sigma.unwrap();
     let covariance = DMatrix::from_fn(n, n, |i, j| s.correlation[(i, j)] * sigma(i) * sigma(j));
     let coefficients_per_m = DVector::from_iterator(n, p.values.iter().map(|v| v.value));
     // These beams have no steps.
-    BendingCurvature { coefficients_per_m, covariance, length_m, root_sigma_m, steps: 0.0 }
+    BendingCurvature {
+        coefficients_per_m,
+        covariance,
+        length_m,
+        root_sigma_m,
+        steps: 0.0,
+    }
 }
 
 /// Normalised errors of the moments, per fraction of the length.
-fn errors(seed: u64, runs: usize, priors: Option<SetupUncertainty>, stiffness_sigma: f64) -> Vec<Vec<f64>> {
+fn errors(
+    seed: u64,
+    runs: usize,
+    priors: Option<SetupUncertainty>,
+    stiffness_sigma: f64,
+) -> Vec<Vec<f64>> {
     let mut rng = rng(seed);
-    let options = Options { sigma: SigmaKind::Prior, snooping_alpha: 0.0, ..Options::default() };
+    let options = Options {
+        sigma: SigmaKind::Prior,
+        snooping_alpha: 0.0,
+        ..Options::default()
+    };
     let mut errors = vec![vec![]; SHARES.len()];
     for _ in 0..runs {
         let truth = Truth::new(random_wing(&mut rng), 21);
@@ -171,9 +192,22 @@ fn damage(history: &[f64], step_s: f64, kept: &[usize], slope: f64) -> (f64, f64
     let moments: Vec<BendingMoment> = kept.iter().map(moment).collect();
     let times: Vec<f64> = kept.iter().map(|k| *k as f64 * step_s).collect();
     let sampled = analyse_sampling(&times, 1.0);
-    let (flight, whole) = (count_flight_cycles(&moments), ground_air_ground(&moments).unwrap());
-    let found = relative_damage(&flight, &whole, slope, None, (0.0, sampled.unseen_fractions()));
-    (found.relative, found.sigma_relative, sampled.has_countable_cycles())
+    let (flight, whole) = (
+        count_flight_cycles(&moments),
+        ground_air_ground(&moments).unwrap(),
+    );
+    let found = relative_damage(
+        &flight,
+        &whole,
+        slope,
+        None,
+        (0.0, sampled.unseen_fractions()),
+    );
+    (
+        found.relative,
+        found.sigma_relative,
+        sampled.has_countable_cycles(),
+    )
 }
 
 #[test]
@@ -190,7 +224,10 @@ fn damage_of_sampled_histories_is_that_of_the_dense_one_within_its_sigma() {
                 let history = gusts(seed, STEP_S, 600.0);
                 let dense: Vec<usize> = (0..history.len()).collect();
                 // A period of 0.1 s, which a camera keeps to a few ms.
-                let kept: Vec<usize> = (1..5999).filter(|k| keeps(*k)).map(|k| 20 * k + (k * 7919) % 3).collect();
+                let kept: Vec<usize> = (1..5999)
+                    .filter(|k| keeps(*k))
+                    .map(|k| 20 * k + (k * 7919) % 3)
+                    .collect();
                 let (truth, _, _) = damage(&history, STEP_S, &dense, slope);
                 let (found, sigma, counted) = damage(&history, STEP_S, &kept, slope);
                 assert!(counted, "{title}");
@@ -199,7 +236,10 @@ fn damage_of_sampled_histories_is_that_of_the_dense_one_within_its_sigma() {
             let ratios: Vec<f64> = (0..12).map(|seed| one(40 + seed)).collect();
             println!("{title}, slope {slope}: {ratios:.2?}");
             // The sigma covers twice the loss of cycles; at slope 10 nearly none are lost.
-            assert!(rms(&ratios) <= 1.0 && (slope > 5.0 || rms(&ratios) > 0.2), "{title}, slope {slope}: {ratios:?}");
+            assert!(
+                rms(&ratios) <= 1.0 && (slope > 5.0 || rms(&ratios) > 0.2),
+                "{title}, slope {slope}: {ratios:?}"
+            );
         }
     }
 }

@@ -39,7 +39,8 @@ impl ErrorSource {
     /// Configured priors: that of the wrong quantity, all others as sampled.
     fn priors(self, lens: SMatrix<f64, 9, 9>) -> SetupUncertainty {
         let drawn = SetupUncertainty::from_drawings();
-        let skin_m = (self.factor(ErrorSource::Axis) * PRIORS[Width::SkinHeight]).max(drawn[Width::SkinHeight]);
+        let skin_m = (self.factor(ErrorSource::Axis) * PRIORS[Width::SkinHeight])
+            .max(drawn[Width::SkinHeight]);
         let mut priors = PRIORS.with_width(Width::SkinHeight, skin_m);
         for (width, source) in [
             (Width::MountShift, ErrorSource::Shift),
@@ -49,11 +50,18 @@ impl ErrorSource {
         ] {
             priors[width] = self.factor(source) * PRIORS[width];
         }
-        SetupUncertainty { lens: (self.factor(ErrorSource::Camera) > 0.0).then_some(lens), ..priors }
+        SetupUncertainty {
+            lens: (self.factor(ErrorSource::Camera) > 0.0).then_some(lens),
+            ..priors
+        }
     }
 
     fn factor(self, one: ErrorSource) -> f64 {
-        if self == one || self == ErrorSource::All { 1.0 } else { 0.0 }
+        if self == one || self == ErrorSource::All {
+            1.0
+        } else {
+            0.0
+        }
     }
 }
 
@@ -68,16 +76,25 @@ fn misconfigure(rng: &mut StdRng, mut setup: Setup, wrong: ErrorSource) -> Setup
     let mut draw = |one: ErrorSource, sigma: f64| wrong.factor(one) * sigma * normal(rng);
     let axis = draw(ErrorSource::Axis, PRIORS[Width::SkinHeight]);
     let skin = setup.skin_height.unwrap();
-    setup.skin_height = Some(SkinHeight { root_m: skin.root_m + axis, tip_m: skin.tip_m + axis, ..skin });
+    setup.skin_height = Some(SkinHeight {
+        root_m: skin.root_m + axis,
+        tip_m: skin.tip_m + axis,
+        ..skin
+    });
     setup.root_offset_m += draw(ErrorSource::Root, PRIORS[Width::RootOffset]);
-    setup.axis_chord_offset_m =
-        setup.axis_chord_offset_m.map(|z| z + draw(ErrorSource::Chord, PRIORS[Width::ChordOffset]));
-    let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), draw(ErrorSource::Span, PRIORS[Width::SpanDirection]));
+    setup.axis_chord_offset_m = setup
+        .axis_chord_offset_m
+        .map(|z| z + draw(ErrorSource::Chord, PRIORS[Width::ChordOffset]));
+    let turn = Rotation3::from_axis_angle(
+        &Vector3::z_axis(),
+        draw(ErrorSource::Span, PRIORS[Width::SpanDirection]),
+    );
     let span = turn * Vector3::new(setup.span_direction.x, setup.span_direction.y, 0.0);
     setup.span_direction = span.xy();
     let thermal = setup.thermal.unwrap();
     setup.thermal = Some(Thermal {
-        flight_temperature_c: thermal.flight_temperature_c + draw(ErrorSource::Temperature, TEMPERATURE_K),
+        flight_temperature_c: thermal.flight_temperature_c
+            + draw(ErrorSource::Temperature, TEMPERATURE_K),
         flight_temperature_sigma_k: Some(wrong.factor(ErrorSource::Temperature) * TEMPERATURE_K),
         ..thermal
     });
@@ -108,7 +125,8 @@ fn fit_to_ground_frame(setup: &Setup, mut orientation: Orientation) -> Orientati
         let (mut normal, mut right) = (nalgebra::Matrix3::zeros(), Vector3::zeros());
         for sight in &orientation.ground {
             let ray = setup.lens.ray(&sight.pixel).unwrap();
-            let seen = rotation * (setup.markers[sight.marker].position_m - setup.projection_centre_m);
+            let seen =
+                rotation * (setup.markers[sight.marker].position_m - setup.projection_centre_m);
             let seen = seen.normalize();
             let by = -wingd::measure::geometry::cross_matrix(&seen);
             normal += by.transpose() * by;
@@ -121,12 +139,21 @@ fn fit_to_ground_frame(setup: &Setup, mut orientation: Orientation) -> Orientati
 }
 
 /// Frames of a flight with the true camera, its mounting rotated and shifted.
-fn frames(rng: &mut StdRng, truth: &Truth, deflections: &[f64], wrong: ErrorSource) -> Vec<Vec<Observation>> {
+fn frames(
+    rng: &mut StdRng,
+    truth: &Truth,
+    deflections: &[f64],
+    wrong: ErrorSource,
+) -> Vec<Vec<Observation>> {
     let mount = remounted(rng, &truth.setup);
     let shift = normal3(rng) * (wrong.factor(ErrorSource::Shift) * PRIORS[Width::MountShift]);
     let one = |(k, deflection): (usize, &f64)| {
         let fuel = truth.fuel() * (1.0 - 0.06 * k as f64);
-        let points: Vec<_> = truth.positions_in_flight(*deflection, fuel).iter().map(|p| p - shift).collect();
+        let points: Vec<_> = truth
+            .positions_in_flight(*deflection, fuel)
+            .iter()
+            .map(|p| p - shift)
+            .collect();
         let turn = mount + normal3(rng) * PRIORS[Width::MountDrift];
         truth.observations(rng, &points, turn, 0.05)
     };
@@ -135,12 +162,25 @@ fn frames(rng: &mut StdRng, truth: &Truth, deflections: &[f64], wrong: ErrorSour
 
 /// Normalised errors of the deflections of all markers.
 fn normalised(truth: &Truth, deflection: f64, fuel: f64, solution: &Solution) -> Vec<f64> {
-    errors_and_sigmas(truth, deflection, fuel, solution).into_iter().map(|(error, sigma)| error / sigma).collect()
+    errors_and_sigmas(truth, deflection, fuel, solution)
+        .into_iter()
+        .map(|(error, sigma)| error / sigma)
+        .collect()
 }
 
 /// Deflection errors of all used markers and their standard deviations, m.
-fn errors_and_sigmas(truth: &Truth, deflection: f64, fuel: f64, solution: &Solution) -> Vec<(f64, f64)> {
-    errors_and_sigmas_of(truth, deflection, fuel, solution.markers.iter().filter(|m| m.used))
+fn errors_and_sigmas(
+    truth: &Truth,
+    deflection: f64,
+    fuel: f64,
+    solution: &Solution,
+) -> Vec<(f64, f64)> {
+    errors_and_sigmas_of(
+        truth,
+        deflection,
+        fuel,
+        solution.markers.iter().filter(|m| m.used),
+    )
 }
 
 fn errors_and_sigmas_of<'a>(
@@ -152,7 +192,12 @@ fn errors_and_sigmas_of<'a>(
     let flight = truth.positions_in_flight(deflection, fuel);
     let deflections = markers.filter_map(|m| Some((m.marker, m.deflection_m?)));
     deflections
-        .map(|(k, deflection)| (deflection.value - (flight[k].z - truth.ground_m[k].z), deflection.sigma.unwrap()))
+        .map(|(k, deflection)| {
+            (
+                deflection.value - (flight[k].z - truth.ground_m[k].z),
+                deflection.sigma.unwrap(),
+            )
+        })
         .collect()
 }
 
@@ -164,15 +209,27 @@ fn errors(seed: u64, wrong: ErrorSource, wings: usize, flight: bool) -> Vec<f64>
         let truth = Truth::new(random_wing(&mut rng), 21);
         let setup = configured_setup(&mut rng, &truth, wrong);
         let orientation = oriented(&mut rng, &truth, &setup);
-        let deflections = if flight { &DEFLECTIONS[..] } else { &DEFLECTIONS[1..2] };
+        let deflections = if flight {
+            &DEFLECTIONS[..]
+        } else {
+            &DEFLECTIONS[1..2]
+        };
         let frames = frames(&mut rng, &truth, deflections, wrong);
         let solutions = if flight {
             adjust::solve_flight(&setup, &orientation, &frames, &Options::default()).unwrap()
         } else {
-            vec![adjust::solve_spatial(&setup, &orientation, &frames[0], &Options::default()).unwrap()]
+            vec![
+                adjust::solve_spatial(&setup, &orientation, &frames[0], &Options::default())
+                    .unwrap(),
+            ]
         };
         for (k, (solution, deflection)) in solutions.iter().zip(deflections).enumerate() {
-            all.extend(normalised(&truth, *deflection, truth.fuel() * (1.0 - 0.06 * k as f64), solution));
+            all.extend(normalised(
+                &truth,
+                *deflection,
+                truth.fuel() * (1.0 - 0.06 * k as f64),
+                solution,
+            ));
         }
     }
     all
@@ -194,11 +251,22 @@ fn tabulate(flight: bool, wings: usize) {
     for (k, wrong) in KINDS.into_iter().enumerate() {
         let found = errors(900 + k as u64, wrong, wings, flight);
         let largest = found.iter().fold(0.0, |m: f64, e| m.max(e.abs()));
-        println!("{wrong:?}: normalised deflection rms {:.2}, largest {largest:.1}", rms(&found));
+        println!(
+            "{wrong:?}: normalised deflection rms {:.2}, largest {largest:.1}",
+            rms(&found)
+        );
         // Errors of one wing are correlated, so the rms of a hundred wings is known to 10 %.
-        let highest = if wrong == ErrorSource::Nothing { 1.15 } else { 1.3 };
+        let highest = if wrong == ErrorSource::Nothing {
+            1.15
+        } else {
+            1.3
+        };
         assert!(rms(&found) < highest, "{wrong:?}: {}", rms(&found));
-        assert!(rms(&found) > 0.63, "{wrong:?} has too large a sigma: {}", rms(&found));
+        assert!(
+            rms(&found) > 0.63,
+            "{wrong:?} has too large a sigma: {}",
+            rms(&found)
+        );
     }
 }
 
@@ -220,13 +288,19 @@ fn errors_with_fixed_targets(marks: usize, wings: usize, moved: ErrorSource) -> 
     for _ in 0..wings {
         let truth = Truth::new(random_wing(&mut rng), 21).with_fixed_targets(marks);
         let mut setup = truth.surveyed(&mut rng, 0.002, 0.002);
-        setup.uncertainty =
-            SetupUncertainty::from_drawings().with_width(Width::SkinHeight, 0.05).with_width(Width::MountShift, 0.002);
+        setup.uncertainty = SetupUncertainty::from_drawings()
+            .with_width(Width::SkinHeight, 0.05)
+            .with_width(Width::MountShift, 0.002);
         let skin = setup.skin_height.unwrap();
-        setup.skin_height = Some(SkinHeight { root_m: skin.root_m + 0.05, tip_m: skin.tip_m + 0.05, ..skin });
+        setup.skin_height = Some(SkinHeight {
+            root_m: skin.root_m + 0.05,
+            tip_m: skin.tip_m + 0.05,
+            ..skin
+        });
         let orientation = truth.orientation(&mut rng, 0.05, true);
         let frame = frames(&mut rng, &truth, &[2.9], moved).remove(0);
-        let solution = adjust::solve_spatial(&setup, &orientation, &frame, &Options::default()).unwrap();
+        let solution =
+            adjust::solve_spatial(&setup, &orientation, &frame, &Options::default()).unwrap();
         let all = errors_and_sigmas(&truth, 2.9, truth.fuel(), &solution);
         errors.extend(all.iter().map(|(error, _)| *error));
         normalised.extend(all.iter().map(|(error, sigma)| error / sigma));
@@ -268,16 +342,31 @@ fn axis_height_estimates(flight: bool, shift_m: f64) -> (Vec<f64>, f64) {
             .with_width(Width::MountShift, shift_m);
         let raise = 0.05 * normal(&mut rng);
         let skin = setup.skin_height.unwrap();
-        setup.skin_height = Some(SkinHeight { root_m: skin.root_m + raise, tip_m: skin.tip_m + raise, ..skin });
+        setup.skin_height = Some(SkinHeight {
+            root_m: skin.root_m + raise,
+            tip_m: skin.tip_m + raise,
+            ..skin
+        });
         let orientation = truth.orientation(&mut rng, 0.05, true);
-        let deflections = if flight { &DEFLECTIONS[..] } else { &DEFLECTIONS[..1] };
+        let deflections = if flight {
+            &DEFLECTIONS[..]
+        } else {
+            &DEFLECTIONS[..1]
+        };
         let frames = frames(&mut rng, &truth, deflections, ErrorSource::Nothing);
         let solution = if flight {
-            adjust::solve_flight(&setup, &orientation, &frames, &Options::default()).unwrap().remove(0)
+            adjust::solve_flight(&setup, &orientation, &frames, &Options::default())
+                .unwrap()
+                .remove(0)
         } else {
             adjust::solve_spatial(&setup, &orientation, &frames[0], &Options::default()).unwrap()
         };
-        let axis_height = solution.parameters.iter().find(|p| p.name == "axis_raise_m").unwrap().values[0];
+        let axis_height = solution
+            .parameters
+            .iter()
+            .find(|p| p.name == "axis_raise_m")
+            .unwrap()
+            .values[0];
         errors.push((axis_height.value - raise) / axis_height.sigma.unwrap());
         sigmas.push(axis_height.sigma.unwrap());
     }
@@ -308,36 +397,66 @@ fn errors_of_hidden_markers(rng: &mut StdRng, flight: bool) -> Vec<f64> {
     let truth = Truth::new(random_wing(rng), 21);
     let setup = configured_setup(rng, &truth, ErrorSource::All);
     let orientation = oriented(rng, &truth, &setup);
-    let deflections = if flight { &[2.0, 2.3, 1.7, 2.2, 1.9][..] } else { &[2.0, 2.3] };
+    let deflections = if flight {
+        &[2.0, 2.3, 1.7, 2.2, 1.9][..]
+    } else {
+        &[2.0, 2.3]
+    };
     let mut frames = frames(rng, &truth, deflections, ErrorSource::All);
     let mut outwards = setup.wing_markers();
     outwards.sort_by(|(_, a), (_, b)| a.x.total_cmp(&b.x));
-    let hidden: Vec<usize> = outwards[outwards.len() - HIDDEN..].iter().map(|(marker, _)| *marker).collect();
+    let hidden: Vec<usize> = outwards[outwards.len() - HIDDEN..]
+        .iter()
+        .map(|(marker, _)| *marker)
+        .collect();
     frames[1].retain(|seen| !hidden.contains(&seen.marker));
     let solutions = if flight {
         adjust::solve_flight(&setup, &orientation, &frames, &Options::default()).unwrap()
     } else {
-        let one =
-            |frame: &Vec<Observation>| adjust::solve_spatial(&setup, &orientation, frame, &Options::default()).unwrap();
+        let one = |frame: &Vec<Observation>| {
+            adjust::solve_spatial(&setup, &orientation, frame, &Options::default()).unwrap()
+        };
         frames.iter().map(one).collect()
     };
-    let tips: Vec<usize> = solutions.iter().map(|s| s.budget.as_ref().unwrap().marker).collect();
-    assert!(tips.iter().all(|tip| *tip == tips[0]), "one tip in all frames: {tips:?}");
-    let (seen, predicted) = (&solutions[0].markers[tips[0]], &solutions[1].markers[tips[0]]);
+    let tips: Vec<usize> = solutions
+        .iter()
+        .map(|s| s.budget.as_ref().unwrap().marker)
+        .collect();
+    assert!(
+        tips.iter().all(|tip| *tip == tips[0]),
+        "one tip in all frames: {tips:?}"
+    );
+    let (seen, predicted) = (
+        &solutions[0].markers[tips[0]],
+        &solutions[1].markers[tips[0]],
+    );
     assert!(!predicted.used && predicted.reason.is_some());
     // A frame need not show the whole wing.
     assert!(!seen.used || predicted.deflection_m.unwrap().sigma > seen.deflection_m.unwrap().sigma);
     let predicted = hidden.iter().map(|&k| &solutions[1].markers[k]);
     let errors = errors_and_sigmas_of(&truth, deflections[1], truth.fuel() * 0.94, predicted);
-    errors.into_iter().map(|(error, sigma)| error / sigma).collect()
+    errors
+        .into_iter()
+        .map(|(error, sigma)| error / sigma)
+        .collect()
 }
 
 #[test]
 fn the_tip_is_one_marker_and_predicted_within_its_sigma_where_it_is_hidden() {
     for flight in [false, true] {
         let mut rng = rng(940 + u64::from(flight));
-        let found: Vec<f64> = (0..60).flat_map(|_| errors_of_hidden_markers(&mut rng, flight)).collect();
-        println!("hidden, flight {flight}: normalised deflection rms {:.2} of {}", rms(&found), found.len());
-        assert!((0.5..1.3).contains(&rms(&found)), "flight {flight}: {}", rms(&found));
+        let found: Vec<f64> = (0..60)
+            .flat_map(|_| errors_of_hidden_markers(&mut rng, flight))
+            .collect();
+        println!(
+            "hidden, flight {flight}: normalised deflection rms {:.2} of {}",
+            rms(&found),
+            found.len()
+        );
+        assert!(
+            (0.5..1.3).contains(&rms(&found)),
+            "flight {flight}: {}",
+            rms(&found)
+        );
     }
 }

@@ -23,7 +23,12 @@ const PROMISES: [(SetUp, &str, f64, [f64; 3]); 15] = [
     (SetUp::Default, "model of 3 m", 1.0, [1.4, 1.4, 1.6]),
     (SetUp::Careful, "twisted on ground", 1.0, [1.4, 1.4, 1.6]),
     (SetUp::Careful, "bends inboard", 2.0, [1.4, 1.4, 1.6]),
-    (SetUp::Careful, "root gives by 3 mrad, pivot 3 m in", 1.0, [1.5, 1.4, 1.6]),
+    (
+        SetUp::Careful,
+        "root gives by 3 mrad, pivot 3 m in",
+        1.0,
+        [1.5, 1.4, 1.6],
+    ),
     (SetUp::Careful, "root stated", 1.0, [1.4, 1.4, 1.6]),
     (SetUp::Careful, "joint", 2.0, [1.4, 1.4, 1.6]),
 ];
@@ -31,10 +36,20 @@ const PROMISES: [(SetUp, &str, f64, [f64; 3]); 15] = [
 #[test]
 fn wings_as_they_are_built_are_covered() {
     for (set_up, name, times, most) in PROMISES {
-        let kind = BUILDS.iter().find(|kind| kind.name.starts_with(name)).unwrap();
-        let found = figures(&sample_errors(6700, set_up, 1, WINGS, |rng| (kind.draw)(rng, times)).all);
-        println!("{} times {times}, {set_up:?}: deflection, twist, moment {found:.2?}", kind.name);
-        assert!(found.iter().zip(most).all(|(found, most)| *found < most), "{name}, {set_up:?}: {found:.2?}");
+        let kind = BUILDS
+            .iter()
+            .find(|kind| kind.name.starts_with(name))
+            .unwrap();
+        let found =
+            figures(&sample_errors(6700, set_up, 1, WINGS, |rng| (kind.draw)(rng, times)).all);
+        println!(
+            "{} times {times}, {set_up:?}: deflection, twist, moment {found:.2?}",
+            kind.name
+        );
+        assert!(
+            found.iter().zip(most).all(|(found, most)| *found < most),
+            "{name}, {set_up:?}: {found:.2?}"
+        );
     }
 }
 
@@ -46,6 +61,10 @@ fn flexible_roots_cost_little_where_the_camera_stayed() {
         rms(&shown.tip_sigmas_m[1])
     };
     let [stayed, default] = [SetUp::Stayed, SetUp::Default].map(tip_m);
-    println!("tip: stayed {:.1} mm, remounted {:.1} mm", 1e3 * stayed, 1e3 * default);
+    println!(
+        "tip: stayed {:.1} mm, remounted {:.1} mm",
+        1e3 * stayed,
+        1e3 * default
+    );
     assert!(stayed < 0.004 && default < 0.033, "{stayed} {default}");
 }

@@ -93,7 +93,10 @@ fn layout(count: usize) -> Vec<(f64, f64)> {
         .map(|i| {
             let t = i as f64 / (count - 3) as f64;
             let narrow = if t > 0.5 { 1.2 - 0.75 * (t - 0.5) } else { 1.0 };
-            (0.19 + 0.79 * t.powf(0.9), Z[i % 10] * if i < 10 { 1.0 } else { narrow * 0.85 })
+            (
+                0.19 + 0.79 * t.powf(0.9),
+                Z[i % 10] * if i < 10 { 1.0 } else { narrow * 0.85 },
+            )
         })
         .collect();
     list.push((0.925, -0.75));
@@ -114,7 +117,11 @@ impl Wing {
         let chord = |e: f64| self.chord(e);
         let load = |e: f64| {
             let lift = (1.0 - e * e).max(0.0).sqrt() * (1.0 - self.skew * e);
-            lift - if e < self.fuel_reach { fuel * 1.4 * chord(e) } else { 0.0 }
+            lift - if e < self.fuel_reach {
+                fuel * 1.4 * chord(e)
+            } else {
+                0.0
+            }
         };
         let (mut q, mut m) = (0.0, 0.0);
         let mut k = vec![0.0; STEPS + 1];
@@ -132,12 +139,18 @@ impl Wing {
         let (at, turn) = self.structure.dihedral_break;
         let broken = if e > at { turn } else { 0.0 };
         broken
-            + (self.dihedral_rad.tan() - (self.skin_tip_m - self.skin_root_m) / self.length_m * 1.0 + 0.01 * e).atan()
+            + (self.dihedral_rad.tan() - (self.skin_tip_m - self.skin_root_m) / self.length_m * 1.0
+                + 0.01 * e)
+                .atan()
     }
 
     fn bend(&self, curvature: &[f64], factor: f64, scale: f64) -> BentAxis {
         let h = self.length_m / STEPS as f64;
-        let mut b = BentAxis { x: vec![0.0], y: vec![0.0], theta: vec![self.ground_slope(0.0)] };
+        let mut b = BentAxis {
+            x: vec![0.0],
+            y: vec![0.0],
+            theta: vec![self.ground_slope(0.0)],
+        };
         let mut bending = 0.0;
         for i in 0..STEPS {
             let t0 = b.theta[i];
@@ -231,7 +244,11 @@ impl Truth {
         self.ground_m = points.iter().map(|p| frame.survey_point(p)).collect();
         let marker = |(i, p): (usize, &Vector3<f64>)| SurveyMarker {
             id: format!("M{:02}", i + 1),
-            shape: if i < count / 2 { Shape::Quadrant } else { Shape::Circle },
+            shape: if i < count / 2 {
+                Shape::Quadrant
+            } else {
+                Shape::Circle
+            },
             diameter_m: 0.32,
             position_m: *p,
             sigma_m: 0.002,
@@ -240,13 +257,21 @@ impl Truth {
             part: None,
         };
         self.setup.markers = self.ground_m.iter().enumerate().map(marker).collect();
-        self.setup.torsion = vec![TorsionPair { name: "tip".into(), leading: count - 2, trailing: count - 1 }];
+        self.setup.torsion = vec![TorsionPair {
+            name: "tip".into(),
+            leading: count - 2,
+            trailing: count - 1,
+        }];
     }
 
     /// Adds targets fixed to the cabin, at most four: 3 m outboard in the corners of the frame, surveyed to 2 mm.
     pub fn with_fixed_targets(mut self, count: usize) -> Self {
         let frame = self.setup.wing_frame();
-        for (k, (y, z)) in [(0.35, -0.6), (0.35, 0.6), (-0.45, 0.62), (-0.45, -0.62)].iter().take(count).enumerate() {
+        for (k, (y, z)) in [(0.35, -0.6), (0.35, 0.6), (-0.45, 0.62), (-0.45, -0.62)]
+            .iter()
+            .take(count)
+            .enumerate()
+        {
             let point = Vector3::new(3.0, *y, *z);
             self.fixed_m.push(point);
             self.ground_m.push(frame.survey_point(&point));
@@ -273,9 +298,14 @@ impl Truth {
         let (s, c) = pitch.sin_cos();
         let mut camera_from_wing = Matrix3::new(0.0, 0.0, 1.0, s, -c, 0.0, c, s, 0.0);
         if ahead_m > 0.0 {
-            let forward = Vector3::new(0.6 * self.wing.length_m, 0.0, ahead_m * self.wing.side).normalize();
+            let forward =
+                Vector3::new(0.6 * self.wing.length_m, 0.0, ahead_m * self.wing.side).normalize();
             let right = (-Vector3::y()).cross(&forward);
-            camera_from_wing = Matrix3::from_rows(&[right.transpose(), -Vector3::y().transpose(), forward.transpose()]);
+            camera_from_wing = Matrix3::from_rows(&[
+                right.transpose(),
+                -Vector3::y().transpose(),
+                forward.transpose(),
+            ]);
             (self.setup.lens.fx, self.setup.lens.fy) = (4200.0, 4198.0);
         }
         let m = camera_from_wing * frame.wing_from_survey.matrix();
@@ -287,7 +317,9 @@ impl Truth {
         let w = self.wing;
         let curvature = w.curvature(fuel);
         let straight = w.bend(&curvature, 0.0, 1.0);
-        let tip = |factor: f64| w.bend(&curvature, factor, 1.0).y[STEPS] - straight.y[STEPS] - tip_deflection_m;
+        let tip = |factor: f64| {
+            w.bend(&curvature, factor, 1.0).y[STEPS] - straight.y[STEPS] - tip_deflection_m
+        };
         let trial = tip(1e-4) + tip_deflection_m;
         let (mut f0, mut f1) = (0.0, 1e-4 * tip_deflection_m / trial);
         for _ in 0..30 {
@@ -303,7 +335,10 @@ impl Truth {
     /// Change of the curvature in flight at fractions of the length, 1/m.
     pub fn curvature_per_m(&self, tip_deflection_m: f64, fuel: f64, shares: &[f64]) -> Vec<f64> {
         let (curvature, factor) = self.load_curvature(tip_deflection_m, fuel);
-        shares.iter().map(|share| factor * value_at(&curvature, *share)).collect()
+        shares
+            .iter()
+            .map(|share| factor * value_at(&curvature, *share))
+            .collect()
     }
 
     /// Bending stiffness at a fraction of the length, relative to the root.
@@ -328,7 +363,10 @@ impl Truth {
         let (curvature, f1) = self.load_curvature(tip_deflection_m, fuel);
         let curvature: Vec<f64> = curvature.iter().map(|k| f1 * k).collect();
         let frame = self.setup.wing_frame();
-        let mut carried = self.points_on(&w.bend_in_space(&curvature, scale, w.twist_at(tip_deflection_m)), scale);
+        let mut carried = self.points_on(
+            &w.bend_in_space(&curvature, scale, w.twist_at(tip_deflection_m)),
+            scale,
+        );
         carried.extend(&self.fixed_m);
         carried.iter().map(|p| frame.survey_point(p)).collect()
     }
@@ -346,8 +384,12 @@ impl Truth {
 
     pub fn pixels(&self, points_m: &[Vector3<f64>], mount_rad: Vector3<f64>) -> Vec<Vector2<f64>> {
         let rotation = Rotation3::new(mount_rad) * self.camera_from_survey;
-        let one =
-            |p: &Vector3<f64>| self.setup.lens.project(&(rotation * (p - self.setup.projection_centre_m))).unwrap();
+        let one = |p: &Vector3<f64>| {
+            self.setup
+                .lens
+                .project(&(rotation * (p - self.setup.projection_centre_m)))
+                .unwrap()
+        };
         points_m.iter().map(one).collect()
     }
 
@@ -367,7 +409,11 @@ impl Truth {
     pub fn orientation(&self, rng: &mut StdRng, sigma_px: f64, with_sights: bool) -> Orientation {
         let sight = |(marker, p): (usize, Vector2<f64>)| {
             let pixel = p + normal2(rng) * sigma_px;
-            Observation { marker, pixel, covariance_px2: Matrix2::identity() * sigma_px * sigma_px }
+            Observation {
+                marker,
+                pixel,
+                covariance_px2: Matrix2::identity() * sigma_px * sigma_px,
+            }
         };
         let pixels = self.pixels(&self.ground_m, Vector3::zeros());
         let ground: Vec<_> = pixels.into_iter().enumerate().map(sight).collect();
@@ -391,6 +437,10 @@ impl Truth {
             pixel: p + normal2(rng) * sigma_px,
             covariance_px2: Matrix2::identity() * sigma_px * sigma_px,
         };
-        self.pixels(points_m, mount_rad).into_iter().enumerate().map(one).collect()
+        self.pixels(points_m, mount_rad)
+            .into_iter()
+            .enumerate()
+            .map(one)
+            .collect()
     }
 }

@@ -14,7 +14,12 @@ pub struct DiscImage {
 
 /// Outline of a flat disc (a detector allows for the curvature from a crowned skin): centroid of
 /// area of a dense polygon, axes from its second moments.
-pub fn image_of_disc(lens: &Lens, p: &Vector3<f64>, n: &Vector3<f64>, radius: f64) -> Option<DiscImage> {
+pub fn image_of_disc(
+    lens: &Lens,
+    p: &Vector3<f64>,
+    n: &Vector3<f64>,
+    radius: f64,
+) -> Option<DiscImage> {
     let e1 = n.cross(&Vector3::new(0.31, 0.2, 0.93)).normalize();
     let e2 = n.cross(&e1);
     let count = 720;
@@ -31,12 +36,17 @@ pub fn image_of_disc(lens: &Lens, p: &Vector3<f64>, n: &Vector3<f64>, radius: f6
         let cross = a.perp(&b);
         area += 0.5 * cross;
         first += (a + b) * (cross / 6.0);
-        second += (a * a.transpose() + b * b.transpose() + (a + b) * (a + b).transpose()) * (cross / 24.0);
+        second += (a * a.transpose() + b * b.transpose() + (a + b) * (a + b).transpose())
+            * (cross / 24.0);
     }
     let centroid = first / area;
     let shape = (second / area - centroid * centroid.transpose()) * 4.0;
     let eigen = shape.symmetric_eigen();
-    let large = if eigen.eigenvalues[0] > eigen.eigenvalues[1] { 0 } else { 1 };
+    let large = if eigen.eigenvalues[0] > eigen.eigenvalues[1] {
+        0
+    } else {
+        1
+    };
     let axis = eigen.eigenvectors.column(large);
     Some(DiscImage {
         point,

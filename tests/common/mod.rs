@@ -1,5 +1,11 @@
 //! Simulated worlds with known truth and small stores, shared by tests and benches; each uses a part.
-#![allow(dead_code, unused_imports, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![allow(
+    dead_code,
+    unused_imports,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic
+)]
 
 pub mod attitude;
 pub mod beam_truth;

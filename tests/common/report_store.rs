@@ -6,7 +6,9 @@ use std::time::Duration;
 use serde_json::{Map, Value, json};
 use wingd::clock::Stamp;
 use wingd::store::manifest::{SeriesCause, SeriesState, Shot};
-use wingd::store::{Inputs, NewFrame, RealDisk, SeriesPlan, Store, StoreConfig, catalogue, series_frames};
+use wingd::store::{
+    Inputs, NewFrame, RealDisk, SeriesPlan, Store, StoreConfig, catalogue, series_frames,
+};
 
 /// A result as the pipeline writes it; four markers, the last one hidden.
 pub fn solved(deflection_m: f64, sigma_m: f64) -> Value {
@@ -48,7 +50,10 @@ pub fn failed(reason: &str) -> Value {
 /// A store with one series per slice, one frame per result.
 pub fn store_with(series: &[&[Value]]) -> tempfile::TempDir {
     let directory = tempfile::tempdir().unwrap();
-    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(directory.path()) };
+    let config = StoreConfig {
+        reserve_mb: 0,
+        ..StoreConfig::new(directory.path())
+    };
     let (store, _) = Store::open(Arc::new(RealDisk), config).unwrap();
     for (hour, results) in series.iter().enumerate() {
         add_series(&store, hour as u64, results);
@@ -57,7 +62,10 @@ pub fn store_with(series: &[&[Value]]) -> tempfile::TempDir {
 }
 
 fn add_series(store: &Store, hour: u64, results: &[Value]) {
-    let plan = SeriesPlan { cause: SeriesCause::Scheduled, shots: results.len() as u32 };
+    let plan = SeriesPlan {
+        cause: SeriesCause::Scheduled,
+        shots: results.len() as u32,
+    };
     let (mut open, _) = store.begin_series(plan, &stamp(3600 * hour)).unwrap();
     let jpeg = jpeg();
     for number in 1..=results.len() as u32 {
@@ -70,39 +78,82 @@ fn add_series(store: &Store, hour: u64, results: &[Value]) {
             failures: Vec::new(),
         };
         let format = json!({"kind": "jpeg"});
-        let frame = NewFrame { bytes: &jpeg, extension: "jpg", format, settings: Map::new() };
+        let frame = NewFrame {
+            bytes: &jpeg,
+            extension: "jpg",
+            format,
+            settings: Map::new(),
+        };
         open.add_shot(shot, Some(frame)).unwrap();
     }
     let id = open.id().to_owned();
-    store.close_series(open, SeriesState::Complete, &stamp(3600 * hour + 60), Vec::new()).unwrap();
+    store
+        .close_series(
+            open,
+            SeriesState::Complete,
+            &stamp(3600 * hour + 60),
+            Vec::new(),
+        )
+        .unwrap();
     add_results(store, &id, results);
 }
 
 fn add_results(store: &Store, id: &str, results: &[Value]) {
-    let flight = catalogue::list_flights(store.disk(), store.root()).unwrap().pop().unwrap();
+    let flight = catalogue::list_flights(store.disk(), store.root())
+        .unwrap()
+        .pop()
+        .unwrap();
     let all = catalogue::list_series(store.disk(), &flight).unwrap();
     let series = all.into_iter().find(|s| s.id == id).unwrap();
     let manifest = catalogue::read_series_manifest(store.disk(), &series).unwrap();
     for (frame, record) in series_frames(&series, manifest).iter().zip(results) {
-        store.add_result(frame, &Inputs::new(Map::new()), record.clone()).unwrap();
+        store
+            .add_result(frame, &Inputs::new(Map::new()), record.clone())
+            .unwrap();
     }
     store.seal();
 }
 
 /// Adds the `n`th series of a store: two frames, solved.
 pub fn add_two_solved(store: &Store, inputs: &Inputs, n: u64, bytes: impl Fn(u32) -> Vec<u8>) {
-    let plan = SeriesPlan { cause: SeriesCause::Scheduled, shots: 2 };
+    let plan = SeriesPlan {
+        cause: SeriesCause::Scheduled,
+        shots: 2,
+    };
     let (mut series, _) = store.begin_series(plan, &stamp(100 * n)).unwrap();
     for shot in 1..=2_u32 {
         let bytes = bytes(shot);
         let stamp = stamp(100 * n + u64::from(shot));
-        let shot = Shot { shot, stamp, duration_s: None, exposure: None, frame: None, failures: Vec::new() };
-        let frame = NewFrame { bytes: &bytes, extension: "jpg", format: json!("jpeg"), settings: Map::new() };
+        let shot = Shot {
+            shot,
+            stamp,
+            duration_s: None,
+            exposure: None,
+            frame: None,
+            failures: Vec::new(),
+        };
+        let frame = NewFrame {
+            bytes: &bytes,
+            extension: "jpg",
+            format: json!("jpeg"),
+            settings: Map::new(),
+        };
         series.add_shot(shot, Some(frame)).unwrap();
     }
-    store.close_series(series, SeriesState::Complete, &stamp(100 * n + 9), Vec::new()).unwrap();
+    store
+        .close_series(
+            series,
+            SeriesState::Complete,
+            &stamp(100 * n + 9),
+            Vec::new(),
+        )
+        .unwrap();
     for frame in store.unsolved_frames(inputs).unwrap() {
-        assert!(store.add_result(&frame, inputs, json!({"deflection_m": 2.74})).unwrap());
+        assert!(
+            store
+                .add_result(&frame, inputs, json!({"deflection_m": 2.74}))
+                .unwrap()
+        );
     }
     store.seal();
 }
@@ -123,6 +174,8 @@ pub fn jpeg() -> Vec<u8> {
     let luma: Vec<u8> = (0..240 * 160_u32).map(|i| (i % 240) as u8).collect();
     let mut bytes = Vec::new();
     let encoder = jpeg_encoder::Encoder::new(&mut bytes, 80);
-    encoder.encode(&luma, 240, 160, jpeg_encoder::ColorType::Luma).unwrap();
+    encoder
+        .encode(&luma, 240, 160, jpeg_encoder::ColorType::Luma)
+        .unwrap();
     bytes
 }

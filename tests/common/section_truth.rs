@@ -18,7 +18,11 @@ impl SectionTruth {
     pub fn new(scene: &Scene, shot: &SceneShot) -> Self {
         let wing = &scene.wing;
         let ground = wing.deform(&SceneState::ground(shot.state.load));
-        Self { scene: scene.clone(), ground, flight: wing.deform(&shot.state) }
+        Self {
+            scene: scene.clone(),
+            ground,
+            flight: wing.deform(&shot.state),
+        }
     }
 
     pub fn length_m(&self) -> f64 {
@@ -28,7 +32,11 @@ impl SectionTruth {
     /// Leading and trailing edge at a station, m from the axis along the chord.
     pub fn edges_m(&self, s: f64) -> (f64, f64) {
         let (low, high) = self.scene.wing.edges(s);
-        if self.scene.wing.side.aft_sign() > 0.0 { (low, high) } else { (high, low) }
+        if self.scene.wing.side.aft_sign() > 0.0 {
+            (low, high)
+        } else {
+            (high, low)
+        }
     }
 
     /// Axis and axes (along, up, chord) of a section, survey frame.
@@ -39,7 +47,10 @@ impl SectionTruth {
         let (cos, sin) = (at.twist_cos, at.twist_sin);
         let twist = Matrix3::new(1.0, 0.0, 0.0, 0.0, cos, -sin, 0.0, sin, cos);
         let survey = self.scene.frame.wing_from_survey.inverse();
-        (self.scene.frame.survey_point(&axis), survey.matrix() * slope * twist)
+        (
+            self.scene.frame.survey_point(&axis),
+            survey.matrix() * slope * twist,
+        )
     }
 
     /// Poses of equally spaced sections from the root to the tip.
@@ -48,9 +59,18 @@ impl SectionTruth {
             let arc_m = self.length_m() * k as f64 / (count - 1) as f64;
             let (ground_m, ground) = self.section(&self.ground, arc_m);
             let (flight_m, flight) = self.section(&self.flight, arc_m);
-            let rotation =
-                Rotation3::from_matrix_eps(&(flight * ground.transpose()), 1e-12, 100, Rotation3::identity());
-            SectionPose { arc_m, ground_m, displacement_m: flight_m - ground_m, rotation }
+            let rotation = Rotation3::from_matrix_eps(
+                &(flight * ground.transpose()),
+                1e-12,
+                100,
+                Rotation3::identity(),
+            );
+            SectionPose {
+                arc_m,
+                ground_m,
+                displacement_m: flight_m - ground_m,
+                rotation,
+            }
         };
         (0..count).map(pose).collect()
     }

@@ -170,7 +170,12 @@ impl Wing {
     }
 
     /// Markers and normals in flight, wing frame.
-    fn bend(&self, ground: &[Vector3<f64>], deflection_m: f64, scale: f64) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+    fn bend(
+        &self,
+        ground: &[Vector3<f64>],
+        deflection_m: f64,
+        scale: f64,
+    ) -> Vec<(Vector3<f64>, Vector3<f64>)> {
         let amplitude = self.amplitude(deflection_m);
         let (arc, flat) = self.stations(0.0, 1.0);
         let (_, bent) = self.stations(amplitude, scale);
@@ -183,7 +188,9 @@ impl Wing {
                     let (p, slope) = flat[at];
                     (target - p).dot(&Vector2::new(slope.cos(), slope.sin()))
                 };
-                let at = (0..=STATIONS).min_by(|a, b| along(*a).abs().total_cmp(&along(*b).abs())).unwrap();
+                let at = (0..=STATIONS)
+                    .min_by(|a, b| along(*a).abs().total_cmp(&along(*b).abs()))
+                    .unwrap();
                 let s = (at as f64 / STATIONS as f64 + along(at) / arc).clamp(0.0, 1.0);
                 let twist = twist_tip * s.powf(self.twist_power);
                 let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), bent[at].1)
@@ -218,24 +225,35 @@ impl World {
             .collect();
         let heading: f64 = rng.random_range(-3.1..3.1);
         let span = Vector2::new(heading.cos(), heading.sin());
-        let true_centre_m =
-            Vector3::new(rng.random_range(-50.0..50.0), rng.random_range(-50.0..50.0), rng.random_range(2.0..6.0));
+        let true_centre_m = Vector3::new(
+            rng.random_range(-50.0..50.0),
+            rng.random_range(-50.0..50.0),
+            rng.random_range(2.0..6.0),
+        );
         let lens = random_lens(rng);
         let focal = lens.fx;
         let frame = wingd::measure::geometry::WingFrame::new(true_centre_m, span);
         let elevation = |p: &Vector3<f64>| (p.y / p.x).atan();
         let lowest = ground.iter().map(elevation).fold(f64::MAX, f64::min);
         let highest = ground.iter().map(elevation).fold(f64::MIN, f64::max) + 0.06;
-        let camera_from_wing =
-            camera_from_angles(0.5 * (lowest + highest), rng.random_range(-0.02..0.02), rng.random_range(-0.06..0.06));
+        let camera_from_wing = camera_from_angles(
+            0.5 * (lowest + highest),
+            rng.random_range(-0.02..0.02),
+            rng.random_range(-0.06..0.06),
+        );
         let camera_from_survey = camera_from_wing * frame.wing_from_survey;
-        let surveyed = |p: &Vector3<f64>, rng: &mut StdRng| frame.survey_point(p) + normal3(rng) * 0.002;
+        let surveyed =
+            |p: &Vector3<f64>, rng: &mut StdRng| frame.survey_point(p) + normal3(rng) * 0.002;
         let markers = ground
             .iter()
             .enumerate()
             .map(|(k, p)| SurveyMarker {
                 id: format!("M{:02}", k + 1),
-                shape: if 2 * k < count { Shape::Quadrant } else { Shape::Circle },
+                shape: if 2 * k < count {
+                    Shape::Quadrant
+                } else {
+                    Shape::Circle
+                },
                 diameter_m: if 2 * k < count { 0.32 } else { 0.36 },
                 position_m: surveyed(p, rng),
                 sigma_m: 0.002,
@@ -249,13 +267,29 @@ impl World {
         let direction = rng.random_range(0.0..std::f64::consts::TAU);
         let turn = conditions.mount_px / focal;
         let roll = normal(rng) * 0.1 * turn;
-        let mount = Rotation3::new(Vector3::new(turn * direction.cos(), turn * direction.sin(), roll));
-        Self { setup, camera_from_survey, true_centre_m, wing_from_survey: frame.wing_from_survey, ground, wing, mount }
+        let mount = Rotation3::new(Vector3::new(
+            turn * direction.cos(),
+            turn * direction.sin(),
+            roll,
+        ));
+        Self {
+            setup,
+            camera_from_survey,
+            true_centre_m,
+            wing_from_survey: frame.wing_from_survey,
+            ground,
+            wing,
+            mount,
+        }
     }
 
     /// A frame on the ground, before remounting.
     pub fn ground_view(&self, seed: u64, conditions: &Conditions) -> View {
-        let placed: Vec<_> = self.ground.iter().map(|g| (*g, self.wing.normal(g.x, g.z))).collect();
+        let placed: Vec<_> = self
+            .ground
+            .iter()
+            .map(|g| (*g, self.wing.normal(g.x, g.z)))
+            .collect();
         self.view(&placed, &Rotation3::identity(), seed, conditions)
     }
 
@@ -278,17 +312,33 @@ impl World {
         let rng = &mut rng;
         let lens = &self.setup.lens;
         let rotation = mount * self.camera_from_survey * self.wing_from_survey.inverse();
-        let mut view = View { detections: vec![], truth: vec![], centres_px: vec![], visible: vec![] };
+        let mut view = View {
+            detections: vec![],
+            truth: vec![],
+            centres_px: vec![],
+            visible: vec![],
+        };
         for (j, (p, n)) in placed.iter().enumerate() {
             let marker = &self.setup.markers[j];
-            let image = image_of_disc(lens, &(rotation * p), &(rotation * n), 0.5 * marker.diameter_m);
+            let image = image_of_disc(
+                lens,
+                &(rotation * p),
+                &(rotation * n),
+                0.5 * marker.diameter_m,
+            );
             let hidden = rng.random::<f64>() < conditions.hidden;
             let (noise_u, noise_v) = (normal(rng), normal(rng));
             view.centres_px.push(image.map(|i| i.point));
             let inside = image.is_some_and(|i| lens.contains(&i.point));
             view.visible.push(inside && !hidden);
-            let (Some(image), true) = (image, inside && !hidden) else { continue };
-            let centre = if marker.shape == Shape::Circle { image.centre } else { image.point };
+            let (Some(image), true) = (image, inside && !hidden) else {
+                continue;
+            };
+            let centre = if marker.shape == Shape::Circle {
+                image.centre
+            } else {
+                image.point
+            };
             view.detections.push(Detection {
                 shape: marker.shape,
                 centre_px: centre + Vector2::new(noise_u, noise_v) * conditions.noise_px,
@@ -317,14 +367,20 @@ struct SizeErrors {
 
 impl SizeErrors {
     fn draw(rng: &mut StdRng) -> Self {
-        Self { edge_px: 0.3 * normal(rng), quadrant_px: 2.0 * normal(rng), print: 0.003 * normal(rng) }
+        Self {
+            edge_px: 0.3 * normal(rng),
+            quadrant_px: 2.0 * normal(rng),
+            print: 0.003 * normal(rng),
+        }
     }
 
     fn error_px(&self, shape: Shape, major_px: f64, own: f64) -> f64 {
         let common_px = self.edge_px + major_px * self.print;
         match shape {
             Shape::Circle => common_px + own * 0.2_f64.hypot(0.003 * major_px),
-            Shape::Quadrant | Shape::Point => common_px + self.quadrant_px + own * 1.7_f64.hypot(0.003 * major_px),
+            Shape::Quadrant | Shape::Point => {
+                common_px + self.quadrant_px + own * 1.7_f64.hypot(0.003 * major_px)
+            }
         }
     }
 }
@@ -338,7 +394,13 @@ fn random_lens(rng: &mut StdRng) -> Lens {
         k2: rng.random_range(-0.1..0.1),
         p1: rng.random_range(-5e-4..5e-4),
         p2: rng.random_range(-5e-4..5e-4),
-        ..Lens::pinhole(4000, 3000, focal, rng.random_range(1950.0..2050.0), rng.random_range(1450.0..1550.0))
+        ..Lens::pinhole(
+            4000,
+            3000,
+            focal,
+            rng.random_range(1950.0..2050.0),
+            rng.random_range(1450.0..1550.0),
+        )
     }
 }
 
@@ -346,22 +408,43 @@ fn random_lens(rng: &mut StdRng) -> Lens {
 fn add_false_detections(view: &mut View, rng: &mut StdRng, conditions: &Conditions, lens: &Lens) {
     let real = view.detections.clone();
     for k in 0..conditions.false_ones {
-        let Some(like) = real.get(rng.random_range(0..real.len().max(1))) else { return };
+        let Some(like) = real.get(rng.random_range(0..real.len().max(1))) else {
+            return;
+        };
         let centre = if k % 2 == 0 {
-            Vector2::new(rng.random_range(0.0..f64::from(lens.width)), rng.random_range(0.0..f64::from(lens.height)))
+            Vector2::new(
+                rng.random_range(0.0..f64::from(lens.width)),
+                rng.random_range(0.0..f64::from(lens.height)),
+            )
         } else {
             // Two paint marks do not overlap.
             let (along, across) = (rng.random_range(-3.0..3.0), rng.random_range(1.5..4.0));
             let sign = if rng.random::<bool>() { 1.0 } else { -1.0 };
-            like.centre_px + Vector2::new(along * like.semi_major_px, sign * across * 2.0 * like.semi_minor_px)
+            like.centre_px
+                + Vector2::new(
+                    along * like.semi_major_px,
+                    sign * across * 2.0 * like.semi_minor_px,
+                )
         };
         let at = rng.random_range(0..=view.detections.len());
-        view.detections.insert(at, Detection { centre_px: centre, ..like.clone() });
+        view.detections.insert(
+            at,
+            Detection {
+                centre_px: centre,
+                ..like.clone()
+            },
+        );
         view.truth.insert(at, None);
     }
 }
 
-fn setup(wing: &Wing, lens: Lens, centre: Vector3<f64>, span: Vector2<f64>, markers: Vec<SurveyMarker>) -> Setup {
+fn setup(
+    wing: &Wing,
+    lens: Lens,
+    centre: Vector3<f64>,
+    span: Vector2<f64>,
+    markers: Vec<SurveyMarker>,
+) -> Setup {
     Setup {
         name: "synthetic".into(),
         lens,
@@ -374,7 +457,11 @@ fn setup(wing: &Wing, lens: Lens, centre: Vector3<f64>, span: Vector2<f64>, mark
         root_offset_m: wing.root_x,
         axis_chord_offset_m: Some(wing.z_axis),
         breaks: vec![],
-        skin_height: Some(SkinHeight { root_m: wing.skin_root, tip_m: wing.skin_tip, tip_span_m: wing.length_m }),
+        skin_height: Some(SkinHeight {
+            root_m: wing.skin_root,
+            tip_m: wing.skin_tip,
+            tip_span_m: wing.length_m,
+        }),
         uncertainty: SetupUncertainty::from_drawings(),
         thermal: Some(Thermal {
             expansion_per_k: 23e-6,

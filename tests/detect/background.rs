@@ -1,8 +1,8 @@
 //! Promise: markers are found if the lighter regions on both sides of them are not the skin.
 
 use crate::common::drawn::{
-    Ellipse, WIDTH, assert_consistent, is_within, local, measured, nearest, normalised_square, picture, place_on_skin,
-    read_part_on_skin,
+    Ellipse, WIDTH, assert_consistent, is_within, local, measured, nearest, normalised_square,
+    picture, place_on_skin, read_part_on_skin,
 };
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
@@ -13,7 +13,11 @@ use wingd::measure::setup::Shape;
 #[test]
 fn a_disc_close_to_others_is_found() {
     // On one side the neighbour is as far above part of the disc as below it; only a fragment of it is segmented first.
-    measured(&read_part_on_skin("packed.png", 116), [1220.432, 940.096, 102.1, 26.2, -0.12], 9.0);
+    measured(
+        &read_part_on_skin("packed.png", 116),
+        [1220.432, 940.096, 102.1, 26.2, -0.12],
+        9.0,
+    );
 }
 
 #[test]
@@ -36,14 +40,24 @@ fn a_disc_in_a_band_of_shadow_is_found() {
 #[test]
 fn corners_of_a_checkerboard_are_not_detected_as_quadrants() {
     // Where four squares meet, two of them are black; each ends in a corner, not in an arc.
-    for (k, (side, flat, turn)) in
-        [(60.0, 0.5, 0.1), (70.0, 0.4, 0.5), (50.0, 0.7, 0.8), (80.0, 0.35, -0.3)].into_iter().enumerate()
+    for (k, (side, flat, turn)) in [
+        (60.0, 0.5, 0.1),
+        (70.0, 0.4, 0.5),
+        (50.0, 0.7, 0.8),
+        (80.0, 0.35, -0.3),
+    ]
+    .into_iter()
+    .enumerate()
     {
         let board = |x: f64, y: f64| {
             let (s, t) = local([450.0, 210.0, side, flat * side, turn], x, y);
             let (column, row) = (s.floor(), t.floor());
             let there = (-3.0..3.0).contains(&s) && (-2.0..2.0).contains(&t);
-            if there && (column + row).rem_euclid(2.0) < 1.0 { 40.0 } else { 190.0 }
+            if there && (column + row).rem_euclid(2.0) < 1.0 {
+                40.0
+            } else {
+                190.0
+            }
         };
         let found = detect(&picture(board, 1.0, 1.5, k as u64)).markers;
         assert!(found.is_empty(), "board {k}: {found:?}");
@@ -61,7 +75,8 @@ fn place_next_to(part: &[u8], sharp: &[f64]) -> Raster {
         let rows = [row(y.saturating_sub(1)), row(y), row(y + 1)];
         let column = |x: usize| rows[0][x] + 2.0 * rows[1][x] + rows[2][x];
         soft.extend((0..width).map(|x| {
-            let sum = column(x.saturating_sub(1)) + 2.0 * column(x) + column((x + 1).min(width - 1));
+            let sum =
+                column(x.saturating_sub(1)) + 2.0 * column(x) + column((x + 1).min(width - 1));
             (sum / 16.0).round() as u8
         }));
     }
@@ -77,7 +92,10 @@ fn town(seed: u64) -> Vec<f64> {
     let mut random = StdRng::seed_from_u64(seed);
     let mut out = vec![120.0; width * height];
     for _ in 0..4000 {
-        let (x0, y0) = (random.random_range(0..width), random.random_range(0..height));
+        let (x0, y0) = (
+            random.random_range(0..width),
+            random.random_range(0..height),
+        );
         let (w, h) = (random.random_range(4..40), random.random_range(3..25));
         let grey = random.random_range(20.0..235.0);
         for y in y0..(y0 + h).min(height) {
@@ -92,11 +110,16 @@ fn slabs(seed: u64) -> Vec<f64> {
     const SIDE: (usize, usize) = (150, 90);
     let (width, height) = FRAME;
     let mut random = StdRng::seed_from_u64(seed);
-    let greys: Vec<f64> =
-        (0..width.div_ceil(SIDE.0) * height.div_ceil(SIDE.1)).map(|_| random.random_range(-25.0..25.0)).collect();
+    let greys: Vec<f64> = (0..width.div_ceil(SIDE.0) * height.div_ceil(SIDE.1))
+        .map(|_| random.random_range(-25.0..25.0))
+        .collect();
     let grey = |i: usize| {
         let (column, row) = (i % width / SIDE.0, i / width / SIDE.1);
-        let usual = if (column + row).is_multiple_of(2) { 55.0 } else { 190.0 };
+        let usual = if (column + row).is_multiple_of(2) {
+            55.0
+        } else {
+            190.0
+        };
         usual + greys[row * width.div_ceil(SIDE.0) + column]
     };
     (0..width * height).map(grey).collect()
@@ -106,11 +129,32 @@ fn slabs(seed: u64) -> Vec<f64> {
 fn wing_markers() -> Vec<(Shape, Ellipse)> {
     let quadrants = (0..6).map(|k| {
         let x = 130.3 + 125.7 * f64::from(k);
-        (Shape::Quadrant, [x, 330.4 + 8.3 * f64::from(k % 2), 48.0, 8.5, 0.04 - 0.02 * f64::from(k)])
+        (
+            Shape::Quadrant,
+            [
+                x,
+                330.4 + 8.3 * f64::from(k % 2),
+                48.0,
+                8.5,
+                0.04 - 0.02 * f64::from(k),
+            ],
+        )
     });
     let discs = (0..9).map(|k| {
-        let (x, y) = (140.3 + 300.1 * f64::from(k % 3), 80.4 + 80.2 * f64::from(k / 3));
-        (Shape::Circle, [x, y, 34.0 + 0.03 * y, 4.0 + 0.005 * y, 0.1 - 0.05 * f64::from(k % 3)])
+        let (x, y) = (
+            140.3 + 300.1 * f64::from(k % 3),
+            80.4 + 80.2 * f64::from(k / 3),
+        );
+        (
+            Shape::Circle,
+            [
+                x,
+                y,
+                34.0 + 0.03 * y,
+                4.0 + 0.005 * y,
+                0.1 - 0.05 * f64::from(k % 3),
+            ],
+        )
     });
     quadrants.chain(discs).collect()
 }
@@ -120,14 +164,20 @@ fn assert_all_found_next_to(something: impl Fn(u64) -> Vec<f64>) {
     let markers = wing_markers();
     let scene = |x: f64, y: f64| {
         let skin = 165.0;
-        let Some((shape, marker)) = markers.iter().find(|(_, m)| is_within(*m, x, y)) else { return skin };
+        let Some((shape, marker)) = markers.iter().find(|(_, m)| is_within(*m, x, y)) else {
+            return skin;
+        };
         let (s, t) = local(*marker, x, y);
         let white = *shape == Shape::Quadrant && (0.8 * s + 0.6 * t) * (0.8 * t - 0.6 * s) < 0.0;
         if white { 225.0 } else { 60.0 }
     };
     let mut squares = Vec::new();
     for seed in 0..4 {
-        let found = detect(&place_next_to(picture(scene, 1.0, 1.5, seed).luma(), &something(seed))).markers;
+        let found = detect(&place_next_to(
+            picture(scene, 1.0, 1.5, seed).luma(),
+            &something(seed),
+        ))
+        .markers;
         for &(shape, [x, y, a, b, angle]) in &markers {
             let near = nearest(&found, [x + 1000.0, y + 800.0, a, b, angle]);
             let near = near.filter(|(m, _)| m.shape == shape);

@@ -19,13 +19,26 @@ struct Camera {
     pictures: usize,
 }
 
-const SMALL: Camera = Camera { width: 1280, height: 960, c_px: 2500.0, pictures: 16 };
-const LARGE: Camera = Camera { width: 4000, height: 3000, c_px: 7800.0, pictures: 21 };
+const SMALL: Camera = Camera {
+    width: 1280,
+    height: 960,
+    c_px: 2500.0,
+    pictures: 16,
+};
+const LARGE: Camera = Camera {
+    width: 4000,
+    height: 3000,
+    c_px: 7800.0,
+    pictures: 21,
+};
 
 fn lens(camera: &Camera, random: &mut SeededRandom) -> Lens {
     let (w, h) = (f64::from(camera.width), f64::from(camera.height));
     let c = camera.c_px * random.uniform(0.995, 1.005);
-    let (cx, cy) = (w * random.uniform(0.47, 0.53), h * random.uniform(0.47, 0.53));
+    let (cx, cy) = (
+        w * random.uniform(0.47, 0.53),
+        h * random.uniform(0.47, 0.53),
+    );
     let (k1, k2) = (random.uniform(-0.12, -0.04), random.uniform(0.0, 0.15));
     let (p1, p2) = (random.uniform(-5e-4, 5e-4), random.uniform(-5e-4, 5e-4));
     Lens {
@@ -52,15 +65,33 @@ fn evaluate_set(camera: &Camera, seed: u64, bowed: bool) -> Outcome {
     let mut random = SeededRandom::new(seed, 36);
     let truth = lens(camera, &mut random);
     let bow = |side: usize, random: &mut SeededRandom| {
-        if bowed { random.uniform(-MAX_BOW, MAX_BOW) * (side - 1) as f64 * SQUARE_M } else { 0.0 }
+        if bowed {
+            random.uniform(-MAX_BOW, MAX_BOW) * (side - 1) as f64 * SQUARE_M
+        } else {
+            0.0
+        }
     };
     let bow_m = [bow(COLUMNS, &mut random), bow(ROWS, &mut random)];
-    let pictures: Vec<RenderedBoard> = (0..camera.pictures).map(|k| picture(&truth, k, bow_m, &mut random)).collect();
-    let board = Board::Checkerboard { columns: COLUMNS, rows: ROWS, square_m: SQUARE_M };
+    let pictures: Vec<RenderedBoard> = (0..camera.pictures)
+        .map(|k| picture(&truth, k, bow_m, &mut random))
+        .collect();
+    let board = Board::Checkerboard {
+        columns: COLUMNS,
+        rows: ROWS,
+        square_m: SQUARE_M,
+    };
     let views: Vec<BoardView> = pictures
         .par_iter()
         .enumerate()
-        .map(|(k, p)| board.find(&p.render(&mut SeededRandom::new(seed, 1000 + k as u64)).unwrap()).unwrap().view)
+        .map(|(k, p)| {
+            board
+                .find(
+                    &p.render(&mut SeededRandom::new(seed, 1000 + k as u64))
+                        .unwrap(),
+                )
+                .unwrap()
+                .view
+        })
         .collect();
     let found = calibrate(&views, camera.width, camera.height).unwrap();
     let values = |l: &Lens| [l.fx, l.fy, l.cx, l.cy, l.k1, l.k2, l.k3, l.p1, l.p2];
@@ -76,10 +107,19 @@ fn evaluate_set(camera: &Camera, seed: u64, bowed: bool) -> Outcome {
 fn projection_px(truth: &Lens, found: &Lens) -> f64 {
     let (w, h) = (f64::from(truth.width) - 1.0, f64::from(truth.height) - 1.0);
     let pixels: Vec<Vector2<f64>> = (0..=12)
-        .flat_map(|i| (0..=9).map(move |j| Vector2::new(f64::from(i) / 12.0 * w, f64::from(j) / 9.0 * h)))
+        .flat_map(|i| {
+            (0..=9).map(move |j| Vector2::new(f64::from(i) / 12.0 * w, f64::from(j) / 9.0 * h))
+        })
         .collect();
-    let rays: Vec<(Vector3<f64>, Vector3<f64>)> =
-        pixels.iter().map(|p| (truth.ray(p).unwrap().normalize(), found.ray(p).unwrap().normalize())).collect();
+    let rays: Vec<(Vector3<f64>, Vector3<f64>)> = pixels
+        .iter()
+        .map(|p| {
+            (
+                truth.ray(p).unwrap().normalize(),
+                found.ray(p).unwrap().normalize(),
+            )
+        })
+        .collect();
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for (a, b) in &rays {
         // a = b + w x b: the cross product's matrix is skew.
@@ -88,7 +128,10 @@ fn projection_px(truth: &Lens, found: &Lens) -> f64 {
         right += skew.transpose() * (a - b);
     }
     let turn = Rotation3::new(normal.cholesky().unwrap().solve(&right));
-    let squares = rays.iter().zip(&pixels).map(|((_, b), p)| (truth.project(&(turn * b)).unwrap() - p).norm_squared());
+    let squares = rays
+        .iter()
+        .zip(&pixels)
+        .map(|((_, b), p)| (truth.project(&(turn * b)).unwrap() - p).norm_squared());
     (squares.sum::<f64>() / pixels.len() as f64).sqrt()
 }
 
@@ -102,14 +145,21 @@ fn evaluate_sets(name: &str, camera: &Camera, bowed: bool, count: u64) -> f64 {
     let one = |k: u64| {
         let set = evaluate_set(camera, 500 + k, bowed);
         // Progress output: the test takes half an hour.
-        println!("{name}, set {k}: {:.4} px, normalised {:.2?}", set.projection_px, set.normalised);
+        println!(
+            "{name}, set {k}: {:.4} px, normalised {:.2?}",
+            set.projection_px, set.normalised
+        );
         set
     };
     let sets: Vec<Outcome> = (0..count).map(one).collect();
     let worst = sets.iter().map(|s| s.projection_px).fold(0.0, f64::max);
     let mean = (sets.iter().map(|s| s.projection_px.powi(2)).sum::<f64>() / n).sqrt();
-    let squares: [f64; 9] = std::array::from_fn(|k| sets.iter().map(|s| s.normalised[k].powi(2)).sum::<f64>() / n);
-    let used = sets.iter().map(|s| s.found.view_rms_px.iter().flatten().count()).sum::<usize>();
+    let squares: [f64; 9] =
+        std::array::from_fn(|k| sets.iter().map(|s| s.normalised[k].powi(2)).sum::<f64>() / n);
+    let used = sets
+        .iter()
+        .map(|s| s.found.view_rms_px.iter().flatten().count())
+        .sum::<usize>();
     let rms = sets.iter().map(|s| s.found.rms_px).sum::<f64>() / n;
     let squares_text: Vec<String> = squares.iter().map(|s| format!("{s:.2}")).collect();
     println!(
@@ -120,11 +170,17 @@ fn evaluate_sets(name: &str, camera: &Camera, bowed: bool, count: u64) -> f64 {
     );
     let bounds = 0.6..1.5;
     if count >= MANY {
-        assert!(squares.iter().all(|s| bounds.contains(s)), "{name}: {squares:?}");
+        assert!(
+            squares.iter().all(|s| bounds.contains(s)),
+            "{name}: {squares:?}"
+        );
     }
     // Nine correlated values per set: with twenty sets their mean is known to about 0.2.
     let all = squares.iter().sum::<f64>() / 9.0;
-    assert!(bounds.contains(&all), "{name}: mean squared normalised error {all}: {squares:?}");
+    assert!(
+        bounds.contains(&all),
+        "{name}: mean squared normalised error {all}: {squares:?}"
+    );
     worst
 }
 
@@ -161,9 +217,18 @@ fn rendered_flat_and_bowed_boards_recover_the_camera() {
     for bowed in [false, true] {
         let set = evaluate_set(&SMALL, 400, bowed);
         assert!(set.projection_px < 0.25, "{} px", set.projection_px);
-        assert_eq!(set.found.view_rms_px.iter().flatten().count(), SMALL.pictures, "{:?}", set.found.rejections);
+        assert_eq!(
+            set.found.view_rms_px.iter().flatten().count(),
+            SMALL.pictures,
+            "{:?}",
+            set.found.rejections
+        );
         // Nine correlated normal variables: one beyond four sigma is significant.
-        assert!(set.normalised.iter().all(|n| n.abs() < 4.0), "{:?}", set.normalised);
+        assert!(
+            set.normalised.iter().all(|n| n.abs() < 4.0),
+            "{:?}",
+            set.normalised
+        );
     }
 }
 
@@ -179,14 +244,27 @@ struct FoundCorner {
 
 /// Corners of an image.
 fn corners(picture: &RenderedBoard, random: &mut SeededRandom) -> Vec<FoundCorner> {
-    let board = Board::Checkerboard { columns: COLUMNS, rows: ROWS, square_m: SQUARE_M };
+    let board = Board::Checkerboard {
+        columns: COLUMNS,
+        rows: ROWS,
+        square_m: SQUARE_M,
+    };
     let view = board.find(&picture.render(random).unwrap()).unwrap().view;
     let pixels = picture.corner_pixels();
     assert!(view.len() > 100, "{} corners", view.len());
     let one = |p: &BoardPoint| {
-        let off = pixels.iter().map(|t| p.pixel - t).min_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap();
+        let off = pixels
+            .iter()
+            .map(|t| p.pixel - t)
+            .min_by(|a, b| a.norm().total_cmp(&b.norm()))
+            .unwrap();
         let square = off.dot(&(p.covariance_px2.try_inverse().unwrap() * off)) / 2.0;
-        FoundCorner { cell: p.board_m / SQUARE_M, pixel: p.pixel, off, square }
+        FoundCorner {
+            cell: p.board_m / SQUARE_M,
+            pixel: p.pixel,
+            off,
+            square,
+        }
     };
     view.iter().map(one).collect()
 }
@@ -199,12 +277,19 @@ fn corner_covariances_are_consistent_and_neighbours_independent() {
     // Correlation of neighbours' errors perpendicular to their common edge, which both use.
     let (mut products, mut squares, mut pairs) = (0.0, 0.0, 0);
     for (k, blur_px) in [0.5, 0.8, 1.5, 0.6, 0.7, 1.0].into_iter().enumerate() {
-        let picture = RenderedBoard { blur_px, noise: 3.0, ..picture(&truth, k, [0.0; 2], &mut random) };
+        let picture = RenderedBoard {
+            blur_px,
+            noise: 3.0,
+            ..picture(&truth, k, [0.0; 2], &mut random)
+        };
         let found = corners(&picture, &mut random);
         sum += found.iter().map(|f| f.square).sum::<f64>();
         n += found.len();
         for a in &found {
-            for b in found.iter().filter(|b| ((b.cell - a.cell).norm() - 1.0).abs() < 0.1) {
+            for b in found
+                .iter()
+                .filter(|b| ((b.cell - a.cell).norm() - 1.0).abs() < 0.1)
+            {
                 let edge = (b.pixel - a.pixel).normalize();
                 let (ea, eb) = (edge.perp(&a.off), edge.perp(&b.off));
                 products += ea * eb;
@@ -214,10 +299,18 @@ fn corner_covariances_are_consistent_and_neighbours_independent() {
         }
     }
     let (mean, correlation) = (sum / n as f64, products / squares);
-    println!("{n} corners: mean squared normalised error {mean:.2}; correlation of neighbours {correlation:.3}");
-    assert!((0.6..1.5).contains(&mean), "mean squared normalised error {mean} of {n} corners");
+    println!(
+        "{n} corners: mean squared normalised error {mean:.2}; correlation of neighbours {correlation:.3}"
+    );
+    assert!(
+        (0.6..1.5).contains(&mean),
+        "mean squared normalised error {mean} of {n} corners"
+    );
     // Each pair was counted twice: some 1200 pairs determine a correlation to 0.03.
-    assert!(pairs > 2000 && correlation.abs() < 0.1, "correlation {correlation} of {pairs} pairs");
+    assert!(
+        pairs > 2000 && correlation.abs() < 0.1,
+        "correlation {correlation} of {pairs} pairs"
+    );
 }
 
 /// Errors common to many corners shift the camera without residuals: constant and linear terms of the errors over
@@ -233,13 +326,18 @@ fn errors_of_corners_have_no_long_wavelengths() {
         let terms: [fn(&Vector2<f64>) -> f64; 3] = [|_| 1.0, |c| c.x - 5.5, |c| c.y - 4.0];
         for term in terms {
             let sum: Vector2<f64> = found.iter().map(|f| f.off * term(&f.cell)).sum();
-            waves += sum.norm_squared() / found.iter().map(|f| term(&f.cell).powi(2)).sum::<f64>() / 6.0;
+            waves +=
+                sum.norm_squared() / found.iter().map(|f| term(&f.cell).powi(2)).sum::<f64>() / 6.0;
         }
-        single += found.iter().map(|f| f.off.norm_squared()).sum::<f64>() / found.len() as f64 / 2.0;
+        single +=
+            found.iter().map(|f| f.off.norm_squared()).sum::<f64>() / found.len() as f64 / 2.0;
         pictures += 1.0;
     }
     let ratio = waves / single;
-    println!("{pictures} images: a coordinate is {:.5} px off; long waves {ratio:.2}", (single / pictures).sqrt());
+    println!(
+        "{pictures} images: a coordinate is {:.5} px off; long waves {ratio:.2}",
+        (single / pictures).sqrt()
+    );
     // 360 values determine it to 0.08.
     assert!((0.7..1.3).contains(&ratio), "{ratio}");
 }

@@ -10,12 +10,20 @@ use wingd::measure::geometry::Lens;
 use wingd::measure::render::{RenderedBoard, SeededRandom};
 use wingd::measure::setup::Pane;
 
-const BOARD: Board = Board::Checkerboard { columns: 12, rows: 9, square_m: 0.075 };
+const BOARD: Board = Board::Checkerboard {
+    columns: 12,
+    rows: 9,
+    square_m: 0.075,
+};
 /// Board positions, m.
 const BOARDS_M: f64 = 5.0;
 
 fn lens() -> Lens {
-    Lens { k1: -0.08, k2: 0.06, ..Lens::pinhole(1280, 960, 2500.0, 640.0, 478.0) }
+    Lens {
+        k1: -0.08,
+        k2: 0.06,
+        ..Lens::pinhole(1280, 960, 2500.0, 640.0, 478.0)
+    }
 }
 
 fn plate(tilt_deg: f64, bow_radius_m: Option<f64>) -> Plate {
@@ -30,13 +38,17 @@ fn plate(tilt_deg: f64, bow_radius_m: Option<f64>) -> Plate {
         distance_m: 0.1,
         same_on_ground: true,
     };
-    Plate { normal: Rotation3::from_euler_angles(0.0, tilt_deg.to_radians(), 0.0) * Vector3::z(), pane }
+    Plate {
+        normal: Rotation3::from_euler_angles(0.0, tilt_deg.to_radians(), 0.0) * Vector3::z(),
+        pane,
+    }
 }
 
 fn views(pane: Option<Plate>) -> Vec<BoardView> {
     let one = |k: u64| {
         let mut random = SeededRandom::new(k, 9);
-        let turn = Rotation3::from_euler_angles(random.uniform(-0.5, 0.5), random.uniform(-0.5, 0.5), 0.1);
+        let turn =
+            Rotation3::from_euler_angles(random.uniform(-0.5, 0.5), random.uniform(-0.5, 0.5), 0.1);
         let place = [(k % 4) as f64 * 0.5 - 0.75, (k / 4) as f64 * 0.36 - 0.54];
         let middle = Vector3::new(place[0], place[1], BOARDS_M + random.uniform(-0.7, 0.7));
         let origin_m = middle - turn * Vector3::new(11.0, 8.0, 0.0) * 0.0375;
@@ -51,7 +63,10 @@ fn views(pane: Option<Plate>) -> Vec<BoardView> {
             noise: 1.0,
             pane,
         };
-        BOARD.find(&picture.render(&mut random).unwrap()).map(|s| s.view).unwrap_or_default()
+        BOARD
+            .find(&picture.render(&mut random).unwrap())
+            .map(|s| s.view)
+            .unwrap_or_default()
     };
     (0..16).into_par_iter().map(one).collect()
 }
@@ -61,10 +76,17 @@ fn views(pane: Option<Plate>) -> Vec<BoardView> {
 fn left_px(found: &Lens, pane: Option<Plate>, distance_m: f64, shifts: bool) -> f64 {
     let truth = lens();
     let points: Vec<(Vector3<f64>, Vector2<f64>)> = (0..=10)
-        .flat_map(|i| (0..=8).map(move |j| Vector2::new(f64::from(i) * 127.9, f64::from(j) * 119.8)))
+        .flat_map(|i| {
+            (0..=8).map(move |j| Vector2::new(f64::from(i) * 127.9, f64::from(j) * 119.8))
+        })
         .map(|pixel| {
             let point = truth.ray(&pixel).unwrap() * distance_m;
-            (point, truth.project(&pane.map_or(point, |p| p.apparent_point(&point))).unwrap())
+            (
+                point,
+                truth
+                    .project(&pane.map_or(point, |p| p.apparent_point(&point)))
+                    .unwrap(),
+            )
         })
         .collect();
     let (mut turn, mut shift) = (Rotation3::identity(), Vector3::zeros());
@@ -75,7 +97,8 @@ fn left_px(found: &Lens, pane: Option<Plate>, distance_m: f64, shifts: bool) -> 
             let moved = turn * point + shift;
             let (pixel, by_point) = found.project_with_jacobian(&moved).unwrap();
             let mut by = nalgebra::SMatrix::<f64, 2, 6>::zeros();
-            by.fixed_columns_mut::<3>(0).copy_from(&(-by_point * moved.cross_matrix()));
+            by.fixed_columns_mut::<3>(0)
+                .copy_from(&(-by_point * moved.cross_matrix()));
             by.fixed_columns_mut::<3>(3).copy_from(&by_point);
             normal += by.transpose() * by;
             right += by.transpose() * (seen - pixel);
@@ -106,15 +129,24 @@ fn table_of_pane_effects_absorbed_by_a_calibration() {
         ("14.5 mm, square to the axis", Some(plate(0.0, None))),
         ("14.5 mm, 20 degrees", Some(plate(20.0, None))),
         ("14.5 mm, 40 degrees", Some(plate(40.0, None))),
-        ("14.5 mm, 20 degrees, bowed, 10 m", Some(plate(20.0, Some(10.0)))),
+        (
+            "14.5 mm, 20 degrees, bowed, 10 m",
+            Some(plate(20.0, Some(10.0))),
+        ),
     ];
-    println!("| panes | rms of the boards / px | 5 m | 10 m | 20 m | 40 m | the lens alone at 10 m |");
+    println!(
+        "| panes | rms of the boards / px | 5 m | 10 m | 20 m | 40 m | the lens alone at 10 m |"
+    );
     for (name, pane) in kinds {
         let found = calibrate(&views(pane), 1280, 960).unwrap();
         let left = [5.0, 10.0, 20.0, 40.0].map(|d| left_px(&found.lens, pane, d, false));
         let alone = left_px(&lens(), pane, 10.0, false);
         let cells: Vec<String> = left.iter().map(|l| format!("{l:.3}")).collect();
-        println!("| {name} | {:.4} | {} | {alone:.3} |", found.rms_px, cells.join(" | "));
+        println!(
+            "| {name} | {:.4} | {} | {alone:.3} |",
+            found.rms_px,
+            cells.join(" | ")
+        );
         // The boards themselves do not show the panes.
         assert!(found.rms_px < 0.02, "{name}: {} px", found.rms_px);
         // Plane panes leave only a shift of the projection centre by millimetres.

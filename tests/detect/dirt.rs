@@ -20,7 +20,12 @@ impl Streak {
     fn random_on(disc: Ellipse, random: &mut StdRng) -> Self {
         let [distance, width] = [random.random_range(0.0..5.0), random.random_range(1.0..4.0)];
         let side = if random.random_bool(0.5) { 1.0 } else { -1.0 };
-        Self { disc, distance: side * (disc[3] + distance), width, depth: random.random_range(0.05..0.25) }
+        Self {
+            disc,
+            distance: side * (disc[3] + distance),
+            width,
+            depth: random.random_range(0.05..0.25),
+        }
     }
 
     /// Transmitted fraction of the light at a position.
@@ -37,18 +42,33 @@ impl Streak {
 /// Squared error of a disc across its axis, px^2, and its variance.
 fn squared_error_across(marker: &Detection, error: Vector2<f64>) -> [f64; 2] {
     let axis = Vector2::new(-marker.angle_rad.sin(), marker.angle_rad.cos());
-    [error.dot(&axis).powi(2), axis.dot(&(*marker.covariance_px2 * axis))]
+    [
+        error.dot(&axis).powi(2),
+        axis.dot(&(*marker.covariance_px2 * axis)),
+    ]
 }
 
 /// Sums over discs: normalised squares across of dirty discs, of those without the added variance, of clean discs; number of clean
 /// discs with added variance; number of discs.
 fn sum_errors(seed: u64) -> [f64; 5] {
-    let (blur, noise) = ([0.8, 1.3][seed as usize % 2], [1.5, 2.5][seed as usize / 2 % 2]);
+    let (blur, noise) = (
+        [0.8, 1.3][seed as usize % 2],
+        [1.5, 2.5][seed as usize / 2 % 2],
+    );
     let mut random = StdRng::seed_from_u64(seed);
     let discs = discs();
-    let streaks: Vec<Streak> = discs.iter().map(|&disc| Streak::random_on(disc, &mut random)).collect();
+    let streaks: Vec<Streak> = discs
+        .iter()
+        .map(|&disc| Streak::random_on(disc, &mut random))
+        .collect();
     let skin = on_skin(&discs, 170.0, 50.0);
-    let dirty = |x, y| skin(x, y) * streaks.iter().map(|s| s.transmittance(x, y)).product::<f64>();
+    let dirty = |x, y| {
+        skin(x, y)
+            * streaks
+                .iter()
+                .map(|s| s.transmittance(x, y))
+                .product::<f64>()
+    };
     let dirty = detect(&picture(dirty, blur, noise, seed)).markers;
     let clean = detect(&picture(&skin, blur, noise, seed)).markers;
     let mut out = [0.0; 5];
@@ -56,11 +76,21 @@ fn sum_errors(seed: u64) -> [f64; 5] {
         let (marker, error) = nearest(&dirty, disc).expect("found");
         let [square, variance] = squared_error_across(marker, error);
         out[0] += square / variance;
-        out[1] += square / (variance - marker.covariance_px2.contribution(CovarianceSource::Contamination).trace());
+        out[1] += square
+            / (variance
+                - marker
+                    .covariance_px2
+                    .contribution(CovarianceSource::Contamination)
+                    .trace());
         let (marker, error) = nearest(&clean, disc).expect("found");
         let [square, variance] = squared_error_across(marker, error);
         out[2] += square / variance;
-        out[3] += if marker.covariance_px2.contribution(CovarianceSource::Contamination).trace() > 0.1 * variance {
+        out[3] += if marker
+            .covariance_px2
+            .contribution(CovarianceSource::Contamination)
+            .trace()
+            > 0.1 * variance
+        {
             1.0
         } else {
             0.0

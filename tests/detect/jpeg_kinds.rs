@@ -7,7 +7,9 @@ use sha2::{Digest, Sha256};
 use wingd::pipeline::decode::decode_image;
 
 fn file(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/jpeg").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("fixtures/jpeg")
+        .join(name)
 }
 
 /// Width and height, px, and the luma's digest.
@@ -19,7 +21,10 @@ fn kinds() -> Vec<(String, Option<Picture>)> {
     let row = |line: &str| {
         let cells: Vec<&str> = line.split(',').collect();
         let size = cells[1].parse().ok().zip(cells[2].parse().ok());
-        (cells[0].to_owned(), size.map(|(w, h)| (w, h, cells[3].to_owned())))
+        (
+            cells[0].to_owned(),
+            size.map(|(w, h)| (w, h, cells[3].to_owned())),
+        )
     };
     text.lines().skip(1).map(row).collect()
 }
@@ -28,21 +33,42 @@ fn kinds() -> Vec<(String, Option<Picture>)> {
 fn every_kind_has_the_values_of_djpeg_or_is_refused() {
     let rows = kinds();
     let files = std::fs::read_dir(file("")).unwrap();
-    let pictures = files.filter(|f| f.as_ref().unwrap().path().extension().is_some_and(|e| e == "jpg"));
+    let pictures = files.filter(|f| {
+        f.as_ref()
+            .unwrap()
+            .path()
+            .extension()
+            .is_some_and(|e| e == "jpg")
+    });
     assert_eq!(pictures.count(), rows.len(), "luma.csv lists every file");
     for (name, expected) in rows {
         let bytes = std::fs::read(file(&name)).unwrap();
         match (decode_image(&bytes, None), expected) {
             (Ok(picture), Some((width, height, digest))) => {
-                assert_eq!((picture.width(), picture.height()), (width, height), "{name}");
-                assert_eq!(hex::encode(Sha256::digest(picture.luma())), digest, "{name}");
+                assert_eq!(
+                    (picture.width(), picture.height()),
+                    (width, height),
+                    "{name}"
+                );
+                assert_eq!(
+                    hex::encode(Sha256::digest(picture.luma())),
+                    digest,
+                    "{name}"
+                );
             }
             (Err(error), None) => {
                 let message = error.to_string();
-                let has_remedy = message.contains("set the camera to baseline JPEG") || message.contains("remove them");
-                assert!(has_remedy && !message.contains("damaged"), "{name}: {message}");
+                let has_remedy = message.contains("set the camera to baseline JPEG")
+                    || message.contains("remove them");
+                assert!(
+                    has_remedy && !message.contains("damaged"),
+                    "{name}: {message}"
+                );
             }
-            (read, expected) => panic!("{name}: {:?} instead of {expected:?}", read.map(|p| p.width())),
+            (read, expected) => panic!(
+                "{name}: {:?} instead of {expected:?}",
+                read.map(|p| p.width())
+            ),
         }
     }
 }
@@ -63,6 +89,9 @@ fn missing_bytes_in_any_kind_are_noticed() {
             decode_image(&cut, None).is_ok()
         });
         let taken: Vec<usize> = taken.collect();
-        assert!(taken.len() <= 1, "{name}: {taken:?} of 100 read as complete");
+        assert!(
+            taken.len() <= 1,
+            "{name}: {taken:?} of 100 read as complete"
+        );
     }
 }

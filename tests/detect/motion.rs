@@ -1,6 +1,8 @@
 //! Promise: a target that moves during the exposure is measured like a static one.
 
-use crate::common::drawn::{Ellipse, TONE, discs, nearest, normalised_square, on_skin, picture, quadrants};
+use crate::common::drawn::{
+    Ellipse, TONE, discs, nearest, normalised_square, on_skin, picture, quadrants,
+};
 use wingd::measure::detect::detect;
 
 /// A scene that moves along rows by `by` px during the exposure.
@@ -34,12 +36,24 @@ fn normalised(markers: &[Ellipse], scene: impl Fn(f64, f64) -> f64) -> f64 {
 /// One edge is nearly parallel to the motion, the other perpendicular: 0.85 px and 1.7 px of blur.
 #[test]
 fn quadrants_are_measured_whatever_the_blur_of_each_edge() {
-    let targets: [Ellipse; 2] = [[260.3, 210.6, 112.0, 20.0, 0.1], [640.7, 205.2, 112.0, 24.0, 0.1]];
+    let targets: [Ellipse; 2] = [
+        [260.3, 210.6, 112.0, 20.0, 0.1],
+        [640.7, 205.2, 112.0, 24.0, 0.1],
+    ];
     let scenes = targets.map(|target| quadrants(target, 0.1, [160.0, 60.0, 235.0]));
-    let scene = move |x: f64, y: f64| if x < 450.0 { scenes[0](x, y) } else { scenes[1](x, y) };
+    let scene = move |x: f64, y: f64| {
+        if x < 450.0 {
+            scenes[0](x, y)
+        } else {
+            scenes[1](x, y)
+        }
+    };
     // The remaining effect of the motion's shape makes standard deviations of 0.02 px too large rather than too small.
     let normalised = normalised(&targets, scene);
-    assert!((0.25..1.4).contains(&normalised), "{normalised} standard deviations");
+    assert!(
+        (0.25..1.4).contains(&normalised),
+        "{normalised} standard deviations"
+    );
 }
 
 #[test]
@@ -47,5 +61,8 @@ fn flat_discs_are_found() {
     let discs = discs();
     // Their ends are softer than their sides, unlike the single blur of the model.
     let normalised = normalised(&discs, on_skin(&discs, 190.0, 50.0));
-    assert!((0.6..2.0).contains(&normalised), "{normalised} standard deviations");
+    assert!(
+        (0.6..2.0).contains(&normalised),
+        "{normalised} standard deviations"
+    );
 }

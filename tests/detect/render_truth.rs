@@ -6,7 +6,10 @@ use wingd::measure::setup::Shape;
 
 fn scene(seed: u64, side: SceneSide) -> Scene {
     let mut options = SceneOptions::random(seed, side);
-    options.lens = Lens { k1: -0.04, ..Lens::pinhole(800, 600, 1600.0, 401.0, 297.0) };
+    options.lens = Lens {
+        k1: -0.04,
+        ..Lens::pinhole(800, 600, 1600.0, 401.0, 297.0)
+    };
     Scene::random(seed, &options)
 }
 
@@ -16,7 +19,10 @@ fn one_thread_and_two_render_the_same_image() {
     for light in Light::ALL {
         let shot = scene.flight_shot(2.0, light, 17);
         let draw = |threads| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
             pool.install(|| scene.render(&shot)).unwrap()
         };
         assert!(draw(1) == draw(2), "{}", light.name());
@@ -25,16 +31,29 @@ fn one_thread_and_two_render_the_same_image() {
 
 #[test]
 fn the_truth_is_consistent_in_itself() {
-    for (seed, side) in [(1, SceneSide::Left), (2, SceneSide::Right), (3, SceneSide::Left)] {
+    for (seed, side) in [
+        (1, SceneSide::Left),
+        (2, SceneSide::Right),
+        (3, SceneSide::Left),
+    ] {
         let scene = scene(seed, side);
         let mut shot = scene.flight_shot(2.2, Light::Plain, 5);
         shot.mount = scene.remount(&mut SeededRandom::new(seed, 5));
         shot.hidden = vec![3];
         let (ground, flight) = (scene.truth(&scene.ground_shot(4)), scene.truth(&shot));
-        assert!(ground.markers.iter().all(|m| m.deflection_m == 0.0 && m.visible));
+        assert!(
+            ground
+                .markers
+                .iter()
+                .all(|m| m.deflection_m == 0.0 && m.visible)
+        );
         assert_eq!(ground.torsion_rad, Some(0.0));
         // Markers that no frame would show completely are omitted: 18 to 27 are requested.
-        assert!((12..=27).contains(&scene.markers.len()), "seed {seed}: {} markers", scene.markers.len());
+        assert!(
+            (12..=27).contains(&scene.markers.len()),
+            "seed {seed}: {} markers",
+            scene.markers.len()
+        );
         assert!(scene.markers.iter().any(|m| m.shape == Shape::Circle));
         for (marker, survey) in ground.markers.iter().zip(&scene.setup.markers) {
             assert_eq!(marker.id, survey.id);
@@ -47,7 +66,11 @@ fn the_truth_is_consistent_in_itself() {
             assert!((pixel - marker.pixel.unwrap()).norm() < 1e-6);
         }
         assert!(!flight.markers[3].visible);
-        let highest = flight.markers.iter().map(|m| m.deflection_m).fold(0.0, f64::max);
+        let highest = flight
+            .markers
+            .iter()
+            .map(|m| m.deflection_m)
+            .fold(0.0, f64::max);
         assert!(highest > 1.5 && highest < 2.3, "{highest}");
         assert!(flight.torsion_rad.unwrap().abs() > 1e-3);
     }
@@ -72,7 +95,11 @@ fn an_installation_gives_a_wing_through_its_markers() {
     assert_eq!(fitted.wing.side, SceneSide::Left);
     let truth = fitted.truth(&fitted.ground_shot(1));
     for (marker, survey) in truth.markers.iter().zip(&original.setup.markers) {
-        assert!((marker.position_m - survey.position_m).norm() < 1e-6, "{}", marker.id);
+        assert!(
+            (marker.position_m - survey.position_m).norm() < 1e-6,
+            "{}",
+            marker.id
+        );
         assert!(marker.visible, "{}", marker.id);
     }
     let mut odd = original.setup.clone();

@@ -46,18 +46,29 @@ fn tally(truth: &[(Vector2<f64>, bool)], bad: &[usize], seen: &[Option<Detection
         };
         let error = marker.centre_px - truth[j].0;
         out.squares += error.norm_squared();
-        out.normalised += 0.5 * error.dot(&Cholesky::new(*marker.covariance_px2).unwrap().solve(&error));
+        out.normalised +=
+            0.5 * error.dot(&Cholesky::new(*marker.covariance_px2).unwrap().solve(&error));
         out.count += 1;
     }
     out
 }
 
 /// Detection of each marker, without its perspective bias.
-fn by_marker(scene: &Scene, orientation: &Orientation, found: &Detections) -> Vec<Option<Detection>> {
+fn by_marker(
+    scene: &Scene,
+    orientation: &Orientation,
+    found: &Detections,
+) -> Vec<Option<Detection>> {
     let wing = WingView::in_flight(&scene.setup, orientation);
     let identities = wing.identify_markers(&found.markers).unwrap();
     let centred = wing.remove_perspective_bias(&found.markers, &identities);
-    let of = |j: usize| identities.marker_of.iter().position(|m| *m == Some(j)).map(|i| centred[i].clone());
+    let of = |j: usize| {
+        identities
+            .marker_of
+            .iter()
+            .position(|m| *m == Some(j))
+            .map(|i| centred[i].clone())
+    };
     (0..scene.markers.len()).map(of).collect()
 }
 
@@ -82,21 +93,48 @@ pub fn oriented(scene: &Scene, seed: u64) -> Orientation {
     let truth = scene.truth(&scene.ground_shot(seed)).markers;
     let sight = |(marker, truth): (usize, &MarkerTruth)| {
         let covariance_px2 = Matrix2::identity() * (SIGHT_PX * SIGHT_PX);
-        truth.pixel.filter(|_| truth.visible).map(|pixel| Observation { marker, pixel, covariance_px2 })
+        truth
+            .pixel
+            .filter(|_| truth.visible)
+            .map(|pixel| Observation {
+                marker,
+                pixel,
+                covariance_px2,
+            })
     };
     Orientation {
         camera_from_survey: scene.camera_from_survey,
-        covariance_rad2: Some(Matrix3::identity() * (SIGHT_PX / scene.setup.lens.focal_px()).powi(2)),
+        covariance_rad2: Some(
+            Matrix3::identity() * (SIGHT_PX / scene.setup.lens.focal_px()).powi(2),
+        ),
         ground: truth.iter().enumerate().filter_map(sight).collect(),
         templates: vec![],
     }
 }
 
 /// Tallies of the first and the second pass.
-fn compare_passes(seed: u64, Case { shape, light, deflection_m, length_m }: Case) -> [Tally; 2] {
-    let side = if seed.is_multiple_of(2) { SceneSide::Left } else { SceneSide::Right };
+fn compare_passes(
+    seed: u64,
+    Case {
+        shape,
+        light,
+        deflection_m,
+        length_m,
+    }: Case,
+) -> [Tally; 2] {
+    let side = if seed.is_multiple_of(2) {
+        SceneSide::Left
+    } else {
+        SceneSide::Right
+    };
     let usual = SceneOptions::random(seed, side);
-    let mut scene = Scene::random(seed, &SceneOptions { length_m: length_m.unwrap_or(usual.length_m), ..usual });
+    let mut scene = Scene::random(
+        seed,
+        &SceneOptions {
+            length_m: length_m.unwrap_or(usual.length_m),
+            ..usual
+        },
+    );
     // No print has exactly the surveyed size.
     for (marker, j) in scene.setup.markers.iter_mut().zip(0u64..) {
         let share = ((7919 * seed + 104_729 * j) % 1000) as f64 / 500.0 - 1.0;
@@ -105,31 +143,51 @@ fn compare_passes(seed: u64, Case { shape, light, deflection_m, length_m }: Case
     let orientation = oriented(&scene, seed);
     let shot = scene.flight_shot(deflection_m, light, seed);
     let image = scene.render(&shot).unwrap();
-    let truth: Vec<(Vector2<f64>, bool)> =
-        (scene.truth(&shot).markers.iter()).map(|m| (m.pixel.unwrap_or_default(), m.visible)).collect();
+    let truth: Vec<(Vector2<f64>, bool)> = (scene.truth(&shot).markers.iter())
+        .map(|m| (m.pixel.unwrap_or_default(), m.visible))
+        .collect();
 
     let first = detect(&image);
     let wing = WingView::in_flight(&scene.setup, &orientation);
     let identities = wing.identify_markers(&first.markers).unwrap();
-    let (closer, _) = FrameView::new(&wing, &mut &image, &mut |_| ()).refine(first.clone(), identities);
+    let (closer, _) =
+        FrameView::new(&wing, &mut &image, &mut |_| ()).refine(first.clone(), identities);
     for (i, one) in closer.markers.iter().enumerate() {
         let near = |other: &&Detection| (one.centre_px - other.centre_px).norm() < 5.0;
-        assert_eq!(closer.markers[..i].iter().find(near), None, "seed {seed}: one marker, one detection");
+        assert_eq!(
+            closer.markers[..i].iter().find(near),
+            None,
+            "seed {seed}: one marker, one detection"
+        );
     }
     let [before, after] = [&first, &closer].map(|found| by_marker(&scene, &orientation, found));
-    let unsure = |j: &usize| before[*j].as_ref().is_none_or(|d| d.covariance_px2.trace() >= UNSURE_PX2);
+    let unsure = |j: &usize| {
+        before[*j]
+            .as_ref()
+            .is_none_or(|d| d.covariance_px2.trace() >= UNSURE_PX2)
+    };
     let of_shape = |j: &usize| scene.markers[*j].shape == shape;
-    let bad: Vec<usize> = (0..scene.markers.len()).filter(of_shape).filter(unsure).collect();
+    let bad: Vec<usize> = (0..scene.markers.len())
+        .filter(of_shape)
+        .filter(unsure)
+        .collect();
     for (j, marker) in scene.markers.iter().enumerate() {
         let off = after[j].as_ref().map(|d| (d.centre_px - truth[j].0).norm());
-        assert!(off.is_none_or(|off| off < 6.0), "seed {seed}: {} is off by {off:?} px", marker.id);
+        assert!(
+            off.is_none_or(|off| off < 6.0),
+            "seed {seed}: {} is off by {off:?} px",
+            marker.id
+        );
     }
     [before, after].map(|seen| tally(&truth, &bad, &seen))
 }
 
 /// Both passes over a range of scenes.
 fn tallies(seeds: std::ops::Range<u64>, case: Case) -> [Tally; 2] {
-    let all: Vec<[Tally; 2]> = seeds.into_par_iter().map(|seed| compare_passes(seed, case)).collect();
+    let all: Vec<[Tally; 2]> = seeds
+        .into_par_iter()
+        .map(|seed| compare_passes(seed, case))
+        .collect();
     let [mut once, mut closer] = [Tally::default(), Tally::default()];
     for [first, second] in &all {
         once.add(first);
@@ -150,31 +208,58 @@ fn tallies(seeds: std::ops::Range<u64>, case: Case) -> [Tally; 2] {
 
 #[test]
 fn known_sizes_improve_discs_in_glare() {
-    let case = Case { shape: Shape::Circle, light: Light::Glare, deflection_m: 1.8, length_m: None };
+    let case = Case {
+        shape: Shape::Circle,
+        light: Light::Glare,
+        deflection_m: 1.8,
+        length_m: None,
+    };
     let [once, closer] = tallies(40..70, case);
     assert!(closer.count >= 10, "glare lies over {} discs", closer.count);
     assert!(closer.missing <= once.missing && closer.rms() < 0.6 * once.rms());
-    assert!((0.6..1.4).contains(&closer.spread()), "{} standard deviations", closer.spread());
+    assert!(
+        (0.6..1.4).contains(&closer.spread()),
+        "{} standard deviations",
+        closer.spread()
+    );
 }
 
 /// A wing that bends downwards shows the discs near its tip as flat as 1:30.
 #[test]
 fn faint_discs_in_haze_are_found_if_their_sizes_are_known() {
-    let case = Case { shape: Shape::Circle, light: Light::Haze, deflection_m: -0.5, length_m: None };
+    let case = Case {
+        shape: Shape::Circle,
+        light: Light::Haze,
+        deflection_m: -0.5,
+        length_m: None,
+    };
     let [once, closer] = tallies(80..92, case);
     assert!(once.missing > 0, "all are seen at once");
     assert_eq!(closer.missing, 0, "of {}", closer.count);
-    assert!((0.6..1.4).contains(&closer.spread()), "{} standard deviations", closer.spread());
+    assert!(
+        (0.6..1.4).contains(&closer.spread()),
+        "{} standard deviations",
+        closer.spread()
+    );
 }
 
 /// Near the camera markers are so large that a streak of glare covers an end of several.
 #[test]
 fn quadrants_cut_by_glare_are_found_by_their_outline() {
-    let case = Case { shape: Shape::Quadrant, light: Light::Glare, deflection_m: 1.8, length_m: Some(12.0) };
+    let case = Case {
+        shape: Shape::Quadrant,
+        light: Light::Glare,
+        deflection_m: 1.8,
+        length_m: Some(12.0),
+    };
     let [once, closer] = tallies(100..112, case);
     assert!(once.missing >= 5, "glare cuts {} quadrants", once.missing);
     assert!(closer.missing <= once.missing / 2 && closer.rms() < 0.2);
-    assert!((0.6..1.4).contains(&closer.spread()), "{} standard deviations", closer.spread());
+    assert!(
+        (0.6..1.4).contains(&closer.spread()),
+        "{} standard deviations",
+        closer.spread()
+    );
 }
 
 /// The outline of narrow quadrants is fitted, that of others follows from the prediction.
@@ -184,19 +269,29 @@ fn quadrants_not_found_at_first_are_found_at_their_size() {
     for seed in 130..134 {
         let scene = Scene::random(seed, &SceneOptions::random(seed, SceneSide::Left));
         let orientation = oriented(&scene, seed);
-        let image = scene.render(&scene.flight_shot(1.2, Light::Shadow, seed)).unwrap();
+        let image = scene
+            .render(&scene.flight_shot(1.2, Light::Shadow, seed))
+            .unwrap();
         let wing = WingView::in_flight(&scene.setup, &orientation);
         let first = detect(&image);
-        for removed in first.markers.iter().filter(|marker| marker.shape == Shape::Quadrant) {
+        for removed in first
+            .markers
+            .iter()
+            .filter(|marker| marker.shape == Shape::Quadrant)
+        {
             let mut others = first.clone();
             others.markers.retain(|marker| marker != removed);
             let identities = wing.identify_markers(&others.markers).unwrap();
-            let (again, named) = FrameView::new(&wing, &mut &image, &mut |_| ()).refine(others, identities);
+            let (again, named) =
+                FrameView::new(&wing, &mut &image, &mut |_| ()).refine(others, identities);
             let is_near = |found: &Detection| (found.centre_px - removed.centre_px).norm() < 1.0;
             let found = again.markers.iter().position(is_near);
             let larger = found.map(|i| again.markers[i].semi_major_px / removed.semi_major_px);
             let is_named = found.is_some_and(|i| named.marker_of[i].is_some());
-            assert!(larger.is_some_and(|ratio| (0.85..1.18).contains(&ratio)) && is_named, "seed {seed}: {larger:?}");
+            assert!(
+                larger.is_some_and(|ratio| (0.85..1.18).contains(&ratio)) && is_named,
+                "seed {seed}: {larger:?}"
+            );
             quadrants += 1;
         }
     }

@@ -10,30 +10,41 @@ use crate::common::random::{normal, rng};
 
 /// Sharpens grey values as cameras do: adds `amplitude` times the difference from a blurred copy.
 fn sharpened(grey: &[f64], amplitude: f64, halo_px: f64) -> Vec<f64> {
-    let weights: Vec<(isize, f64)> =
-        (-8..=8).map(|k: isize| (k, (-0.5 * (k as f64 / halo_px).powi(2)).exp())).collect();
+    let weights: Vec<(isize, f64)> = (-8..=8)
+        .map(|k: isize| (k, (-0.5 * (k as f64 / halo_px).powi(2)).exp()))
+        .collect();
     let total: f64 = weights.iter().map(|w| w.1).sum();
     let passed = |from: &[f64], along_x: bool| -> Vec<f64> {
         let at = |x: isize, y: isize| {
-            from[y.clamp(0, HEIGHT as isize - 1) as usize * WIDTH + x.clamp(0, WIDTH as isize - 1) as usize]
+            from[y.clamp(0, HEIGHT as isize - 1) as usize * WIDTH
+                + x.clamp(0, WIDTH as isize - 1) as usize]
         };
         let one = |i: usize| {
             let (x, y) = ((i % WIDTH) as isize, (i / WIDTH) as isize);
-            let one = |&(k, w): &(isize, f64)| w * if along_x { at(x + k, y) } else { at(x, y + k) };
+            let one =
+                |&(k, w): &(isize, f64)| w * if along_x { at(x + k, y) } else { at(x, y + k) };
             weights.iter().map(one).sum::<f64>() / total
         };
         (0..WIDTH * HEIGHT).map(one).collect()
     };
     let copy = passed(&passed(grey, true), false);
-    grey.iter().zip(copy).map(|(v, copy)| v + amplitude * (v - copy)).collect()
+    grey.iter()
+        .zip(copy)
+        .map(|(v, copy)| v + amplitude * (v - copy))
+        .collect()
 }
 
 /// Renders a scene with noise, then sharpens, then rounds it, and detects its markers.
 fn detect_sharpened(light: &[f64], (amplitude, halo_px): (f64, f64), seed: u64) -> Detections {
     let mut random = rng(seed);
-    let grey: Vec<f64> = light.iter().map(|v| v.powf(1.0 / TONE) + 1.2 * normal(&mut random)).collect();
-    let luma: Vec<u8> =
-        sharpened(&grey, amplitude, halo_px).iter().map(|v| v.round().clamp(0.0, 255.0) as u8).collect();
+    let grey: Vec<f64> = light
+        .iter()
+        .map(|v| v.powf(1.0 / TONE) + 1.2 * normal(&mut random))
+        .collect();
+    let luma: Vec<u8> = sharpened(&grey, amplitude, halo_px)
+        .iter()
+        .map(|v| v.round().clamp(0.0, 255.0) as u8)
+        .collect();
     detect(&Raster::new(WIDTH, HEIGHT, luma).unwrap())
 }
 
@@ -47,18 +58,28 @@ fn assert_consistent_when_sharpened(markers: &[Ellipse], scene: impl Fn(f64, f64
             let overshoot = found.overshoot.expect("it shows");
             // An edge determines the product: the difference from a slightly more blurred copy.
             let strength = |amplitude: f64, halo_px: f64| amplitude * halo_px * halo_px;
-            let ratio = strength(overshoot.amplitude, overshoot.halo_px) / strength(amplitude, halo_px);
-            assert!((0.6..1.6).contains(&ratio), "{overshoot:?} for {amplitude}, {halo_px}");
+            let ratio =
+                strength(overshoot.amplitude, overshoot.halo_px) / strength(amplitude, halo_px);
+            assert!(
+                (0.6..1.6).contains(&ratio),
+                "{overshoot:?} for {amplitude}, {halo_px}"
+            );
             let near = markers.iter().filter_map(|&m| nearest(&found.markers, m));
             squares.extend(near.map(|(m, error)| normalised_square(m, error)));
         }
         let normalised = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
-        println!("sharpened by {amplitude}: {} found, normalised error {normalised:.2}", squares.len());
+        println!(
+            "sharpened by {amplitude}: {} found, normalised error {normalised:.2}",
+            squares.len()
+        );
         assert_eq!(squares.len(), 4 * markers.len());
         // Sharpened noise is fine-grained: structures as large as a marker keep their size, the residuals grow by up to 1 + a, and
         // with them the standard deviations.
         let least = 1.0 / (1.0 + amplitude);
-        assert!((least..1.4).contains(&normalised), "{normalised} standard deviations");
+        assert!(
+            (least..1.4).contains(&normalised),
+            "{normalised} standard deviations"
+        );
     }
 }
 
@@ -71,7 +92,13 @@ fn sharpened_discs_have_consistent_sigmas() {
 #[test]
 fn sharpened_quadrants_have_consistent_sigmas() {
     let targets: [Ellipse; 6] = std::array::from_fn(|k| {
-        [150.3 + 290.2 * (k % 3) as f64, 110.4 + 190.3 * (k / 3) as f64, 80.0, 26.0, 0.1 - 0.03 * k as f64]
+        [
+            150.3 + 290.2 * (k % 3) as f64,
+            110.4 + 190.3 * (k / 3) as f64,
+            80.0,
+            26.0,
+            0.1 - 0.03 * k as f64,
+        ]
     });
     let scenes = targets.map(|target| quadrants(target, 0.4, [140.0, 60.0, 190.0]));
     assert_consistent_when_sharpened(&targets, move |x, y| {

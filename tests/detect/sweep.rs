@@ -30,7 +30,10 @@ impl Marker {
     /// Edges of a disc whose quadrants are rotated by `turn` before the projection.
     fn with_quadrants(self, turn: f64) -> Self {
         let seen = |t: f64| self.angle + (self.b * t.sin()).atan2(self.a * t.cos());
-        Self { edges: Some([seen(turn), seen(turn + std::f64::consts::FRAC_PI_2)]), ..self }
+        Self {
+            edges: Some([seen(turn), seen(turn + std::f64::consts::FRAC_PI_2)]),
+            ..self
+        }
     }
 
     /// Fractions of white and of black at a position, sharp except for the sample size. The outline of a
@@ -38,12 +41,17 @@ impl Marker {
     fn sharp(&self, x: f64, y: f64, crossing: Vector2<f64>, outline: Vector2<f64>) -> [f64; 2] {
         let (sin, cos) = self.angle.sin_cos();
         let (dx, dy) = (x - outline.x, y - outline.y);
-        let (s, t) = ((dx * cos + dy * sin) / self.a, (dy * cos - dx * sin) / self.b);
+        let (s, t) = (
+            (dx * cos + dy * sin) / self.a,
+            (dy * cos - dx * sin) / self.b,
+        );
         let r = s.hypot(t).max(1e-9);
         let slope = (s / self.a / r).hypot(t / self.b / r);
         let soft = |distance: f64| (0.5 + distance * FINE as f64).clamp(0.0, 1.0);
         let inside = soft((1.0 - r) / slope);
-        let Some(edges) = self.edges else { return [0.0, inside] };
+        let Some(edges) = self.edges else {
+            return [0.0, inside];
+        };
         let [c, d] = edges.map(|e| soft((y - crossing.y) * e.cos() - (x - crossing.x) * e.sin()));
         let black = c * d + (1.0 - c) * (1.0 - d);
         [inside * (1.0 - black), inside * black]
@@ -59,7 +67,13 @@ fn coverage(marker: &Marker, crossing: Vector2<f64>, outline: Vector2<f64>) -> [
     let fine: [Vec<f64>; 2] = sharp.map(|[white, black]| (white, black)).unzip().into();
     let reach = (4.5 * marker.blur * FINE as f64).ceil() as isize;
     let sigma = marker.blur * FINE as f64;
-    let gauss = |k: isize| if k.abs() > reach { 0.0 } else { (-0.5 * (k as f64 / sigma).powi(2)).exp() };
+    let gauss = |k: isize| {
+        if k.abs() > reach {
+            0.0
+        } else {
+            (-0.5 * (k as f64 / sigma).powi(2)).exp()
+        }
+    };
     let total: f64 = (-reach..=reach).map(gauss).sum();
     let samples = FINE as isize;
     let kernel: Vec<f64> = (-reach..reach + samples)
@@ -69,13 +83,24 @@ fn coverage(marker: &Marker, crossing: Vector2<f64>, outline: Vector2<f64>) -> [
     let pass = |from: &[f64]| -> Vec<f64> {
         let rows = from.len() / n;
         let mut to = vec![0.0; rows * SIZE];
-        for (y, row) in from.chunks_exact(n).enumerate().filter(|(_, row)| row.iter().any(|v| *v != 0.0)) {
+        for (y, row) in from
+            .chunks_exact(n)
+            .enumerate()
+            .filter(|(_, row)| row.iter().any(|v| *v != 0.0))
+        {
             for x in 0..SIZE {
                 let begin = (x * FINE) as isize - reach;
-                let (low, high) = (begin.max(0), (begin + kernel.len() as isize).min(n as isize));
+                let (low, high) = (
+                    begin.max(0),
+                    (begin + kernel.len() as isize).min(n as isize),
+                );
                 let weights = &kernel[(low - begin) as usize..(high - begin) as usize];
                 let values = &row[low as usize..high as usize];
-                to[x * rows + y] = weights.iter().zip(values).map(|(weight, value)| weight * value).sum();
+                to[x * rows + y] = weights
+                    .iter()
+                    .zip(values)
+                    .map(|(weight, value)| weight * value)
+                    .sum();
             }
         }
         to
@@ -84,8 +109,12 @@ fn coverage(marker: &Marker, crossing: Vector2<f64>, outline: Vector2<f64>) -> [
 }
 
 fn grey(marker: &Marker, shares: &[Vec<f64>; 2]) -> Vec<f64> {
-    let [skin, black, white] = [marker.skin, marker.black, marker.white].map(|v| (v / 255.0).powf(1.0 / TONE));
-    let light = shares[0].iter().zip(&shares[1]).map(|(w, b)| skin + (white - skin) * w + (black - skin) * b);
+    let [skin, black, white] =
+        [marker.skin, marker.black, marker.white].map(|v| (v / 255.0).powf(1.0 / TONE));
+    let light = shares[0]
+        .iter()
+        .zip(&shares[1])
+        .map(|(w, b)| skin + (white - skin) * w + (black - skin) * b);
     light.map(|l| 255.0 * l.powf(TONE)).collect()
 }
 
@@ -115,16 +144,27 @@ fn cramer_rao_bound(marker: &Marker, centre: Vector2<f64>) -> Vector2<f64> {
         }
         grey(&m, &coverage(&m, c, if disc { c } else { outline }))
     };
-    let steps = [0.05, 0.05, 0.05, 0.05, 0.003, 0.03, 1.0, 1.0, 1.0, 0.05, 0.05, 0.05, 0.05, 0.003];
-    let list: Vec<usize> = (0..14).filter(|&k| if disc { k < 8 } else { k != 4 }).collect();
+    let steps = [
+        0.05, 0.05, 0.05, 0.05, 0.003, 0.03, 1.0, 1.0, 1.0, 0.05, 0.05, 0.05, 0.05, 0.003,
+    ];
+    let list: Vec<usize> = (0..14)
+        .filter(|&k| if disc { k < 8 } else { k != 4 })
+        .collect();
     let columns: Vec<Vec<f64>> = (list.iter())
         .map(|&k| {
             let (low, high) = (value(k, -steps[k]), value(k, steps[k]));
-            low.iter().zip(&high).map(|(l, h)| (h - l) / (2.0 * steps[k])).collect()
+            low.iter()
+                .zip(&high)
+                .map(|(l, h)| (h - l) / (2.0 * steps[k]))
+                .collect()
         })
         .collect();
     let information = DMatrix::from_fn(list.len(), list.len(), |i, j| {
-        columns[i].iter().zip(&columns[j]).map(|(a, b)| a * b).sum::<f64>()
+        columns[i]
+            .iter()
+            .zip(&columns[j])
+            .map(|(a, b)| a * b)
+            .sum::<f64>()
     });
     // Rounding to whole grey levels is noise too.
     let noise = (marker.noise * marker.noise + 1.0 / 12.0).sqrt();
@@ -133,13 +173,20 @@ fn cramer_rao_bound(marker: &Marker, centre: Vector2<f64>) -> Vector2<f64> {
 }
 
 fn normal(random: &mut StdRng) -> f64 {
-    let (u, v): (f64, f64) = (random.random_range(1e-12..1.0), random.random_range(0.0..1.0));
+    let (u, v): (f64, f64) = (
+        random.random_range(1e-12..1.0),
+        random.random_range(0.0..1.0),
+    );
     (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
 /// Ratio of the scatter to the bound, and the rms of normalised errors, both over u and v.
 fn trial(marker: &Marker, seed: u64) -> (f64, f64) {
-    let shape = if marker.edges.is_some() { Shape::Quadrant } else { Shape::Circle };
+    let shape = if marker.edges.is_some() {
+        Shape::Quadrant
+    } else {
+        Shape::Circle
+    };
     let mut random = StdRng::seed_from_u64(seed);
     let (mut against_bound, mut normalised, mut count) = (0.0, 0.0, 0.0);
     for _ in 0..2 {
@@ -148,9 +195,20 @@ fn trial(marker: &Marker, seed: u64) -> (f64, f64) {
         let clean = grey(marker, &coverage(marker, centre, centre));
         let limit = cramer_rao_bound(marker, centre);
         for _ in 0..16 {
-            let luma = clean.iter().map(|v| (v + marker.noise * normal(&mut random)).round().clamp(0.0, 255.0) as u8);
+            let luma = clean.iter().map(|v| {
+                (v + marker.noise * normal(&mut random))
+                    .round()
+                    .clamp(0.0, 255.0) as u8
+            });
             let found = detect(&Raster::new(SIZE, SIZE, luma.collect()).unwrap());
-            assert_eq!(found.markers.len(), 1, "a {} b {}: {:?}", marker.a, marker.b, found.rejected);
+            assert_eq!(
+                found.markers.len(),
+                1,
+                "a {} b {}: {:?}",
+                marker.a,
+                marker.b,
+                found.rejected
+            );
             let seen = &found.markers[0];
             assert_eq!(seen.shape, shape);
             let error = seen.centre_px - centre;
@@ -173,55 +231,134 @@ fn assert_near_bound(cases: &[(&str, Marker)]) {
         println!("{name}: scatter over bound {ratio:.2}, normalised errors {normalised:.2}");
         let most = if marker.b >= 2.0 { 1.5 } else { 2.5 };
         assert!(ratio < most, "{name}: {ratio:.2} times the bound");
-        assert!((0.6..1.45).contains(&normalised), "{name}: normalised errors {normalised:.2}");
+        assert!(
+            (0.6..1.45).contains(&normalised),
+            "{name}: normalised errors {normalised:.2}"
+        );
         all += normalised * normalised / cases.len() as f64;
     }
-    assert!((0.8..1.25).contains(&all.sqrt()), "normalised errors {:.2}", all.sqrt());
+    assert!(
+        (0.8..1.25).contains(&all.sqrt()),
+        "normalised errors {:.2}",
+        all.sqrt()
+    );
 }
 
-const BASE: Marker =
-    Marker { a: 30.0, b: 8.0, angle: 0.2, edges: None, blur: 0.8, noise: 2.0, skin: 180.0, black: 55.0, white: 230.0 };
+const BASE: Marker = Marker {
+    a: 30.0,
+    b: 8.0,
+    angle: 0.2,
+    edges: None,
+    blur: 0.8,
+    noise: 2.0,
+    skin: 180.0,
+    black: 55.0,
+    white: 230.0,
+};
 
 #[test]
 fn discs_are_measured_near_the_bound_with_consistent_sigmas() {
     assert_near_bound(&[
-        ("thinnest", Marker { a: 18.0, b: 1.25, ..BASE }),
+        (
+            "thinnest",
+            Marker {
+                a: 18.0,
+                b: 1.25,
+                ..BASE
+            },
+        ),
         ("base", BASE),
         ("round", Marker { b: 15.0, ..BASE }),
         ("flat", Marker { b: 4.0, ..BASE }),
-        ("flatter", Marker { a: 20.0, b: 2.0, ..BASE }),
+        (
+            "flatter",
+            Marker {
+                a: 20.0,
+                b: 2.0,
+                ..BASE
+            },
+        ),
         ("steep", Marker { angle: 1.3, ..BASE }),
         ("blurred", Marker { blur: 2.0, ..BASE }),
         ("noisy", Marker { noise: 5.0, ..BASE }),
-        ("dusk", Marker { skin: 80.0, black: 25.0, ..BASE }),
+        (
+            "dusk",
+            Marker {
+                skin: 80.0,
+                black: 25.0,
+                ..BASE
+            },
+        ),
     ]);
 }
 
 #[test]
 fn quadrants_are_measured_near_the_bound_with_consistent_sigmas() {
-    let base = Marker { a: 40.0, b: 14.0, ..BASE };
+    let base = Marker {
+        a: 40.0,
+        b: 14.0,
+        ..BASE
+    };
     assert_near_bound(&[
         ("base", base.with_quadrants(0.4)),
-        ("round", Marker { a: 30.0, b: 26.0, ..base }.with_quadrants(0.1)),
+        (
+            "round",
+            Marker {
+                a: 30.0,
+                b: 26.0,
+                ..base
+            }
+            .with_quadrants(0.1),
+        ),
         ("flat", Marker { b: 7.0, ..base }.with_quadrants(0.7)),
         ("other turn", base.with_quadrants(1.2)),
         ("steep", Marker { angle: 1.3, ..base }.with_quadrants(0.5)),
         ("blurred", Marker { blur: 1.4, ..base }.with_quadrants(0.4)),
         ("noisy", Marker { noise: 5.0, ..base }.with_quadrants(0.4)),
-        ("dusk", Marker { skin: 80.0, black: 25.0, white: 100.0, ..base }.with_quadrants(0.4)),
+        (
+            "dusk",
+            Marker {
+                skin: 80.0,
+                black: 25.0,
+                white: 100.0,
+                ..base
+            }
+            .with_quadrants(0.4),
+        ),
     ]);
 }
 
 /// Blur mixes edges and outline there.
 #[test]
 fn narrow_quadrants_under_strong_blur_are_measured_near_the_bound_with_consistent_sigmas() {
-    let base = Marker { a: 40.0, b: 14.0, blur: 2.0, ..BASE };
+    let base = Marker {
+        a: 40.0,
+        b: 14.0,
+        blur: 2.0,
+        ..BASE
+    };
     assert_near_bound(&[
         ("thick", base.with_quadrants(0.9)),
         ("narrow", Marker { b: 10.0, ..base }.with_quadrants(0.4)),
         ("narrower", Marker { b: 7.0, ..base }.with_quadrants(1.2)),
-        ("steep", Marker { b: 8.0, angle: 1.3, ..base }.with_quadrants(0.7)),
-        ("noisy", Marker { b: 9.0, noise: 5.0, ..base }.with_quadrants(0.2)),
+        (
+            "steep",
+            Marker {
+                b: 8.0,
+                angle: 1.3,
+                ..base
+            }
+            .with_quadrants(0.7),
+        ),
+        (
+            "noisy",
+            Marker {
+                b: 9.0,
+                noise: 5.0,
+                ..base
+            }
+            .with_quadrants(0.2),
+        ),
     ]);
 }
 
@@ -230,23 +367,44 @@ fn narrow_quadrants_under_strong_blur_are_measured_near_the_bound_with_consisten
 fn count_pale(marker: &Marker, random: &mut StdRng) -> Vec<(f64, f64, usize, bool)> {
     let of_contrast = |contrast: f64| Marker {
         // White is lighter than the skin by 20 % of the difference between skin and black.
-        black: if marker.edges.is_some() { marker.skin - 0.8 * contrast } else { marker.skin - contrast },
+        black: if marker.edges.is_some() {
+            marker.skin - 0.8 * contrast
+        } else {
+            marker.skin - contrast
+        },
         white: marker.skin + 0.2 * contrast,
         ..*marker
     };
     let centre = Vector2::new(63.3, 64.6);
     let shares = coverage(marker, centre, centre);
-    let shape = if marker.edges.is_some() { Shape::Quadrant } else { Shape::Circle };
+    let shape = if marker.edges.is_some() {
+        Shape::Quadrant
+    } else {
+        Shape::Circle
+    };
     // The bound is proportional to noise over contrast.
-    let usual = cramer_rao_bound(&Marker { noise: 1.0, ..of_contrast(20.0) }, centre).norm() * 20.0;
+    let usual = cramer_rao_bound(
+        &Marker {
+            noise: 1.0,
+            ..of_contrast(20.0)
+        },
+        centre,
+    )
+    .norm()
+        * 20.0;
     let mut out = Vec::new();
     for contrast in [6.0, 8.0, 10.0, 14.0, 20.0, 30.0] {
         for noise in [0.5, 1.0, 2.0, 3.5, 5.0] {
             let clean = grey(&of_contrast(contrast), &shares);
             let is_found = |_: &usize| {
-                let noisy = clean.iter().map(|v| (v + noise * normal(random)).round().clamp(0.0, 255.0) as u8);
+                let noisy = clean
+                    .iter()
+                    .map(|v| (v + noise * normal(random)).round().clamp(0.0, 255.0) as u8);
                 let found = detect(&Raster::new(SIZE, SIZE, noisy.collect()).unwrap());
-                found.markers.iter().any(|m| m.shape == shape && (m.centre_px - centre).norm() < 2.0)
+                found
+                    .markers
+                    .iter()
+                    .any(|m| m.shape == shape && (m.centre_px - centre).norm() < 2.0)
             };
             let found = (0..TRIALS).filter(is_found).count();
             out.push((contrast, noise, found, usual * noise / contrast < 0.3));
@@ -262,11 +420,20 @@ const TRIALS: usize = 6;
 #[test]
 fn pale_markers_are_found() {
     let mut random = StdRng::seed_from_u64(3);
-    let disc = Marker { a: 40.0, skin: 160.0, ..BASE };
+    let disc = Marker {
+        a: 40.0,
+        skin: 160.0,
+        ..BASE
+    };
     let quadrants = Marker { b: 14.0, ..disc }.with_quadrants(0.4);
-    for (name, marker, [least, over_noise]) in [("disc", disc, [6.0, 5.0]), ("quadrants", quadrants, [14.0, 7.0])] {
+    for (name, marker, [least, over_noise]) in [
+        ("disc", disc, [6.0, 5.0]),
+        ("quadrants", quadrants, [14.0, 7.0]),
+    ] {
         for (contrast, noise, found, can) in count_pale(&marker, &mut random) {
-            println!("{name}: contrast {contrast}, noise {noise}: {found} of {TRIALS}, bound below 0.3 px: {can}");
+            println!(
+                "{name}: contrast {contrast}, noise {noise}: {found} of {TRIALS}, bound below 0.3 px: {can}"
+            );
             assert!(contrast < f64::max(least, over_noise * noise) || found == TRIALS);
         }
     }

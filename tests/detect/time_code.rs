@@ -3,19 +3,32 @@
 use wingd::measure::detect::{Detections, detect};
 use wingd::measure::raster::Raster;
 use wingd::measure::render::{SeededRandom, SensorModel};
-use wingd::measure::time_code::{DisplayedTime, Screen, TimeCodeError, estimate_delay, nearest_time, read_time};
+use wingd::measure::time_code::{
+    DisplayedTime, Screen, TimeCodeError, estimate_delay, nearest_time, read_time,
+};
 
 use crate::common::clock_screen::{BEGIN_S, Display, SIZE_PX, photograph};
 
 fn screen() -> Screen {
-    Screen { refresh_s: 1.0 / 60.0, latency_s: 0.03, latency_sigma_s: 0.04 / 12f64.sqrt() }
+    Screen {
+        refresh_s: 1.0 / 60.0,
+        latency_s: 0.03,
+        latency_sigma_s: 0.04 / 12f64.sqrt(),
+    }
 }
 
 /// Error of the middle of the exposure read from an image, s, with known latency, and its standard deviation.
 fn error(shown: &DisplayedTime, middle_s: f64, display: &Display) -> (f64, f64) {
-    let screen = Screen { latency_s: display.latency_s, latency_sigma_s: 0.0, ..screen() };
+    let screen = Screen {
+        latency_s: display.latency_s,
+        latency_sigma_s: 0.0,
+        ..screen()
+    };
     let told_s = 1e-3 * nearest_time(shown, 1e3 * middle_s) + screen.display_delay_s();
-    (told_s - middle_s, screen.read_sigma_s(1e-3 * shown.width_ms))
+    (
+        told_s - middle_s,
+        screen.read_sigma_s(1e-3 * shown.width_ms),
+    )
 }
 
 /// Largest possible error, s: both parts are uniform, and 10 % of an exposure is undetermined at either end.
@@ -28,7 +41,11 @@ fn the_instant_of_exposure_is_read_within_its_standard_deviation() {
     let (mut squares, mut read_pictures, mut unread) = (0.0, 0, vec![]);
     for seed in 0..50u64 {
         let random = &mut SeededRandom::new(seed, 31);
-        let display = Display { refresh_s: 1.0 / 60.0, latency_s: random.uniform(0.01, 0.05), phase_s: random.unit() };
+        let display = Display {
+            refresh_s: 1.0 / 60.0,
+            latency_s: random.uniform(0.01, 0.05),
+            phase_s: random.unit(),
+        };
         // From 1 % of a tick to three ticks.
         let exposure_s = 0.0002 * 300f64.powf(random.unit());
         let middle_s = BEGIN_S + random.uniform(0.0, 3000.0);
@@ -39,7 +56,12 @@ fn the_instant_of_exposure_is_read_within_its_standard_deviation() {
             ..SensorModel::default()
         };
         let white = random.uniform(0.25, 0.9);
-        let picture = photograph(&display.lit_fractions(middle_s, exposure_s), &sensor, white, random);
+        let picture = photograph(
+            &display.lit_fractions(middle_s, exposure_s),
+            &sensor,
+            white,
+            random,
+        );
         match read_time(&picture, &detect(&picture)) {
             Ok(shown) => {
                 let (error_s, sigma_s) = error(&shown, middle_s, &display);
@@ -64,7 +86,11 @@ fn a_cameras_delay_is_recovered_with_the_screens_latency_in_its_standard_deviati
     let (mut squares, mut read, sessions, each) = (0.0, 0, 50, 30);
     for seed in 0..sessions {
         let random = &mut SeededRandom::new(seed, 32);
-        let display = Display { refresh_s: 1.0 / 60.0, latency_s: random.uniform(0.01, 0.05), phase_s: random.unit() };
+        let display = Display {
+            refresh_s: 1.0 / 60.0,
+            latency_s: random.uniform(0.01, 0.05),
+            phase_s: random.unit(),
+        };
         let (truth_s, jitter_s) = (random.uniform(-0.1, 0.1), random.uniform(0.0, 0.01));
         let pictures: Vec<(f64, f64)> = (0..each)
             .filter_map(|_| {
@@ -72,13 +98,24 @@ fn a_cameras_delay_is_recovered_with_the_screens_latency_in_its_standard_deviati
                 let event_s = middle_s - truth_s - jitter_s * random.normal();
                 let bits = display.lit_fractions(middle_s, 0.004);
                 let of = |test: &dyn Fn(f64) -> bool| {
-                    bits.iter().enumerate().filter(|(_, s)| test(**s)).map(|(bit, _)| 1 << bit).sum::<u32>()
+                    bits.iter()
+                        .enumerate()
+                        .filter(|(_, s)| test(**s))
+                        .map(|(bit, _)| 1 << bit)
+                        .sum::<u32>()
                 };
-                let shown = wingd::measure::time_code::decode_time(of(&|s| s > 0.9), of(&|s| (0.1..=0.9).contains(&s)));
+                let shown = wingd::measure::time_code::decode_time(
+                    of(&|s| s > 0.9),
+                    of(&|s| (0.1..=0.9).contains(&s)),
+                );
                 // One truncated between two ticks, with one's parity and the other's count, is rejected.
                 let shown = shown?;
-                let told_s = 1e-3 * nearest_time(&shown, 1e3 * event_s) + screen().display_delay_s();
-                Some((told_s - event_s, screen().read_sigma_s(1e-3 * shown.width_ms)))
+                let told_s =
+                    1e-3 * nearest_time(&shown, 1e3 * event_s) + screen().display_delay_s();
+                Some((
+                    told_s - event_s,
+                    screen().read_sigma_s(1e-3 * shown.width_ms),
+                ))
             })
             .collect();
         read += pictures.len();
@@ -87,7 +124,10 @@ fn a_cameras_delay_is_recovered_with_the_screens_latency_in_its_standard_deviati
         assert!(found.sigma_s.unwrap() >= found.mean_sigma_s);
     }
     let rms = (squares / sessions as f64).sqrt();
-    println!("normalised rms {rms:.2}, {read} of {} read", sessions as usize * each);
+    println!(
+        "normalised rms {rms:.2}, {read} of {} read",
+        sessions as usize * each
+    );
     assert!(read * 20 >= sessions as usize * each * 19, "{read}");
     // The phase of the refresh counts twice: for images at random times, and for images at a fixed rate.
     assert!((0.7..1.3).contains(&rms), "{rms}");
@@ -96,21 +136,40 @@ fn a_cameras_delay_is_recovered_with_the_screens_latency_in_its_standard_deviati
 #[test]
 fn an_incomplete_clock_is_named_and_never_misread() {
     let none = Raster::new(400, 300, vec![200; 400 * 300]).unwrap();
-    assert_eq!(read_time(&none, &Detections::default()), Err(TimeCodeError::NoDiscs(0)));
+    assert_eq!(
+        read_time(&none, &Detections::default()),
+        Err(TimeCodeError::NoDiscs(0))
+    );
     let (mut refused, mut right) = (0, 0);
     for seed in 0..60u64 {
         let random = &mut SeededRandom::new(seed, 33);
-        let display = Display { refresh_s: 1.0 / 60.0, latency_s: 0.03, phase_s: random.unit() };
+        let display = Display {
+            refresh_s: 1.0 / 60.0,
+            latency_s: 0.03,
+            phase_s: random.unit(),
+        };
         let middle_s = BEGIN_S + random.uniform(0.0, 3000.0);
         // Up to ten ticks: more than can be read reliably.
         let exposure_s = 0.001 * 200f64.powf(random.unit());
-        let picture = photograph(&display.lit_fractions(middle_s, exposure_s), &SensorModel::default(), 0.7, random);
+        let picture = photograph(
+            &display.lit_fractions(middle_s, exposure_s),
+            &SensorModel::default(),
+            0.7,
+            random,
+        );
         let found = detect(&picture);
         // Glare or shade as large as some cells, somewhere on the screen.
         let mut luma = picture.luma().to_vec();
-        let (u, v, r) = (random.uniform(350.0, 850.0), random.uniform(300.0, 600.0), random.uniform(10.0, 110.0));
-        let (level, share) =
-            if seed.is_multiple_of(2) { (255.0, random.uniform(0.5, 1.0)) } else { (0.0, random.uniform(0.5, 1.0)) };
+        let (u, v, r) = (
+            random.uniform(350.0, 850.0),
+            random.uniform(300.0, 600.0),
+            random.uniform(10.0, 110.0),
+        );
+        let (level, share) = if seed.is_multiple_of(2) {
+            (255.0, random.uniform(0.5, 1.0))
+        } else {
+            (0.0, random.uniform(0.5, 1.0))
+        };
         for (k, grey) in luma.iter_mut().enumerate() {
             let (x, y) = ((k % SIZE_PX.0) as f64, (k / SIZE_PX.0) as f64);
             if (x - u).hypot(y - v) < r {
@@ -122,7 +181,10 @@ fn an_incomplete_clock_is_named_and_never_misread() {
             Err(_) => refused += 1,
             Ok(shown) => {
                 let (error_s, _) = error(&shown, middle_s, &display);
-                assert!(error_s.abs() < max_error_s(&shown, exposure_s), "seed {seed}: {error_s} {shown:?}");
+                assert!(
+                    error_s.abs() < max_error_s(&shown, exposure_s),
+                    "seed {seed}: {error_s} {shown:?}"
+                );
                 right += 1;
             }
         }

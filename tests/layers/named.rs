@@ -8,7 +8,10 @@ use syn::visit::Visit;
 pub type Place = Vec<String>;
 
 pub fn place(path: &str) -> Place {
-    path.split("::").filter(|name| !name.is_empty()).map(str::to_owned).collect()
+    path.split("::")
+        .filter(|name| !name.is_empty())
+        .map(str::to_owned)
+        .collect()
 }
 
 /// What a file names, `use` trees flattened and inline paths too, as written and from the root.
@@ -31,10 +34,16 @@ impl Named<'_> {
         let found = match names.first()?.as_str() {
             "crate" => names[1..].to_vec(),
             "self" => [&self.own[..], &names[1..]].concat(),
-            "super" => [self.own.get(..self.own.len().checked_sub(up)?)?, &names[up..]].concat(),
+            "super" => [
+                self.own.get(..self.own.len().checked_sub(up)?)?,
+                &names[up..],
+            ]
+            .concat(),
             first => {
                 let child = [&self.own[..], &[first.to_owned()]].concat();
-                self.modules.contains(&child).then(|| [&self.own[..], &names[..]].concat())?
+                self.modules
+                    .contains(&child)
+                    .then(|| [&self.own[..], &names[..]].concat())?
             }
         };
         self.places.push(found.clone());
@@ -44,8 +53,12 @@ impl Named<'_> {
     fn take_in(&mut self, tree: &syn::UseTree, prefix: &str) {
         let join = |name: &syn::Ident| format!("{prefix}{name}");
         let (path, name) = match tree {
-            syn::UseTree::Path(p) => return self.take_in(&p.tree, &format!("{}::", join(&p.ident))),
-            syn::UseTree::Group(g) => return g.items.iter().for_each(|tree| self.take_in(tree, prefix)),
+            syn::UseTree::Path(p) => {
+                return self.take_in(&p.tree, &format!("{}::", join(&p.ident)));
+            }
+            syn::UseTree::Group(g) => {
+                return g.items.iter().for_each(|tree| self.take_in(tree, prefix));
+            }
             syn::UseTree::Glob(_) => (prefix.trim_end_matches("::").to_owned(), None),
             syn::UseTree::Name(n) if n.ident == "self" => {
                 let path = prefix.trim_end_matches("::");
@@ -61,10 +74,11 @@ impl Named<'_> {
 
 impl<'a> Visit<'a> for Named<'_> {
     fn visit_item_mod(&mut self, module: &'a syn::ItemMod) {
-        let for_tests = module
-            .attrs
-            .iter()
-            .any(|a| a.path().is_ident("cfg") && a.parse_args::<syn::Ident>().is_ok_and(|word| word == "test"));
+        let for_tests = module.attrs.iter().any(|a| {
+            a.path().is_ident("cfg")
+                && a.parse_args::<syn::Ident>()
+                    .is_ok_and(|word| word == "test")
+        });
         self.own.push(module.ident.to_string());
         if for_tests {
             self.tests.push(self.own.clone());
@@ -89,7 +103,9 @@ impl<'a> Visit<'a> for Named<'_> {
     fn visit_macro(&mut self, call: &'a syn::Macro) {
         let text = call.tokens.to_string().replace(" :: ", "::");
         let words = text.split(|c: char| !c.is_alphanumeric() && !"_:".contains(c));
-        words.filter(|word| word.contains("::")).for_each(|path| drop(self.add(path)));
+        words
+            .filter(|word| word.contains("::"))
+            .for_each(|path| drop(self.add(path)));
         syn::visit::visit_macro(self, call);
     }
 }

@@ -27,16 +27,28 @@ pub struct Function {
 }
 
 fn is_for_tests(attributes: &[syn::Attribute]) -> bool {
-    let only = |a: &syn::Attribute| a.meta.require_list().is_ok_and(|list| list.tokens.to_string() == "test");
-    attributes.iter().any(|a| a.path().is_ident("test") || a.path().is_ident("cfg") && only(a))
+    let only = |a: &syn::Attribute| {
+        a.meta
+            .require_list()
+            .is_ok_and(|list| list.tokens.to_string() == "test")
+    };
+    attributes
+        .iter()
+        .any(|a| a.path().is_ident("test") || a.path().is_ident("cfg") && only(a))
 }
 
 fn doc(attributes: &[syn::Attribute]) -> Option<String> {
     let line = |a: &syn::Attribute| match &a.meta.require_name_value().ok()?.value {
-        syn::Expr::Lit(syn::ExprLit { lit: syn::Lit::Str(text), .. }) => Some(text.value()),
+        syn::Expr::Lit(syn::ExprLit {
+            lit: syn::Lit::Str(text),
+            ..
+        }) => Some(text.value()),
         _ => None,
     };
-    let lines = attributes.iter().filter(|a| a.path().is_ident("doc")).filter_map(line);
+    let lines = attributes
+        .iter()
+        .filter(|a| a.path().is_ident("doc"))
+        .filter_map(line);
     Some(lines.collect::<Vec<_>>().join("\n")).filter(|text| !text.trim().is_empty())
 }
 
@@ -44,12 +56,19 @@ impl Texts {
     /// Reads files by path and text; files of tests alone are not among them.
     pub fn read(files: &[(String, String)]) -> Self {
         let mut texts = Self::default();
-        let parsed = files.iter().map(|(path, text)| (path, syn::parse_file(text).expect("source parses")));
+        let parsed = files
+            .iter()
+            .map(|(path, text)| (path, syn::parse_file(text).expect("source parses")));
         let parsed: Vec<_> = parsed.collect();
-        let for_tests: Vec<String> = parsed.iter().flat_map(|(path, file)| test_modules(path, file)).collect();
+        let for_tests: Vec<String> = parsed
+            .iter()
+            .flat_map(|(path, file)| test_modules(path, file))
+            .collect();
         for (path, file) in parsed {
-            let of_tests =
-                |folder: &String| path.strip_prefix(folder.as_str()).is_some_and(|rest| rest.starts_with(['/', '.']));
+            let of_tests = |folder: &String| {
+                path.strip_prefix(folder.as_str())
+                    .is_some_and(|rest| rest.starts_with(['/', '.']))
+            };
             if !for_tests.iter().any(of_tests) {
                 texts.file.clone_from(path);
                 texts.add_doc(&file.attrs);
@@ -67,7 +86,12 @@ impl Texts {
     }
 
     /// Notes a named item, and whether it lacks a doc comment.
-    fn add_item(&mut self, attributes: &[syn::Attribute], visibility: Option<&syn::Visibility>, name: &syn::Ident) {
+    fn add_item(
+        &mut self,
+        attributes: &[syn::Attribute],
+        visibility: Option<&syn::Visibility>,
+        name: &syn::Ident,
+    ) {
         let public = matches!(visibility, Some(syn::Visibility::Public(_)));
         if !self.add_doc(attributes) && public {
             self.undocumented.push(format!("{}: {name}", self.file));
@@ -78,17 +102,30 @@ impl Texts {
         if self.in_trait && !free {
             return;
         }
-        self.functions.push(Function { file: self.file.clone(), name: name.to_string(), free });
+        self.functions.push(Function {
+            file: self.file.clone(),
+            name: name.to_string(),
+            free,
+        });
     }
 
-    fn add_type(&mut self, attributes: &[syn::Attribute], visibility: Option<&syn::Visibility>, name: &syn::Ident) {
+    fn add_type(
+        &mut self,
+        attributes: &[syn::Attribute],
+        visibility: Option<&syn::Visibility>,
+        name: &syn::Ident,
+    ) {
         self.add_item(attributes, visibility, name);
         self.types.push((self.file.clone(), name.to_string()));
     }
 
     fn add_tokens(&mut self, tokens: &impl ToString) {
         let literal = |text: &str| syn::parse_str::<syn::LitStr>(text).ok().map(|l| l.value());
-        self.strings.extend(literals(&tokens.to_string()).filter_map(literal).map(|s| (self.file.clone(), s)));
+        self.strings.extend(
+            literals(&tokens.to_string())
+                .filter_map(literal)
+                .map(|s| (self.file.clone(), s)),
+        );
     }
 }
 
@@ -119,7 +156,9 @@ fn test_modules(path: &str, file: &syn::File) -> Vec<String> {
         _ => stem,
     };
     let module = |item: &syn::Item| match item {
-        syn::Item::Mod(m) if is_for_tests(&m.attrs) && m.content.is_none() => Some(format!("{folder}/{}", m.ident)),
+        syn::Item::Mod(m) if is_for_tests(&m.attrs) && m.content.is_none() => {
+            Some(format!("{folder}/{}", m.ident))
+        }
         _ => None,
     };
     file.items.iter().filter_map(module).collect()

@@ -45,7 +45,11 @@ impl Pictures {
             size = (picture.width() as u32, picture.height() as u32);
             if jpeg { bytes } else { picture.luma().to_vec() }
         };
-        Self { payloads: files.iter().map(read).collect(), jpeg, size }
+        Self {
+            payloads: files.iter().map(read).collect(),
+            jpeg,
+            size,
+        }
     }
 
     /// The number is written into a JPEG comment, or into the first pixels.
@@ -60,7 +64,10 @@ impl Pictures {
 }
 
 fn play(device: &str, fourcc: &str, control: &str, sent: &str, files: &[String]) {
-    let code: [u8; 4] = fourcc.as_bytes().try_into().expect("a FourCC has four letters");
+    let code: [u8; 4] = fourcc
+        .as_bytes()
+        .try_into()
+        .expect("a FourCC has four letters");
     let pictures = Pictures::read(files, fourcc == "MJPG");
     let mut device = Device::with_path(device).expect("the loopback device");
     let format = Format::new(pictures.size.0, pictures.size.1, FourCC::new(&code));
@@ -70,11 +77,17 @@ fn play(device: &str, fourcc: &str, control: &str, sent: &str, files: &[String])
         (format.width, format.height, format.fourcc),
         "the device gives {got}"
     );
-    let mut log = OpenOptions::new().create(true).append(true).open(sent).expect("the list of sent images");
+    let mut log = OpenOptions::new()
+        .create(true)
+        .append(true)
+        .open(sent)
+        .expect("the list of sent images");
     let (mut number, mut bytes, mut shown) = (0, Vec::new(), None);
     loop {
         let text = std::fs::read_to_string(control).unwrap_or_default();
-        let once = text.strip_prefix("once ").and_then(|number| number.trim().parse().ok());
+        let once = text
+            .strip_prefix("once ")
+            .and_then(|number| number.trim().parse().ok());
         let next = match (text.trim(), once) {
             ("stop", _) => return,
             ("hold" | "", _) if !bytes.is_empty() => Some(number),
@@ -85,10 +98,13 @@ fn play(device: &str, fourcc: &str, control: &str, sent: &str, files: &[String])
         if let Some(next) = next {
             if next != number || bytes.is_empty() {
                 (number, bytes) = (next, pictures.number(next));
-                writeln!(log, "{}", hex::encode(Sha256::digest(&bytes))).expect("the list of sent images");
+                writeln!(log, "{}", hex::encode(Sha256::digest(&bytes)))
+                    .expect("the list of sent images");
             }
             for _ in 0..if once.is_some() { 8 } else { 1 } {
-                device.write_all(&bytes).expect("the loopback device takes a frame");
+                device
+                    .write_all(&bytes)
+                    .expect("the loopback device takes a frame");
                 std::thread::sleep(PAUSE);
             }
             shown = Some(next);
@@ -103,7 +119,10 @@ fn play(device: &str, fourcc: &str, control: &str, sent: &str, files: &[String])
 fn set(device: &str, id: &str, value: &str) {
     let id = u32::from_str_radix(id.trim_start_matches("0x"), 16).expect("the control's id");
     let value = Value::Integer(value.parse().expect("a number"));
-    Device::with_path(device).expect("the device").set_control(Control { id, value }).expect("the control");
+    Device::with_path(device)
+        .expect("the device")
+        .set_control(Control { id, value })
+        .expect("the control");
 }
 
 fn lines(socket: &str) {
@@ -115,11 +134,22 @@ fn lines(socket: &str) {
 fn boards(directory: &str, count: &str, scale: &str) {
     let scale: f64 = scale.parse().expect("a scale");
     let (width, height) = ((640.0 * scale) as u16, (480.0 * scale) as u16);
-    let pinhole = Lens::pinhole(width.into(), height.into(), 1250.0 * scale, 322.0 * scale, 236.0 * scale);
-    let lens = Lens { k1: -0.08, k2: 0.05, ..pinhole };
+    let pinhole = Lens::pinhole(
+        width.into(),
+        height.into(),
+        1250.0 * scale,
+        322.0 * scale,
+        236.0 * scale,
+    );
+    let lens = Lens {
+        k1: -0.08,
+        k2: 0.05,
+        ..pinhole
+    };
     let mut random = SeededRandom::new(3, 0);
     for k in 0..count.parse::<usize>().expect("a number") {
-        let turn = Rotation3::from_euler_angles(random.uniform(-0.6, 0.6), random.uniform(-0.6, 0.6), 0.1);
+        let turn =
+            Rotation3::from_euler_angles(random.uniform(-0.6, 0.6), random.uniform(-0.6, 0.6), 0.1);
         let place = [(k % 3) as f64 * 0.6 - 0.6, (k / 3 % 3) as f64 * 0.4 - 0.4];
         let middle = Vector3::new(place[0], place[1], random.uniform(4.2, 5.2));
         let picture = RenderedBoard {
@@ -146,7 +176,9 @@ fn main() {
     match arguments.as_slice() {
         [set_, device, id, value] if set_ == "set" => set(device, id, value),
         [lines_, socket] if lines_ == "lines" => lines(socket),
-        [boards_, directory, count, scale] if boards_ == "boards" => boards(directory, count, scale),
+        [boards_, directory, count, scale] if boards_ == "boards" => {
+            boards(directory, count, scale)
+        }
         [device, fourcc, control, sent, frames @ ..] => play(device, fourcc, control, sent, frames),
         _ => panic!(
             "feed DEVICE FOURCC CONTROL SENT FRAME.jpg…, feed set DEVICE ID VALUE, feed lines SOCKET, or feed boards DIRECTORY COUNT"

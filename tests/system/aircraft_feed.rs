@@ -44,12 +44,21 @@ fn iwg1(first: &Stamp, at: jiff::Timestamp) -> String {
 
 fn layout() -> Layout {
     let own = [(34, Quantity::WeightKg), (35, Quantity::LoadFactor)];
-    Layout::iwg1(&own.map(|(field, quantity)| QuantityColumn { field, quantity, scale: 1.0, offset: 0.0 }))
+    Layout::iwg1(&own.map(|(field, quantity)| QuantityColumn {
+        field,
+        quantity,
+        scale: 1.0,
+        offset: 0.0,
+    }))
 }
 
 fn stamp_after(stamp: &Stamp, seconds: f64) -> Stamp {
     let apart = jiff::SignedDuration::from_secs_f64(seconds);
-    Stamp { utc: stamp.utc + apart, since_boot_s: stamp.since_boot_s + seconds, ..stamp.clone() }
+    Stamp {
+        utc: stamp.utc + apart,
+        since_boot_s: stamp.since_boot_s + seconds,
+        ..stamp.clone()
+    }
 }
 
 /// Ten seconds of a 2 Hz feed around a shot: three to six seconds late, one line twice, one tag jumping by an hour.
@@ -60,9 +69,15 @@ fn feed_around(first: &Stamp, shot: &Stamp) -> Vec<AircraftLine> {
         let at = Some(stamp_after(&tagged, 3.0 + f64::from((k + 10) % 4)));
         let line = iwg1(first, tagged.utc);
         if k == 3 {
-            lines.push(AircraftLine { at: at.clone(), line: line.clone() });
+            lines.push(AircraftLine {
+                at: at.clone(),
+                line: line.clone(),
+            });
             let jumped = iwg1(first, stamp_after(&tagged, -3600.0).utc).replace("250.0", "999.0");
-            lines.push(AircraftLine { at: at.clone(), line: jumped });
+            lines.push(AircraftLine {
+                at: at.clone(),
+                line: jumped,
+            });
         }
         lines.push(AircraftLine { at, line });
     }
@@ -78,22 +93,42 @@ fn demo(dir: &Path) -> std::path::PathBuf {
 fn shots(root: &Path) -> Vec<Stamp> {
     let flight = catalogue::list_flights(&RealDisk, root).unwrap().remove(0);
     let series = catalogue::list_series(&RealDisk, &flight).unwrap();
-    let manifests = series.iter().map(|s| catalogue::read_series_manifest(&RealDisk, s).unwrap());
-    manifests.flat_map(|m| m.shots).map(|shot| shot.stamp).collect()
+    let manifests = series
+        .iter()
+        .map(|s| catalogue::read_series_manifest(&RealDisk, s).unwrap());
+    manifests
+        .flat_map(|m| m.shots)
+        .map(|shot| shot.stamp)
+        .collect()
 }
 
 /// The store's installation with a window whose normal is along the span.
 fn copy_with_window(root: &Path, to: &Path) -> String {
-    let kept = std::fs::read_dir(root.join("installations")).unwrap().next().unwrap().unwrap().path();
+    let kept = std::fs::read_dir(root.join("installations"))
+        .unwrap()
+        .next()
+        .unwrap()
+        .unwrap()
+        .path();
     std::fs::create_dir(to).unwrap();
-    for file in std::fs::read_dir(kept).unwrap().map(|entry| entry.unwrap().path()) {
+    for file in std::fs::read_dir(kept)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+    {
         std::fs::copy(&file, to.join(file.file_name().unwrap())).unwrap();
     }
     let main = to.join("installation.toml");
     let text = std::fs::read_to_string(&main).unwrap();
-    let direction = text.lines().find_map(|l| l.strip_prefix("span_direction = [")).unwrap();
+    let direction = text
+        .lines()
+        .find_map(|l| l.strip_prefix("span_direction = ["))
+        .unwrap();
     let normal = direction.trim_end_matches(']');
-    std::fs::write(&main, format!("{text}\n[window]\nnormal = [{normal}, 0.0]\n")).unwrap();
+    std::fs::write(
+        &main,
+        format!("{text}\n[window]\nnormal = [{normal}, 0.0]\n"),
+    )
+    .unwrap();
     to.to_string_lossy().into_owned()
 }
 
@@ -102,7 +137,10 @@ fn a_late_and_jumping_feed_is_joined_and_its_air_is_used() {
     let dir = tempfile::tempdir().unwrap();
     let root = demo(dir.path());
     let shots = shots(&root);
-    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(&root) };
+    let config = StoreConfig {
+        reserve_mb: 0,
+        ..StoreConfig::new(&root)
+    };
     let (store, _) = Store::open(Arc::new(RealDisk), config).unwrap();
     let source = json!({"udp": "127.0.0.1:7071", "layout": layout()});
     // Shots of a series are seconds apart, so their feed lines come twice.
@@ -126,39 +164,70 @@ fn a_late_and_jumping_feed_is_joined_and_its_air_is_used() {
     let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
     assert_eq!(rows.len(), shots.len());
     for (row, shot) in rows.iter().zip(&shots) {
-        let of = |name: &str| row[heading.iter().position(|h| h == name).unwrap()].parse::<f64>().unwrap();
+        let of = |name: &str| {
+            row[heading.iter().position(|h| h == name).unwrap()]
+                .parse::<f64>()
+                .unwrap()
+        };
         let hour = hours(&shots[0], shot.utc);
-        assert!((of("mach") - mach(hour)).abs() < 2e-5, "{hour}: {}", of("mach"));
+        assert!(
+            (of("mach") - mach(hour)).abs() < 2e-5,
+            "{hour}: {}",
+            of("mach")
+        );
         assert!((of("weight_kg") - weight_kg(hour)).abs() < 1.0 && of("sigma_weight_kg") > 100.0);
-        assert_eq!((of("static_pressure_hpa"), of("load_factor")), (250.0, 1.02));
+        assert_eq!(
+            (of("static_pressure_hpa"), of("load_factor")),
+            (250.0, 1.02)
+        );
         assert!(of("exposure_sigma_s") >= 0.0);
     }
 
     let window = copy_with_window(&root, &dir.path().join("window"));
     let solve = ["solve", &place, "--installation", &window];
     let (status, printed) = outcome(&solve);
-    assert!(status == Some(0) && printed.contains("aircraft samples"), "{printed}");
+    assert!(
+        status == Some(0) && printed.contains("aircraft samples"),
+        "{printed}"
+    );
     let records = stdout(&["export", &place, "--format", "jsonl"]);
-    let solved: Vec<Value> = records.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let solved: Vec<Value> = records
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
     for line in &solved {
         let quality = &line["record"]["quality"];
-        assert_eq!(quality["aircraft"]["static_pressure_hpa"]["value"], 250.0, "{quality}");
+        assert_eq!(
+            quality["aircraft"]["static_pressure_hpa"]["value"], 250.0,
+            "{quality}"
+        );
         // Dry air of 250.0 hPa at -52.4 C, Ciddor: 1 + 89.6e-6; the installation's constants have 79e-6.
         let refraction = |field: &str| quality["refraction"][field].as_f64().unwrap();
-        assert!((refraction("index_outside") - 1.0 - 89.6e-6).abs() < 0.5e-6, "{quality}");
+        assert!(
+            (refraction("index_outside") - 1.0 - 89.6e-6).abs() < 0.5e-6,
+            "{quality}"
+        );
         let (shift, sigma) = (refraction("max_shift_px"), refraction("sigma_max_shift_px"));
         assert!(quality["refraction"]["applied"] == true && (0.1..3.0).contains(&shift));
         assert!((0.002..0.03).contains(&(sigma / shift)), "{shift} {sigma}");
     }
     let (status, printed) = outcome(&solve);
-    assert!(status == Some(0) && printed.contains("already has a result from these inputs"), "{printed}");
+    assert!(
+        status == Some(0) && printed.contains("already has a result from these inputs"),
+        "{printed}"
+    );
 
     let page = dir.path().join("report.html");
     stdout(&["report", &place, "--output", &page.to_string_lossy()]);
     let html = std::fs::read_to_string(&page).unwrap();
     let (repeated, jumped) = (lines - tags.len(), shots.len());
     let unused = format!("{repeated} repeated, {jumped} with an implausible time");
-    let wanted = ["Deflection against weight", "Deflection against load factor", "Exposure times", &unused];
+    let wanted = [
+        "Deflection against weight",
+        "Deflection against load factor",
+        "Exposure times",
+        &unused,
+    ];
     for text in wanted {
         assert!(html.contains(text), "{text}");
     }
@@ -172,7 +241,10 @@ fn a_table_after_the_flight_is_imported_by_its_mapping() {
     let mut table = "UTC;FL;TAT_K;GW\n".to_owned();
     for shot in &shots {
         for k in -2..=2 {
-            table.push_str(&format!("{};370;249.15;71500\n", stamp_after(shot, f64::from(k)).utc));
+            table.push_str(&format!(
+                "{};370;249.15;71500\n",
+                stamp_after(shot, f64::from(k)).utc
+            ));
         }
     }
     let (table_file, mapping) = (dir.path().join("qar.csv"), dir.path().join("mapping.toml"));
@@ -181,19 +253,46 @@ fn a_table_after_the_flight_is_imported_by_its_mapping() {
                 [[column]]\nname = 'TAT_K'\nquantity = 'total_temperature_c'\noffset = -273.15\n\
                 [[column]]\nname = 'GW'\nquantity = 'weight_kg'\n";
     std::fs::write(&mapping, text).unwrap();
-    let (place, table, mapped) = (root.to_string_lossy(), table_file.to_string_lossy(), mapping.to_string_lossy());
-    let take = ["aircraft-data", &place, &table, "--mapping", &mapped, "--flight", "f0001"];
+    let (place, table, mapped) = (
+        root.to_string_lossy(),
+        table_file.to_string_lossy(),
+        mapping.to_string_lossy(),
+    );
+    let take = [
+        "aircraft-data",
+        &place,
+        &table,
+        "--mapping",
+        &mapped,
+        "--flight",
+        "f0001",
+    ];
     let printed = stdout(&take);
-    assert!(printed.contains(&format!("{} lines stored", 5 * shots.len())), "{printed}");
+    assert!(
+        printed.contains(&format!("{} lines stored", 5 * shots.len())),
+        "{printed}"
+    );
     assert!(verify_path(&RealDisk, &root).is_sound());
     let lines = stdout(&["export", &place, "--format", "jsonl"]);
     let first: Value = serde_json::from_str(lines.lines().next().unwrap()).unwrap();
-    let total_c = first["aircraft"]["total_temperature_c"]["value"].as_f64().unwrap();
+    let total_c = first["aircraft"]["total_temperature_c"]["value"]
+        .as_f64()
+        .unwrap();
     assert!((total_c + 24.0).abs() < 1e-9, "{first}");
-    assert!((first["aircraft"]["pressure_altitude_m"]["value"].as_f64().unwrap() - 11_277.6).abs() < 1e-6);
+    assert!(
+        (first["aircraft"]["pressure_altitude_m"]["value"]
+            .as_f64()
+            .unwrap()
+            - 11_277.6)
+            .abs()
+            < 1e-6
+    );
     std::fs::write(&mapping, text.replace("'GW'", "'ZFW'")).unwrap();
     let (status, printed) = outcome(&take);
-    assert!(status == Some(78) && printed.contains("ZFW") && printed.contains("mapping.toml"), "{printed}");
+    assert!(
+        status == Some(78) && printed.contains("ZFW") && printed.contains("mapping.toml"),
+        "{printed}"
+    );
 }
 
 #[test]
@@ -201,24 +300,47 @@ fn one_series_per_hour_gives_moments_and_no_cycles() {
     let dir = tempfile::tempdir().unwrap();
     let root = demo(dir.path());
     let structure = dir.path().join("structure.csv");
-    let stiffness = "s_m,ei_n_m2,sigma_ei_n_m2,ultimate_n_m\n5,2.0e8,1e7,2e7\n15,8e7,4e6,8e6\n25,2e7,1e6,2e6\n";
+    let stiffness =
+        "s_m,ei_n_m2,sigma_ei_n_m2,ultimate_n_m\n5,2.0e8,1e7,2e7\n15,8e7,4e6,8e6\n25,2e7,1e6,2e6\n";
     std::fs::write(&structure, stiffness).unwrap();
     let (place, file) = (root.to_string_lossy(), structure.to_string_lossy());
     let moments = dir.path().join("moments.csv");
     let out = moments.to_string_lossy();
-    let ask = ["stress", &place, "--structure", &file, "--moments", &out, "--json"];
+    let ask = [
+        "stress",
+        &place,
+        "--structure",
+        &file,
+        "--moments",
+        &out,
+        "--json",
+    ];
     let printed = stdout(&ask);
     crate::json_schemas::assert_valid("stress", printed.as_bytes());
     let flight: Value = serde_json::from_str(printed.lines().next().unwrap()).unwrap();
     let table = stdout(&["stress", &place, "--structure", &file]);
-    assert!(table.lines().filter(|line| line.starts_with("---")).all(|rule| rule.len() <= 80), "{table}");
-    assert!(flight["no_cycles_because"].as_str().unwrap().contains("to count cycles"), "{flight}");
+    assert!(
+        table
+            .lines()
+            .filter(|line| line.starts_with("---"))
+            .all(|rule| rule.len() <= 80),
+        "{table}"
+    );
+    assert!(
+        flight["no_cycles_because"]
+            .as_str()
+            .unwrap()
+            .contains("to count cycles"),
+        "{flight}"
+    );
     let stations = flight["stations"].as_array().unwrap();
     assert_eq!(stations.len(), 3);
     for station in stations {
         let (greatest, whole) = (&station["greatest"], &station["ground_air_ground"]);
-        let (moment, sigma) =
-            (greatest["moment_n_m"].as_f64().unwrap(), greatest["sigma_moment_n_m"].as_f64().unwrap());
+        let (moment, sigma) = (
+            greatest["moment_n_m"].as_f64().unwrap(),
+            greatest["sigma_moment_n_m"].as_f64().unwrap(),
+        );
         assert!(moment > 0.0 && sigma > 0.04 * moment, "{station}");
         assert!((whole["range_n_m"].as_f64().unwrap() - moment).abs() < 1e-6 * moment);
         assert!(station["cycles"].is_null() && station["damage"].is_null());
@@ -227,12 +349,27 @@ fn one_series_per_hour_gives_moments_and_no_cycles() {
     let written = std::fs::read_to_string(&moments).unwrap();
     assert_eq!(written.lines().count(), 1 + 3 * frames);
     // For a wing that bends once in ten hours the series determine cycles.
-    let slow = ["stress", &place, "--structure", &file, "--bending-hz", "1e-5", "--goodman", "--json"];
+    let slow = [
+        "stress",
+        &place,
+        "--structure",
+        &file,
+        "--bending-hz",
+        "1e-5",
+        "--goodman",
+        "--json",
+    ];
     let printed = stdout(&slow);
     crate::json_schemas::assert_valid("stress", printed.as_bytes());
     let flight: Value = serde_json::from_str(printed.lines().next().unwrap()).unwrap();
     let damage = &flight["stations"][0]["damage"][0];
-    assert!(damage["slope"] == 3.0 && damage["relative"].as_f64().unwrap() >= 0.9, "{flight}");
+    assert!(
+        damage["slope"] == 3.0 && damage["relative"].as_f64().unwrap() >= 0.9,
+        "{flight}"
+    );
     let (status, printed) = outcome(&["stress", &place]);
-    assert!(status == Some(2) && printed.contains("--structure"), "{printed}");
+    assert!(
+        status == Some(2) && printed.contains("--structure"),
+        "{printed}"
+    );
 }

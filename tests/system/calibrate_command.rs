@@ -19,11 +19,20 @@ const BOARD: &str = "pattern = \"checkerboard\"\ncolumns = 9\nrows = 7\nsquare_m
 fn pictures(directory: &Path, count: usize) {
     std::fs::create_dir_all(directory).unwrap();
     let pinhole = Lens::pinhole(640, 480, 1250.0, 322.0, 236.0);
-    let lens = Lens { k1: -0.08, k2: 0.05, ..pinhole };
+    let lens = Lens {
+        k1: -0.08,
+        k2: 0.05,
+        ..pinhole
+    };
     let mut random = SeededRandom::new(3, 0);
     for k in 0..count {
-        let turn = Rotation3::from_euler_angles(random.uniform(-0.6, 0.6), random.uniform(-0.6, 0.6), 0.1);
-        let middle = Vector3::new((k % 3) as f64 * 0.6 - 0.6, (k / 3 % 3) as f64 * 0.4 - 0.4, random.uniform(4.2, 5.2));
+        let turn =
+            Rotation3::from_euler_angles(random.uniform(-0.6, 0.6), random.uniform(-0.6, 0.6), 0.1);
+        let middle = Vector3::new(
+            (k % 3) as f64 * 0.6 - 0.6,
+            (k / 3 % 3) as f64 * 0.4 - 0.4,
+            random.uniform(4.2, 5.2),
+        );
         let picture = RenderedBoard {
             lens,
             corners: (9, 7),
@@ -58,8 +67,22 @@ fn pictures_become_a_camera_a_report_and_corners_that_give_the_same_camera() {
     std::fs::write(at("board.toml"), BOARD).unwrap();
     pictures(&directory.path().join("p"), 16);
     let images = paths(&directory.path().join("p"));
-    let (board, camera, corners, page) = (at("board.toml"), at("camera.toml"), at("c.csv"), at("r.html"));
-    let mut arguments = vec!["calibrate", "--json", "--board", &board, "--output", &camera, "--corners", &corners];
+    let (board, camera, corners, page) = (
+        at("board.toml"),
+        at("camera.toml"),
+        at("c.csv"),
+        at("r.html"),
+    );
+    let mut arguments = vec![
+        "calibrate",
+        "--json",
+        "--board",
+        &board,
+        "--output",
+        &camera,
+        "--corners",
+        &corners,
+    ];
     arguments.extend(["--report", &page]);
     arguments.extend(images.iter().map(String::as_str));
     let done = run(&arguments);
@@ -67,32 +90,88 @@ fn pictures_become_a_camera_a_report_and_corners_that_give_the_same_camera() {
     let first: Value = serde_json::from_slice(&done.stdout).unwrap();
     assert_eq!(first["images"].as_array().unwrap().len(), 16);
     assert!(
-        (first["parameters"]["fx"].as_f64().unwrap() - 1250.0).abs() < 5.0 * first["sigma"]["fx"].as_f64().unwrap()
+        (first["parameters"]["fx"].as_f64().unwrap() - 1250.0).abs()
+            < 5.0 * first["sigma"]["fx"].as_f64().unwrap()
     );
     assert!(first["halves"]["difference_px"].is_number() && first["t_values"]["k1"].is_number());
     let page = std::fs::read_to_string(&page).unwrap();
-    for words in ["<svg", "Projection uncertainty", "Shape of the board", "b07.png", "correlation"] {
-        assert!(page.contains(words) || page.contains(&words.replace("&#39;", "'")), "{words}");
+    for words in [
+        "<svg",
+        "Projection uncertainty",
+        "Shape of the board",
+        "b07.png",
+        "correlation",
+    ] {
+        assert!(
+            page.contains(words) || page.contains(&words.replace("&#39;", "'")),
+            "{words}"
+        );
     }
-    assert!(!page.contains("http://") || page.matches("http://").count() == page.matches("http://www.w3.org").count());
+    assert!(
+        !page.contains("http://")
+            || page.matches("http://").count() == page.matches("http://www.w3.org").count()
+    );
     // From the file of corners alone.
     let again = at("again.toml");
-    let done = run(&["calibrate", "--json", "--board", &board, "--output", &again, "--corners", &corners]);
+    let done = run(&[
+        "calibrate",
+        "--json",
+        "--board",
+        &board,
+        "--output",
+        &again,
+        "--corners",
+        &corners,
+    ]);
     assert!(done.status.success(), "{}", text(&done.stderr));
     let second: Value = serde_json::from_slice(&done.stdout).unwrap();
     for name in ["fx", "cx", "k1"] {
-        let off = first["parameters"][name].as_f64().unwrap() - second["parameters"][name].as_f64().unwrap();
+        let off = first["parameters"][name].as_f64().unwrap()
+            - second["parameters"][name].as_f64().unwrap();
         // Corners are written to 1e-5 px.
-        assert!(off.abs() < 0.05 * first["sigma"][name].as_f64().unwrap(), "{name}: {off}");
+        assert!(
+            off.abs() < 0.05 * first["sigma"][name].as_f64().unwrap(),
+            "{name}: {off}"
+        );
     }
-    assert_eq!(std::fs::read_to_string(&corners).unwrap().lines().next().unwrap().split(',').count(), 11);
+    assert_eq!(
+        std::fs::read_to_string(&corners)
+            .unwrap()
+            .lines()
+            .next()
+            .unwrap()
+            .split(',')
+            .count(),
+        11
+    );
     // Squares counted instead of inner corners.
-    std::fs::write(&board, BOARD.replace("columns = 9", "columns = 10").replace("rows = 7", "rows = 8")).unwrap();
-    let done = run(&["calibrate", "--json", "--board", &board, "--output", &again, "--corners", &corners]);
+    std::fs::write(
+        &board,
+        BOARD
+            .replace("columns = 9", "columns = 10")
+            .replace("rows = 7", "rows = 8"),
+    )
+    .unwrap();
+    let done = run(&[
+        "calibrate",
+        "--json",
+        "--board",
+        &board,
+        "--output",
+        &again,
+        "--corners",
+        &corners,
+    ]);
     let third: Value = serde_json::from_slice(&done.stdout).unwrap();
     let printed = text(&done.stderr);
-    assert!(done.status.success() && third["verdict"] == "poor", "{printed}");
-    assert!(printed.contains("never more than 9 of 10 columns and 7 of 8 rows of corners seen"), "{printed}");
+    assert!(
+        done.status.success() && third["verdict"] == "poor",
+        "{printed}"
+    );
+    assert!(
+        printed.contains("never more than 9 of 10 columns and 7 of 8 rows of corners seen"),
+        "{printed}"
+    );
 }
 
 #[test]
@@ -101,18 +180,39 @@ fn a_calibration_that_one_reason_refuses_can_be_accepted_and_stays_marked() {
     let at = |name: &str| directory.path().join(name).display().to_string();
     std::fs::write(at("board.toml"), BOARD).unwrap();
     pictures(&directory.path().join("p"), 12);
-    let (board, camera, corners, aside_file, page) =
-        (at("board.toml"), at("camera.toml"), at("corners.csv"), at("aside.csv"), at("page.html"));
+    let (board, camera, corners, aside_file, page) = (
+        at("board.toml"),
+        at("camera.toml"),
+        at("corners.csv"),
+        at("aside.csv"),
+        at("page.html"),
+    );
     let all = paths(&directory.path().join("p"));
-    let given = ["calibrate", "--board", &board, "--output", &camera, "--corners", &corners];
-    run(&[&given[..], &all.iter().map(String::as_str).collect::<Vec<_>>()].concat());
+    let given = [
+        "calibrate",
+        "--board",
+        &board,
+        "--output",
+        &camera,
+        "--corners",
+        &corners,
+    ];
+    run(&[
+        &given[..],
+        &all.iter().map(String::as_str).collect::<Vec<_>>(),
+    ]
+    .concat());
     let _ = std::fs::remove_file(&camera);
     // Corner errors of nearly a pixel are the only reason for the refusal.
     let mut random = SeededRandom::new(5, 0);
     let aside = |line: &str| -> String {
         let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
         for cell in &mut cells[5..7] {
-            let by = if random.uniform(-1.0, 1.0) < 0.0 { -0.8 } else { 0.8 };
+            let by = if random.uniform(-1.0, 1.0) < 0.0 {
+                -0.8
+            } else {
+                0.8
+            };
             *cell = format!("{:.5}", cell.parse::<f64>().unwrap() + by);
         }
         cells.join(",")
@@ -121,21 +221,58 @@ fn a_calibration_that_one_reason_refuses_can_be_accepted_and_stays_marked() {
     let (head, rows) = lines.split_once('\n').unwrap();
     let rows: Vec<String> = rows.lines().map(aside).collect();
     std::fs::write(&aside_file, format!("{head}\n{}\n", rows.join("\n"))).unwrap();
-    let ask = ["calibrate", "--json", "--board", &board, "--output", &camera, "--corners", &aside_file];
+    let ask = [
+        "calibrate",
+        "--json",
+        "--board",
+        &board,
+        "--output",
+        &camera,
+        "--corners",
+        &aside_file,
+    ];
     let plain = run(&ask);
-    assert!(text(&plain.stderr).contains("refused, "), "{}", text(&plain.stderr));
-    assert!(!std::path::Path::new(&camera).exists(), "nothing is written unasked");
-    let done = run(&[&ask[..], &["--accept", "only a rehearsal \"of\" it", "--report", &page]].concat());
+    assert!(
+        text(&plain.stderr).contains("refused, "),
+        "{}",
+        text(&plain.stderr)
+    );
+    assert!(
+        !std::path::Path::new(&camera).exists(),
+        "nothing is written unasked"
+    );
+    let done = run(&[
+        &ask[..],
+        &["--accept", "only a rehearsal \"of\" it", "--report", &page],
+    ]
+    .concat());
     assert!(done.status.success(), "{}", text(&done.stderr));
     crate::json_schemas::assert_valid("calibrate", &done.stdout);
     let found: Value = serde_json::from_slice(&done.stdout).unwrap();
-    assert_eq!((&found["verdict"], &found["status"]), (&"refused".into(), &"ok".into()));
+    assert_eq!(
+        (&found["verdict"], &found["status"]),
+        (&"refused".into(), &"ok".into())
+    );
     let written = std::fs::read_to_string(&camera).unwrap();
-    assert!(written.contains("verdict = \"refused\"") && written.contains("accepted = "), "{written}");
-    assert!(wingd::installation::load_camera(std::path::Path::new(&camera)).is_ok(), "{written}");
-    assert!(std::fs::read_to_string(&page).unwrap().contains("only a rehearsal &quot;of&quot; it"));
+    assert!(
+        written.contains("verdict = \"refused\"") && written.contains("accepted = "),
+        "{written}"
+    );
+    assert!(
+        wingd::installation::load_camera(std::path::Path::new(&camera)).is_ok(),
+        "{written}"
+    );
+    assert!(
+        std::fs::read_to_string(&page)
+            .unwrap()
+            .contains("only a rehearsal &quot;of&quot; it")
+    );
     let empty = run(&[&ask[..], &["--accept", " "]].concat());
-    assert!(text(&empty.stderr).contains("needs a reason in words"), "{}", text(&empty.stderr));
+    assert!(
+        text(&empty.stderr).contains("needs a reason in words"),
+        "{}",
+        text(&empty.stderr)
+    );
 }
 
 #[test]
@@ -149,16 +286,31 @@ fn live_takes_images_until_the_verdict_is_good_and_reports_missing_coverage() {
     let config = "\u{feff}[camera]\r\nkind = \"replay\"\r\nfolder = \"p\"\r\nloop = false\r\n";
     std::fs::write(at("wingd.toml"), config).unwrap();
     let (board, camera, configuration) = (at("board.toml"), at("camera.toml"), at("wingd.toml"));
-    let done =
-        run(&["calibrate", "--live", "--json", "--board", &board, "--output", &camera, "--config", &configuration]);
+    let done = run(&[
+        "calibrate",
+        "--live",
+        "--json",
+        "--board",
+        &board,
+        "--output",
+        &camera,
+        "--config",
+        &configuration,
+    ]);
     let printed = text(&done.stderr);
     assert!(done.status.success(), "{printed}");
     let found: Value = serde_json::from_slice(&done.stdout).unwrap();
     assert_eq!(found["verdict"], "good", "{printed}");
     let taken = found["images"].as_array().unwrap().len();
     assert!((4..30).contains(&taken), "{taken} images: {printed}");
-    assert!(printed.contains("poor: ") || printed.contains("refused: "), "{printed}");
-    assert!(printed.contains("show") || printed.contains("tilt"), "{printed}");
+    assert!(
+        printed.contains("poor: ") || printed.contains("refused: "),
+        "{printed}"
+    );
+    assert!(
+        printed.contains("show") || printed.contains("tilt"),
+        "{printed}"
+    );
 }
 
 #[test]
@@ -170,9 +322,15 @@ fn a_camera_goes_to_other_programs_and_comes_back() {
     std::fs::write(at("camera.toml"), camera).unwrap();
     let rational = format!("{camera}k4 = 0.97\nk5 = 0.13\nk6 = -0.014\n");
     std::fs::write(at("wide.toml"), &rational).unwrap();
-    let brown =
-        ["opencv.yaml", "camera_info.yaml", "camchain.yaml", "wing.cameramodel"].map(|n| ("camera.toml", camera, n));
-    let wide = ["w.yaml", "w_camera_info.yaml", "w.cameramodel"].map(|n| ("wide.toml", &rational[..], n));
+    let brown = [
+        "opencv.yaml",
+        "camera_info.yaml",
+        "camchain.yaml",
+        "wing.cameramodel",
+    ]
+    .map(|n| ("camera.toml", camera, n));
+    let wide =
+        ["w.yaml", "w_camera_info.yaml", "w.cameramodel"].map(|n| ("wide.toml", &rational[..], n));
     for (from, camera, name) in brown.into_iter().chain(wide) {
         let (there, back) = (at(name), at(&format!("{name}.toml")));
         let done = run(&["convert", &at(from), &there]);
@@ -182,17 +340,37 @@ fn a_camera_goes_to_other_programs_and_comes_back() {
         let text = std::fs::read_to_string(&back).unwrap();
         for line in camera.lines() {
             let (key, value) = line.split_once(" = ").unwrap();
-            let written = text.lines().find_map(|l| l.strip_prefix(&format!("{key} = "))).unwrap();
-            assert_eq!(written.parse::<f64>().unwrap(), value.parse::<f64>().unwrap(), "{name}: {key}");
+            let written = text
+                .lines()
+                .find_map(|l| l.strip_prefix(&format!("{key} = ")))
+                .unwrap();
+            assert_eq!(
+                written.parse::<f64>().unwrap(),
+                value.parse::<f64>().unwrap(),
+                "{name}: {key}"
+            );
         }
     }
     let done = run(&["convert", &at("wide.toml"), &at("w_camchain.yaml")]);
-    assert!(!done.status.success() && text(&done.stderr).contains("no k4"), "{}", text(&done.stderr));
-    assert_eq!(run(&["convert", &at("camera.toml"), &at("camera.xyz")]).status.code(), Some(2));
+    assert!(
+        !done.status.success() && text(&done.stderr).contains("no k4"),
+        "{}",
+        text(&done.stderr)
+    );
+    assert_eq!(
+        run(&["convert", &at("camera.toml"), &at("camera.xyz")])
+            .status
+            .code(),
+        Some(2)
+    );
     std::fs::write(at("empty.yaml"), "nothing: here\n").unwrap();
     let done = run(&["convert", &at("empty.yaml"), &at("x.toml")]);
     assert_eq!(done.status.code(), Some(78));
-    assert!(text(&done.stderr).contains("has no known camera"), "{}", text(&done.stderr));
+    assert!(
+        text(&done.stderr).contains("has no known camera"),
+        "{}",
+        text(&done.stderr)
+    );
 }
 
 #[test]
@@ -200,10 +378,19 @@ fn millimetres_for_metres_are_named() {
     let directory = tempfile::tempdir().unwrap();
     let at = |name: &str| directory.path().join(name).display().to_string();
     std::fs::write(at("board.toml"), BOARD.replace("0.1", "25")).unwrap();
-    let done = run(&["calibrate", "--board", &at("board.toml"), "--output", &at("camera.toml"), "x.png"]);
+    let done = run(&[
+        "calibrate",
+        "--board",
+        &at("board.toml"),
+        "--output",
+        &at("camera.toml"),
+        "x.png",
+    ]);
     let printed = text(&done.stderr);
     assert!(
-        done.status.code() == Some(78) && printed.contains("squares of 25 m") && printed.contains("0.025"),
+        done.status.code() == Some(78)
+            && printed.contains("squares of 25 m")
+            && printed.contains("0.025"),
         "{printed}"
     );
 }
@@ -214,8 +401,19 @@ fn an_invalid_tolerance_is_named_with_its_remedy() {
     let at = |name: &str| directory.path().join(name).display().to_string();
     for sigma in ["0.0", "0.5", "nan"] {
         std::fs::write(at("board.toml"), format!("{BOARD}scale_sigma = {sigma}\n")).unwrap();
-        let done = run(&["calibrate", "--board", &at("board.toml"), "--output", &at("camera.toml"), "x.png"]);
+        let done = run(&[
+            "calibrate",
+            "--board",
+            &at("board.toml"),
+            "--output",
+            &at("camera.toml"),
+            "x.png",
+        ]);
         assert_eq!(done.status.code(), Some(78), "{sigma}");
-        assert!(text(&done.stderr).contains("scale_sigma"), "{}", text(&done.stderr));
+        assert!(
+            text(&done.stderr).contains("scale_sigma"),
+            "{}",
+            text(&done.stderr)
+        );
     }
 }

@@ -22,7 +22,10 @@ const COMMON_OPTIONS: [(&str, &str); 9] = [
 const PURPOSE_COLUMN: usize = 30;
 
 fn help_of(arguments: &[&str]) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).output().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_wingd"))
+        .args(arguments)
+        .output()
+        .unwrap();
     String::from_utf8(output.stdout).unwrap()
 }
 
@@ -30,7 +33,11 @@ fn help_of(arguments: &[&str]) -> String {
 fn read_groups(help: &str) -> Vec<(&str, Vec<&str>)> {
     let mut groups: Vec<(&str, Vec<&str>)> = vec![];
     for line in help.lines().take_while(|line| *line != "Options:") {
-        match (line.strip_suffix(':'), line.strip_prefix("  "), groups.last_mut()) {
+        match (
+            line.strip_suffix(':'),
+            line.strip_prefix("  "),
+            groups.last_mut(),
+        ) {
             (Some(heading), None, _) => groups.push((heading, vec![])),
             (_, Some(entry), Some((_, names))) => names.extend(entry.split(' ').next()),
             _ => {}
@@ -60,8 +67,8 @@ fn read_options(help: &str) -> Vec<(String, String)> {
 
 /// The first part of a purpose: the help has the rest, with defaults and values.
 fn shorten(purpose: &str) -> &str {
-    let ends =
-        [": ", "; ", ", ", ". ", " (", " [default", " [possible"].map(|end| purpose.find(end).unwrap_or(purpose.len()));
+    let ends = [": ", "; ", ", ", ". ", " (", " [default", " [possible"]
+        .map(|end| purpose.find(end).unwrap_or(purpose.len()));
     &purpose[..ends.into_iter().min().unwrap_or_default()]
 }
 
@@ -94,7 +101,10 @@ fn describe_command(name: &str) -> String {
 fn the_page_of_the_commands_follows_from_their_help() {
     let help = help_of(&["--help"]);
     let groups = read_groups(&help);
-    assert!(groups.iter().map(|(_, names)| names.len()).sum::<usize>() > 30, "{help}");
+    assert!(
+        groups.iter().map(|(_, names)| names.len()).sum::<usize>() > 30,
+        "{help}"
+    );
     let part: String = groups
         .iter()
         .map(|(heading, names)| {

@@ -9,7 +9,9 @@ use serde_json::{Map, Value, json};
 use wingd::camera::replay::{FaultKind, ReplayCamera, ReplayConfig, ReplayFactory, ScriptedFault};
 use wingd::camera::{Camera, CameraError, CameraFrame, CameraInfo, Format};
 use wingd::clock::{Clock, SimulatedClock};
-use wingd::daemon::{self, DaemonParts, DaemonStatus, Event, Health, SeriesConfig, Solver, StatusBoard, StatusConfig};
+use wingd::daemon::{
+    self, DaemonParts, DaemonStatus, Event, Health, SeriesConfig, Solver, StatusBoard, StatusConfig,
+};
 use wingd::record::ImageRecord;
 use wingd::store::manifest::{SeriesCause, SeriesManifest, SeriesState};
 use wingd::store::verify::verify_path;
@@ -18,16 +20,24 @@ use wingd::store::{Inputs, RealDisk, Store, StoreConfig, catalogue};
 /// JPEG files of different content.
 fn frames(dir: &Path, count: u8) {
     for i in 0..count {
-        let grey: Vec<u8> = (0..32 * 32).map(|k| (k * (i as usize + 3) % 251) as u8).collect();
+        let grey: Vec<u8> = (0..32 * 32)
+            .map(|k| (k * (i as usize + 3) % 251) as u8)
+            .collect();
         let mut bytes = Vec::new();
         let encoder = jpeg_encoder::Encoder::new(&mut bytes, 90);
-        encoder.encode(&grey, 32, 32, jpeg_encoder::ColorType::Luma).unwrap();
+        encoder
+            .encode(&grey, 32, 32, jpeg_encoder::ColorType::Luma)
+            .unwrap();
         std::fs::write(dir.join(format!("f{i:02}.jpg")), bytes).unwrap();
     }
 }
 
 fn fault(shot: u64, kind: FaultKind) -> ScriptedFault {
-    ScriptedFault { shot, kind, lasting: Duration::from_secs(3) }
+    ScriptedFault {
+        shot,
+        kind,
+        lasting: Duration::from_secs(3),
+    }
 }
 
 fn record(image: &str) -> ImageRecord {
@@ -53,7 +63,12 @@ impl Camera for CameraWithCard {
     fn recover(&mut self, _deadline: Duration) -> Result<Option<CameraFrame>, CameraError> {
         let left = self.card.lock().unwrap().last().cloned();
         self.fetched = left.is_some();
-        Ok(left.map(|bytes| CameraFrame { bytes, format: Format::Jpeg, settings: Map::new(), exposed: None }))
+        Ok(left.map(|bytes| CameraFrame {
+            bytes,
+            format: Format::Jpeg,
+            settings: Map::new(),
+            exposed: None,
+        }))
     }
     fn shoot(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
         self.replay.shoot(deadline)
@@ -96,11 +111,25 @@ impl Flight {
             until: Some(Duration::from_secs(2 * 3600 + 1800)),
             ..SeriesConfig::default()
         };
-        let clock = Arc::new(SimulatedClock::new("boot", "2026-03-01T06:00:00Z".parse().unwrap(), None));
+        let clock = Arc::new(SimulatedClock::new(
+            "boot",
+            "2026-03-01T06:00:00Z".parse().unwrap(),
+            None,
+        ));
         let solve = Arc::new(|image: &str| record(image));
         let solver_deadline = Duration::from_secs(60);
         let (card, events) = (Arc::default(), Arc::default());
-        Self { card, dir, clock, series, replay, solve, solver_deadline, status: None, events }
+        Self {
+            card,
+            dir,
+            clock,
+            series,
+            replay,
+            solve,
+            solver_deadline,
+            status: None,
+            events,
+        }
     }
 
     fn root(&self) -> std::path::PathBuf {
@@ -111,11 +140,19 @@ impl Flight {
         let mut config = StoreConfig::new(self.root());
         config.reserve_mb = 0;
         let (store, recovery) = Store::open(Arc::new(RealDisk), config).unwrap();
-        let replay = ReplayFactory::new(self.replay.clone(), self.clock.clone(), self.clock.since_boot());
+        let replay = ReplayFactory::new(
+            self.replay.clone(),
+            self.clock.clone(),
+            self.clock.since_boot(),
+        );
         let solve = self.solve.clone();
         let events = self.events.clone();
         let card = self.card.clone();
-        let camera = move || CameraWithCard { replay: replay.make(), card: card.clone(), fetched: false };
+        let camera = move || CameraWithCard {
+            replay: replay.make(),
+            card: card.clone(),
+            fetched: false,
+        };
         let board = StatusBoard::new(self.clock.clone());
         let mut provenance = Map::new();
         provenance.insert("installation".to_owned(), Value::from("test"));
@@ -162,7 +199,10 @@ impl Flight {
 /// Kinds of a shot's failures.
 fn kinds(manifest: &SeriesManifest, shot: u32) -> Vec<&str> {
     let shot = manifest.shots.iter().find(|s| s.shot == shot).unwrap();
-    shot.failures.iter().map(|failure| failure.kind.as_str()).collect()
+    shot.failures
+        .iter()
+        .map(|failure| failure.kind.as_str())
+        .collect()
 }
 
 #[test]
@@ -170,16 +210,37 @@ fn an_undisturbed_flight_is_recorded_and_solved() {
     let flight = Flight::new(Vec::new());
     let status = flight.run_flight();
     let report = flight.verify_store();
-    assert_eq!((report.flights, report.series, report.frames, report.results), (1, 3, 12, 12));
-    assert_eq!((status.counts.frames, status.counts.solved, status.counts.series_complete), (12, 12, 3));
+    assert_eq!(
+        (report.flights, report.series, report.frames, report.results),
+        (1, 3, 12, 12)
+    );
+    assert_eq!(
+        (
+            status.counts.frames,
+            status.counts.solved,
+            status.counts.series_complete
+        ),
+        (12, 12, 3)
+    );
     assert_eq!(status.health, Health::Ok);
-    let started: Vec<f64> = flight.manifests().iter().map(|m| m.started.as_ref().unwrap().since_boot_s).collect();
+    let started: Vec<f64> = flight
+        .manifests()
+        .iter()
+        .map(|m| m.started.as_ref().unwrap().since_boot_s)
+        .collect();
     assert_eq!(started, [30.0, 3630.0, 7230.0]);
     let manifest = &flight.manifests()[0];
-    assert_eq!(manifest.shots[1].stamp.since_boot_s - manifest.shots[0].stamp.since_boot_s, 2.0);
+    assert_eq!(
+        manifest.shots[1].stamp.since_boot_s - manifest.shots[0].stamp.since_boot_s,
+        2.0
+    );
     assert_eq!(manifest.camera["name"], "replay");
     let stored = std::fs::read(flight.root().join("flights/f0001/s000002/0001.jpg")).unwrap();
-    assert_eq!(stored, std::fs::read(flight.dir.path().join("frames/f04.jpg")).unwrap(), "bytes as sent");
+    assert_eq!(
+        stored,
+        std::fs::read(flight.dir.path().join("frames/f04.jpg")).unwrap(),
+        "bytes as sent"
+    );
 }
 
 #[test]
@@ -200,10 +261,17 @@ fn hangs_failures_and_truncated_or_repeated_frames_cost_only_their_shots() {
     let status = flight.run_flight();
     let report = flight.verify_store();
     let manifests = flight.manifests();
-    assert!(manifests.iter().all(|m| m.state == SeriesState::Complete && m.shots.len() == 4));
+    assert!(
+        manifests
+            .iter()
+            .all(|m| m.state == SeriesState::Complete && m.shots.len() == 4)
+    );
     // Series 1: call 1 succeeds; 2 hangs; 3 busy, 4 succeeds; 5 truncated, 6 succeeds.
     assert_eq!(kinds(&manifests[0], 2), ["timeout"]);
-    assert!(manifests[0].shots[1].frame.is_none(), "a hung camera costs its shot");
+    assert!(
+        manifests[0].shots[1].frame.is_none(),
+        "a hung camera costs its shot"
+    );
     assert_eq!(kinds(&manifests[0], 3), ["busy"]);
     assert_eq!(kinds(&manifests[0], 4), ["bad_frame"]);
     assert!(manifests[0].shots[2].frame.is_some() && manifests[0].shots[3].frame.is_some());
@@ -219,8 +287,14 @@ fn hangs_failures_and_truncated_or_repeated_frames_cost_only_their_shots() {
     assert_eq!((status.counts.hangs, status.counts.stale_frames), (1, 1));
     assert_eq!(report.results, 9);
     let kept = manifests[0].shots[3].failures[0].kept_as.as_ref().unwrap();
-    assert!(flight.root().join("partial").join(kept).is_file(), "the half frame is kept");
-    assert_eq!(manifests[1].shots[0].failures[0].kept_as, None, "an old frame is stored already");
+    assert!(
+        flight.root().join("partial").join(kept).is_file(),
+        "the half frame is kept"
+    );
+    assert_eq!(
+        manifests[1].shots[0].failures[0].kept_as, None,
+        "an old frame is stored already"
+    );
 }
 
 #[test]
@@ -231,7 +305,11 @@ fn a_camera_that_always_hangs_does_not_stop_the_daemon() {
     assert_eq!(flight.manifests().len(), 3);
     assert_eq!((status.counts.frames, status.counts.failed_shots), (0, 12));
     assert_eq!(status.health, Health::Failed);
-    assert!(status.camera.hanging_calls <= 8, "{}", status.camera.hanging_calls);
+    assert!(
+        status.camera.hanging_calls <= 8,
+        "{}",
+        status.camera.hanging_calls
+    );
 }
 
 #[test]
@@ -242,7 +320,11 @@ fn a_missing_camera_is_recorded() {
     flight.verify_store();
     assert_eq!(status.counts.failed_shots, 12);
     let shot = &flight.manifests()[0].shots[0];
-    assert!(shot.failures[0].reason.contains("/nonexistent"), "{:?}", shot.failures);
+    assert!(
+        shot.failures[0].reason.contains("/nonexistent"),
+        "{:?}",
+        shot.failures
+    );
 }
 
 #[test]
@@ -264,14 +346,24 @@ fn capturing_never_waits_for_solving() {
         record(image)
     });
     let status = flight.run_flight();
-    assert_eq!(solved_before_the_end.load(Ordering::Relaxed), 0, "capturing waited");
+    assert_eq!(
+        solved_before_the_end.load(Ordering::Relaxed),
+        0,
+        "capturing waited"
+    );
     assert_eq!(status.counts.solved, 12);
 }
 
 #[test]
 fn a_solver_that_panics_gives_a_failed_result_once() {
     let mut flight = Flight::new(Vec::new());
-    flight.solve = Arc::new(|image| if image == "0002.jpg" { panic!("on this frame") } else { record(image) });
+    flight.solve = Arc::new(|image| {
+        if image == "0002.jpg" {
+            panic!("on this frame")
+        } else {
+            record(image)
+        }
+    });
     let status = flight.run_flight();
     assert_eq!((status.counts.solved, status.counts.unsolvable), (9, 3));
     assert_eq!(flight.verify_store().results, 12);
@@ -292,11 +384,22 @@ fn a_solver_that_never_returns_costs_its_frame_only() {
         record(image)
     });
     let status = flight.run_flight();
-    assert_eq!((status.counts.frames, status.counts.solved, status.counts.unsolvable), (12, 11, 1));
+    assert_eq!(
+        (
+            status.counts.frames,
+            status.counts.solved,
+            status.counts.unsolvable
+        ),
+        (12, 11, 1)
+    );
     assert_eq!(status.counts.solver_hangs, 1);
     assert_eq!(flight.verify_store().results, 12);
     let results = flight.root().join("flights/f0001/s000001/results.jsonl");
-    assert!(std::fs::read_to_string(results).unwrap().contains("no result after 300ms"));
+    assert!(
+        std::fs::read_to_string(results)
+            .unwrap()
+            .contains("no result after 300ms")
+    );
 }
 
 #[test]
@@ -321,7 +424,11 @@ fn a_restart_during_the_flight_continues_the_timetable() {
     assert_eq!(flight.manifests().len(), 2);
     flight.series.until = Some(Duration::from_secs(3 * 3600));
     let status = flight.run_flight();
-    let started: Vec<f64> = flight.manifests().iter().map(|m| m.started.as_ref().unwrap().since_boot_s).collect();
+    let started: Vec<f64> = flight
+        .manifests()
+        .iter()
+        .map(|m| m.started.as_ref().unwrap().since_boot_s)
+        .collect();
     assert_eq!(started, [30.0, 3630.0, 7230.0, 10830.0]);
     assert_eq!(status.flight.as_deref(), Some("f0001"));
     flight.verify_store();
@@ -335,8 +442,14 @@ fn frames_left_on_the_cameras_card_are_fetched_once() {
     flight.run_flight();
     let manifests = flight.manifests();
     assert_eq!(manifests.len(), 4);
-    assert_eq!((manifests[0].cause, manifests[0].shots.len()), (SeriesCause::Recovered, 2));
-    assert!(flight.card.lock().unwrap().is_empty(), "deleted on the camera once durable");
+    assert_eq!(
+        (manifests[0].cause, manifests[0].shots.len()),
+        (SeriesCause::Recovered, 2)
+    );
+    assert!(
+        flight.card.lock().unwrap().is_empty(),
+        "deleted on the camera once durable"
+    );
     assert_eq!(flight.verify_store().results, 14);
     // Stored, but the power failed before it was deleted on the card.
     *flight.card.lock().unwrap() = vec![picture("f39.jpg")];
@@ -345,7 +458,13 @@ fn frames_left_on_the_cameras_card_are_fetched_once() {
     flight.series.until = Some(Duration::from_secs(4 * 3600));
     flight.run_flight();
     assert!(flight.card.lock().unwrap().is_empty());
-    assert!(flight.manifests().iter().skip(4).all(|m| m.cause == SeriesCause::Scheduled));
+    assert!(
+        flight
+            .manifests()
+            .iter()
+            .skip(4)
+            .all(|m| m.cause == SeriesCause::Scheduled)
+    );
 }
 
 #[test]
@@ -356,9 +475,19 @@ fn a_frame_that_crashes_the_program_is_given_up() {
     // A recorded flight, and five starts that ended while its first frame was solved.
     flight.run_flight();
     for path in ["s000001", "s000002", "s000003"] {
-        std::fs::remove_file(flight.root().join("flights/f0001").join(path).join("results.jsonl")).unwrap();
+        std::fs::remove_file(
+            flight
+                .root()
+                .join("flights/f0001")
+                .join(path)
+                .join("results.jsonl"),
+        )
+        .unwrap();
     }
-    let inputs = Inputs::new(Map::from_iter([("installation".to_owned(), Value::from("test"))]));
+    let inputs = Inputs::new(Map::from_iter([(
+        "installation".to_owned(),
+        Value::from("test"),
+    )]));
     for beginning in 1..=5 {
         let (store, _) = Store::open(Arc::new(RealDisk), config.clone()).unwrap();
         let first = store.unsolved_frames(&inputs).unwrap().remove(0);

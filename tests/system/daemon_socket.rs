@@ -16,16 +16,22 @@ fn metrics(socket: &Path) -> std::collections::BTreeMap<String, f64> {
     stream.write_all(b"metrics\n").unwrap();
     let mut text = String::new();
     stream.read_to_string(&mut text).unwrap();
-    let samples = text.lines().filter(|line| !line.is_empty() && !line.starts_with("# "));
+    let samples = text
+        .lines()
+        .filter(|line| !line.is_empty() && !line.starts_with("# "));
     let parsed = samples.map(|line| line.split_once(' ').unwrap());
-    parsed.map(|(name, value)| (name.to_owned(), value.parse().unwrap())).collect()
+    parsed
+        .map(|(name, value)| (name.to_owned(), value.parse().unwrap()))
+        .collect()
 }
 
 #[test]
 fn the_socket_answers_and_triggers_a_series() {
     let mut flight = Flight::new(Vec::new());
     let socket = flight.dir.path().join("run").join("wingd.sock");
-    flight.status = Some(StatusConfig { socket: socket.clone() });
+    flight.status = Some(StatusConfig {
+        socket: socket.clone(),
+    });
     // Paced: the flight of 2 h takes about 2 s.
     let start = flight.clock.stamp();
     flight.clock = Arc::new(SimulatedClock::starting_at(&start, Some(3600.0)));
@@ -33,7 +39,10 @@ fn the_socket_answers_and_triggers_a_series() {
         let flying = scope.spawn(|| flight.run_flight());
         let mut answer = daemon::query_daemon(&socket, "status");
         for _ in 0..200 {
-            if answer.as_ref().is_ok_and(|status| status["counts"]["series_complete"] == 1) {
+            if answer
+                .as_ref()
+                .is_ok_and(|status| status["counts"]["series_complete"] == 1)
+            {
                 break;
             }
             std::thread::sleep(Duration::from_millis(5));
@@ -46,14 +55,34 @@ fn the_socket_answers_and_triggers_a_series() {
         assert_eq!(status.flight.as_deref(), Some("f0001"));
         let metrics = metrics(&socket);
         assert_eq!(metrics["wingd_healthy"], 1.0);
-        assert!(metrics["wingd_frames_total"] >= 4.0 && metrics["wingd_last_frame_age_seconds"] >= 0.0);
+        assert!(
+            metrics["wingd_frames_total"] >= 4.0 && metrics["wingd_last_frame_age_seconds"] >= 0.0
+        );
         assert!(daemon::query_daemon(&socket, "new-flight").is_ok());
-        assert!(daemon::query_daemon(&socket, "dance").unwrap_err().to_string().contains("unknown command"));
+        assert!(
+            daemon::query_daemon(&socket, "dance")
+                .unwrap_err()
+                .to_string()
+                .contains("unknown command")
+        );
         flying.join().unwrap();
     });
-    let triggered: Vec<_> = flight.manifests().into_iter().filter(|m| m.flight == "f0002").collect();
-    assert_eq!(triggered.len(), 3, "the extra series and the two scheduled after it");
+    let triggered: Vec<_> = flight
+        .manifests()
+        .into_iter()
+        .filter(|m| m.flight == "f0002")
+        .collect();
+    assert_eq!(
+        triggered.len(),
+        3,
+        "the extra series and the two scheduled after it"
+    );
     assert_eq!(flight.manifests().len(), 4);
-    assert!(daemon::query_daemon(&socket, "status").unwrap_err().to_string().contains("no daemon is running"));
+    assert!(
+        daemon::query_daemon(&socket, "status")
+            .unwrap_err()
+            .to_string()
+            .contains("no daemon is running")
+    );
     flight.verify_store();
 }

@@ -12,18 +12,38 @@ fn set() -> (tempfile::TempDir, PathBuf, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("set");
     let text = output.to_str().unwrap();
-    let small = ["--size", "2000", "1500", "--focal", "3900", "--fixed-marks", "2", "--tip-deflections", "2.5"];
+    let small = [
+        "--size",
+        "2000",
+        "1500",
+        "--focal",
+        "3900",
+        "--fixed-marks",
+        "2",
+        "--tip-deflections",
+        "2.5",
+    ];
     let mut arguments = vec!["simulate", "--output", text, "--seed", "5"];
     arguments.extend(small);
     stdout(&arguments);
     let (installation, frames) = (output.join("installation"), output.join("frames"));
     let ground = frames.join("ground.jpg");
-    stdout(&["orient", "--installation", installation.to_str().unwrap(), ground.to_str().unwrap()]);
+    stdout(&[
+        "orient",
+        "--installation",
+        installation.to_str().unwrap(),
+        ground.to_str().unwrap(),
+    ]);
     (folder, installation, frames.join("flight-1.jpg"))
 }
 
 fn solved(installation: &Path, frame: &Path, more: &[&str]) -> Value {
-    let mut arguments = vec!["solve", "--installation", installation.to_str().unwrap(), "--json"];
+    let mut arguments = vec![
+        "solve",
+        "--installation",
+        installation.to_str().unwrap(),
+        "--json",
+    ];
     arguments.extend(more);
     arguments.push(frame.to_str().unwrap());
     serde_json::from_str(&stdout(&arguments)).unwrap()
@@ -37,7 +57,12 @@ fn sigma_of_the_tip(record: &Value) -> f64 {
 fn fixed_targets_are_used_from_simulate_to_solve() {
     let (folder, installation, frame) = set();
     let with = solved(&installation, &frame, &[]);
-    for mark in with["markers"].as_array().unwrap().iter().filter(|m| m["id"].as_str().unwrap().starts_with('F')) {
+    for mark in with["markers"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|m| m["id"].as_str().unwrap().starts_with('F'))
+    {
         assert_eq!(mark["used"], true, "{mark}");
         assert!(mark["deflection_m"].is_null(), "{mark}");
     }
@@ -45,7 +70,11 @@ fn fixed_targets_are_used_from_simulate_to_solve() {
 
     let mountings = folder.path().join("mountings.csv");
     std::fs::write(&mountings, "image,mounting\nflight-1.jpg,ground\n").unwrap();
-    let stayed = solved(&installation, &frame, &["--mountings", mountings.to_str().unwrap()]);
+    let stayed = solved(
+        &installation,
+        &frame,
+        &["--mountings", mountings.to_str().unwrap()],
+    );
     assert!(sigma_of_the_tip(&stayed) <= sigma_of_the_tip(&with));
 
     // Targets treated as if on the wing would not constrain the camera: here they are absent.
@@ -55,19 +84,32 @@ fn fixed_targets_are_used_from_simulate_to_solve() {
     let wing: Vec<&str> = text.lines().filter(|l| !l.starts_with('F')).collect();
     std::fs::write(&survey, wing.join("\n")).unwrap();
     let ground = frame.with_file_name("ground.jpg");
-    stdout(&["orient", "--installation", installation.to_str().unwrap(), ground.to_str().unwrap()]);
+    stdout(&[
+        "orient",
+        "--installation",
+        installation.to_str().unwrap(),
+        ground.to_str().unwrap(),
+    ]);
     let without = solved(&installation, &frame, &[]);
     let (with, without) = (sigma_of_the_tip(&with), sigma_of_the_tip(&without));
-    assert!(with < 0.8 * without, "{with} m with two fixed targets, {without} m without");
+    assert!(
+        with < 0.8 * without,
+        "{with} m with two fixed targets, {without} m without"
+    );
 }
 
 fn dev() -> String {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation").to_str().unwrap().to_owned()
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("fixtures/dev/installation")
+        .to_str()
+        .unwrap()
+        .to_owned()
 }
 
 #[test]
 fn the_plan_reports_the_gain_from_fixed_targets_and_the_contribution_of_each_unknown() {
-    let plan: Value = serde_json::from_str(&stdout(&["plan", "--installation", &dev(), "--json"])).unwrap();
+    let plan: Value =
+        serde_json::from_str(&stdout(&["plan", "--installation", &dev(), "--json"])).unwrap();
     let prediction = &plan["prediction"];
     let tip = |value: &Value| value["sigma_tip_deflection_m"].as_f64().unwrap();
     let mut before = tip(&prediction["expected"]);
@@ -85,7 +127,10 @@ fn the_plan_reports_the_gain_from_fixed_targets_and_the_contribution_of_each_unk
         assert!(tip(&term["expected"]) <= as_it_is * (1.0 + 1e-6), "{term}");
     }
     let text = stdout(&["plan", "--installation", &dev()]);
-    assert!(text.contains("2 fixed targets") && text.contains("height of the bending axis"), "{text}");
+    assert!(
+        text.contains("2 fixed targets") && text.contains("height of the bending axis"),
+        "{text}"
+    );
 }
 
 #[test]
@@ -105,5 +150,8 @@ fn a_frame_without_a_mounting_is_reported_before_solving() {
     ]);
     let printed = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(78), "{printed}");
-    assert!(printed.contains("one.jpg") && printed.contains("mountings.csv"), "{printed}");
+    assert!(
+        printed.contains("one.jpg") && printed.contains("mountings.csv"),
+        "{printed}"
+    );
 }

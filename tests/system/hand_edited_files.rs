@@ -7,7 +7,11 @@ use crate::program::{fixture, outcome};
 fn check_survey(survey: &str) -> (Option<i32>, String) {
     let dir = tempfile::tempdir().unwrap();
     for name in ["camera.toml", "installation.toml"] {
-        std::fs::copy(fixture("dev/installation").join(name), dir.path().join(name)).unwrap();
+        std::fs::copy(
+            fixture("dev/installation").join(name),
+            dir.path().join(name),
+        )
+        .unwrap();
     }
     std::fs::write(dir.path().join("survey.csv"), survey).unwrap();
     outcome(&["check", "--installation", &dir.path().to_string_lossy()])
@@ -15,21 +19,47 @@ fn check_survey(survey: &str) -> (Option<i32>, String) {
 
 #[test]
 fn one_cause_in_a_survey_is_one_fault() {
-    let sound = std::fs::read_to_string(fixture("dev/installation/survey.csv")).unwrap().replace('\r', "");
+    let sound = std::fs::read_to_string(fixture("dev/installation/survey.csv"))
+        .unwrap()
+        .replace('\r', "");
     let (header, rows) = sound.split_once('\n').unwrap();
     let decimal = rows.replacen("38.6089", "38,6089", 1);
     for (survey, words) in [
-        (format!("sep=,\n{sound}"), "line 1: is a spreadsheet's separator line"),
-        (format!("{}\n{rows}", header.to_uppercase()), "write it in lower case: id,shape"),
-        (format!("a,b,c\n{rows}"), "line 1: is not a header with id, shape"),
+        (
+            format!("sep=,\n{sound}"),
+            "line 1: is a spreadsheet's separator line",
+        ),
+        (
+            format!("{}\n{rows}", header.to_uppercase()),
+            "write it in lower case: id,shape",
+        ),
+        (
+            format!("a,b,c\n{rows}"),
+            "line 1: is not a header with id, shape",
+        ),
         (sound.replace(',', ";"), "is separated by semicolons"),
-        (format!("{header}\n{decimal}"), "line 2: has 8 cells under a header of 7"),
+        (
+            format!("{header}\n{decimal}"),
+            "line 2: has 8 cells under a header of 7",
+        ),
         (sound.replace(',', "|"), "is separated by bars"),
-        (format!("{header}\n-,-,m,m,m,m,m\n{rows}"), "line 2: has no numbers in columns that need them"),
-        (format!("{sound}{header}\n"), "line 23: has no numbers in columns that need them"),
-        (format!("{sound}mean,,,,,,\n"), "line 23: has no numbers in columns that need them"),
+        (
+            format!("{header}\n-,-,m,m,m,m,m\n{rows}"),
+            "line 2: has no numbers in columns that need them",
+        ),
+        (
+            format!("{sound}{header}\n"),
+            "line 23: has no numbers in columns that need them",
+        ),
+        (
+            format!("{sound}mean,,,,,,\n"),
+            "line 23: has no numbers in columns that need them",
+        ),
         (format!("{header},x_m\n{rows}"), "column x_m: occurs twice"),
-        (format!("{header}\n\"{rows}"), "line 2: a quote is not closed"),
+        (
+            format!("{header}\n\"{rows}"),
+            "line 2: a quote is not closed",
+        ),
     ] {
         let (status, printed) = check_survey(&survey);
         assert!(
@@ -39,8 +69,12 @@ fn one_cause_in_a_survey_is_one_fault() {
             "{words}: {printed}"
         );
     }
-    let quoted =
-        format!("{header},note\n{}", rows.lines().map(|l| format!("{l},\"near, the rib\"\n")).collect::<String>());
+    let quoted = format!(
+        "{header},note\n{}",
+        rows.lines()
+            .map(|l| format!("{l},\"near, the rib\"\n"))
+            .collect::<String>()
+    );
     assert_eq!(check_survey(&quoted).0, check_survey(&sound).0);
 }
 
@@ -49,7 +83,10 @@ fn typing_mistakes_in_toml_are_named_with_the_remedy() {
     let dir = tempfile::tempdir().unwrap();
     let main = dir.path().join("installation.toml");
     let sound = std::fs::read_to_string(fixture("dev/installation/installation.toml")).unwrap();
-    let survey = sound.lines().find(|line| line.starts_with("survey")).unwrap();
+    let survey = sound
+        .lines()
+        .find(|line| line.starts_with("survey"))
+        .unwrap();
     for (line, words) in [
         ("survey = \"C:\\wing\\survey.csv\"", "single quotes"),
         (
@@ -57,12 +94,22 @@ fn typing_mistakes_in_toml_are_named_with_the_remedy() {
             "C:\\new\\table.csv: file: is not a valid path: within double quotes a backslash",
         ),
         ("survey = “survey.csv”", "straight quotes"),
-        ("root_offset_sigma_m = 0,01\nsurvey = \"survey.csv\"", "has a decimal comma; use a decimal point"),
-        ("survey = 2026-06-01", "is a date, but a text or a number is expected"),
+        (
+            "root_offset_sigma_m = 0,01\nsurvey = \"survey.csv\"",
+            "has a decimal comma; use a decimal point",
+        ),
+        (
+            "survey = 2026-06-01",
+            "is a date, but a text or a number is expected",
+        ),
     ] {
         std::fs::write(&main, sound.replace(survey, line)).unwrap();
-        let (status, printed) = outcome(&["check", "--installation", &dir.path().to_string_lossy()]);
-        assert!(status == Some(78) && printed.contains(words), "{words}: {printed}");
+        let (status, printed) =
+            outcome(&["check", "--installation", &dir.path().to_string_lossy()]);
+        assert!(
+            status == Some(78) && printed.contains(words),
+            "{words}: {printed}"
+        );
     }
 }
 
@@ -70,15 +117,25 @@ fn typing_mistakes_in_toml_are_named_with_the_remedy() {
 fn a_camera_file_of_another_program_is_named_with_the_remedy() {
     let dir = tempfile::tempdir().unwrap();
     for name in ["survey.csv", "installation.toml"] {
-        std::fs::copy(fixture("dev/installation").join(name), dir.path().join(name)).unwrap();
+        std::fs::copy(
+            fixture("dev/installation").join(name),
+            dir.path().join(name),
+        )
+        .unwrap();
     }
     let main = dir.path().join("installation.toml");
     let sound = std::fs::read_to_string(&main).unwrap();
     std::fs::write(&main, sound.replace("camera.toml", "opencv.yaml")).unwrap();
-    std::fs::copy(fixture("cameras/opencv.yaml"), dir.path().join("opencv.yaml")).unwrap();
+    std::fs::copy(
+        fixture("cameras/opencv.yaml"),
+        dir.path().join("opencv.yaml"),
+    )
+    .unwrap();
     let (status, printed) = outcome(&["check", "--installation", &dir.path().to_string_lossy()]);
     assert!(
-        status == Some(78) && printed.contains("is not a camera.toml") && printed.contains("wingd convert"),
+        status == Some(78)
+            && printed.contains("is not a camera.toml")
+            && printed.contains("wingd convert"),
         "{printed}"
     );
 }
@@ -86,19 +143,35 @@ fn a_camera_file_of_another_program_is_named_with_the_remedy() {
 #[test]
 fn a_fault_of_a_board_file_has_its_line_and_the_remedy() {
     let dir = tempfile::tempdir().unwrap();
-    let (file, out) = (dir.path().join("board.toml"), dir.path().join("camera.toml"));
+    let (file, out) = (
+        dir.path().join("board.toml"),
+        dir.path().join("camera.toml"),
+    );
     let sound = "pattern = \"checkerboard\"\ncolumns = 8\nrows = 6\nsquare_m = 0.025\n";
     for (text, words) in [
-        (sound.replace("0.025", "\"25 mm\""), "line 4 (`square_m = \"25 mm\"`)"),
+        (
+            sound.replace("0.025", "\"25 mm\""),
+            "line 4 (`square_m = \"25 mm\"`)",
+        ),
         (format!("{sound}squares = 3\n"), "line 5 (`squares = 3`)"),
-        (sound.replace("0.025", "2.5"), "0.0025 for 2.5 mm, 0.025 for 2.5 cm"),
+        (
+            sound.replace("0.025", "2.5"),
+            "0.0025 for 2.5 mm, 0.025 for 2.5 cm",
+        ),
         (sound.replace("0.025", "0,025"), "has a decimal comma"),
-        (sound.replace("checkerboard", "chessboard"), "line 1 (`pattern = \"chessboard\"`)"),
+        (
+            sound.replace("checkerboard", "chessboard"),
+            "line 1 (`pattern = \"chessboard\"`)",
+        ),
     ] {
         std::fs::write(&file, text).unwrap();
         let (file, out) = (file.to_string_lossy(), out.to_string_lossy());
-        let (status, printed) = outcome(&["calibrate", "--board", &file, "--output", &out, "none.jpg"]);
-        assert!(status == Some(78) && printed.contains(words), "{words}: {printed}");
+        let (status, printed) =
+            outcome(&["calibrate", "--board", &file, "--output", &out, "none.jpg"]);
+        assert!(
+            status == Some(78) && printed.contains(words),
+            "{words}: {printed}"
+        );
     }
 }
 
@@ -106,19 +179,32 @@ fn a_fault_of_a_board_file_has_its_line_and_the_remedy() {
 fn files_whose_names_are_not_utf8_are_read_and_distinguished() {
     use std::os::unix::ffi::OsStrExt;
     let dir = tempfile::tempdir().unwrap();
-    let file = dir.path().join(std::ffi::OsStr::from_bytes(b"fl\xfcgel.yaml"));
+    let file = dir
+        .path()
+        .join(std::ffi::OsStr::from_bytes(b"fl\xfcgel.yaml"));
     std::fs::copy(fixture("cameras/opencv.yaml"), &file).unwrap();
     let run = |file: &std::path::Path| {
         let mut convert = std::process::Command::new(env!("CARGO_BIN_EXE_wingd"));
-        convert.arg("convert").arg(file).arg(dir.path().join("camera.toml")).output().unwrap()
+        convert
+            .arg("convert")
+            .arg(file)
+            .arg(dir.path().join("camera.toml"))
+            .output()
+            .unwrap()
     };
     let done = run(&file);
     let printed = String::from_utf8(done.stdout).unwrap();
-    assert!(done.status.success() && printed.contains("fl\\xfcgel.yaml: OpenCV"), "{printed}");
-    let missing = run(&dir.path().join(std::ffi::OsStr::from_bytes(b"fl\xe4gel.yaml")));
+    assert!(
+        done.status.success() && printed.contains("fl\\xfcgel.yaml: OpenCV"),
+        "{printed}"
+    );
+    let missing = run(&dir
+        .path()
+        .join(std::ffi::OsStr::from_bytes(b"fl\xe4gel.yaml")));
     let printed = String::from_utf8(missing.stderr).unwrap();
     assert!(
-        missing.status.code() == Some(78) && printed.contains("fl\\xe4gel.yaml: file: cannot be read"),
+        missing.status.code() == Some(78)
+            && printed.contains("fl\\xe4gel.yaml: file: cannot be read"),
         "{printed}"
     );
 }

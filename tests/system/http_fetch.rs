@@ -20,11 +20,21 @@ use crate::common::report_store::{solved, store_with};
 const TOKEN: &str = "correct-horse-battery";
 
 fn fetch(url: &str, to: &Path, more: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_wingd")).arg("fetch").arg(url).arg(to).args(more).output().unwrap()
+    Command::new(env!("CARGO_BIN_EXE_wingd"))
+        .arg("fetch")
+        .arg(url)
+        .arg(to)
+        .args(more)
+        .output()
+        .unwrap()
 }
 
 fn text(output: &Output) -> String {
-    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+    format!(
+        "{}{}",
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    )
 }
 
 /// Forwards connections and cuts each off after some bytes, `cuts` times; returns its address.
@@ -38,7 +48,11 @@ fn line_that_breaks(to: SocketAddr, cuts: usize) -> (SocketAddr, Arc<AtomicUsize
         for stream in listener.incoming().map_while(Result::ok) {
             let cut = count.load(Ordering::Relaxed) < cuts;
             // More than a listing, less than a flight.
-            let limit = if cut { random.random_range(60_000..120_000) } else { usize::MAX };
+            let limit = if cut {
+                random.random_range(60_000..120_000)
+            } else {
+                usize::MAX
+            };
             count.fetch_add(usize::from(cut), Ordering::Relaxed);
             std::thread::spawn(move || pass_on(stream, TcpStream::connect(to).unwrap(), limit));
         }
@@ -72,7 +86,8 @@ fn pass_on(client: TcpStream, server: TcpStream, mut left: usize) {
 #[test]
 fn a_flight_arrives_complete_over_a_line_that_breaks_thirty_times() {
     let six = |deflection_m: f64| std::array::from_fn::<_, 6, _>(|_| solved(deflection_m, 0.006));
-    let all: Vec<[serde_json::Value; 6]> = (0..60).map(|k| six(2.0 + f64::from(k) / 100.0)).collect();
+    let all: Vec<[serde_json::Value; 6]> =
+        (0..60).map(|k| six(2.0 + f64::from(k) / 100.0)).collect();
     let series: Vec<&[serde_json::Value]> = all.iter().map(|s| &s[..]).collect();
     let store = store_with(&series);
     let server = Server::start(store.path());
@@ -87,9 +102,17 @@ fn a_flight_arrives_complete_over_a_line_that_breaks_thirty_times() {
         last = fetch(&url, to.path(), &[]);
     }
     assert_eq!(last.status.code(), Some(0), "{}", text(&last));
-    assert!(broken.load(Ordering::Relaxed) >= 30, "the line broke {broken:?} times");
+    assert!(
+        broken.load(Ordering::Relaxed) >= 30,
+        "the line broke {broken:?} times"
+    );
     let (here, there) = (store.path().join("flights"), to.path().join("flights"));
-    let same = Command::new("diff").arg("-r").arg(here).arg(there).status().unwrap();
+    let same = Command::new("diff")
+        .arg("-r")
+        .arg(here)
+        .arg(there)
+        .status()
+        .unwrap();
     assert!(same.success());
     assert_eq!(verify_path(&RealDisk, to.path()).frames, 360);
     // Repeated: nothing is fetched again, later results are added.
@@ -101,7 +124,10 @@ fn a_flight_arrives_complete_over_a_line_that_breaks_thirty_times() {
 
 /// Adds results of all frames with other inputs.
 fn add_results(root: &Path) {
-    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(root) };
+    let config = StoreConfig {
+        reserve_mb: 0,
+        ..StoreConfig::new(root)
+    };
     let (store, _) = Store::open(Arc::new(RealDisk), config).unwrap();
     let inputs = Inputs::new(Map::from_iter([("program".to_owned(), "another".into())]));
     loop {
@@ -110,7 +136,11 @@ fn add_results(root: &Path) {
             break;
         }
         for frame in frames {
-            assert!(store.add_result(&frame, &inputs, solved(2.8, 0.006)).unwrap());
+            assert!(
+                store
+                    .add_result(&frame, &inputs, solved(2.8, 0.006))
+                    .unwrap()
+            );
         }
     }
     store.seal();
@@ -129,13 +159,29 @@ fn an_incomplete_fetch_fails_and_leaves_no_store() {
     let to = tempfile::tempdir().unwrap();
     let output = fetch(&format!("http://{}", server.address), to.path(), &[]);
     assert_eq!(output.status.code(), Some(1), "{}", text(&output));
-    assert!(text(&output).contains("0002.jpg") && !to.path().join("store.toml").exists(), "{}", text(&output));
-    let nobody = fetch(&format!("http://{}", server.address), to.path(), &["--flight", "f0009"]);
-    assert!(nobody.status.code() == Some(1) && text(&nobody).contains("no such flight"), "{}", text(&nobody));
+    assert!(
+        text(&output).contains("0002.jpg") && !to.path().join("store.toml").exists(),
+        "{}",
+        text(&output)
+    );
+    let nobody = fetch(
+        &format!("http://{}", server.address),
+        to.path(),
+        &["--flight", "f0009"],
+    );
+    assert!(
+        nobody.status.code() == Some(1) && text(&nobody).contains("no such flight"),
+        "{}",
+        text(&nobody)
+    );
 }
 
 fn serve_over_tls(store: &Path) -> Server {
-    let file = |name: &str| Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/tls").join(name);
+    let file = |name: &str| {
+        Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("tests/tls")
+            .join(name)
+    };
     let tls = wingd::http::tls::tls_acceptor(&file("certificate.pem"), &file("key.pem")).unwrap();
     Server::guarded(store, Access::new(Some(TOKEN), vec![]).with_tls(Some(tls)))
 }
@@ -153,20 +199,43 @@ fn fetching_over_tls_needs_the_right_certificate_and_token() {
     let token = token.to_str().unwrap();
     let url = format!("https://localhost:{}", server.address.port());
     let refused = fetch(&url, to.path(), &["--certificate", certificate]);
-    assert!(refused.status.code() == Some(1) && text(&refused).contains("401"), "{}", text(&refused));
+    assert!(
+        refused.status.code() == Some(1) && text(&refused).contains("401"),
+        "{}",
+        text(&refused)
+    );
     let unknown = fetch(&url, to.path(), &["--token-file", token]);
-    assert!(unknown.status.code() == Some(1) && text(&unknown).contains("--certificate"), "{}", text(&unknown));
+    assert!(
+        unknown.status.code() == Some(1) && text(&unknown).contains("--certificate"),
+        "{}",
+        text(&unknown)
+    );
     let plain = format!("http://localhost:{}", server.address.port());
-    assert_eq!(fetch(&plain, to.path(), &["--token-file", token]).status.code(), Some(1), "no plain text there");
-    let done = fetch(&url, to.path(), &["--certificate", certificate, "--token", token]);
+    assert_eq!(
+        fetch(&plain, to.path(), &["--token-file", token])
+            .status
+            .code(),
+        Some(1),
+        "no plain text there"
+    );
+    let done = fetch(
+        &url,
+        to.path(),
+        &["--certificate", certificate, "--token", token],
+    );
     assert_eq!(done.status.code(), Some(0), "{}", text(&done));
     assert!(!text(&done).contains(TOKEN));
 }
 
 /// A server that answers each path with the next of its answers; returns its address and the number of requests.
-fn strange_server(answer: impl Fn(&str) -> Vec<u8> + Send + Sync + 'static) -> (SocketAddr, Arc<AtomicUsize>) {
+fn strange_server(
+    answer: impl Fn(&str) -> Vec<u8> + Send + Sync + 'static,
+) -> (SocketAddr, Arc<AtomicUsize>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let (address, count) = (listener.local_addr().unwrap(), Arc::new(AtomicUsize::new(0)));
+    let (address, count) = (
+        listener.local_addr().unwrap(),
+        Arc::new(AtomicUsize::new(0)),
+    );
     let (requests, answer) = (count.clone(), Arc::new(answer));
     std::thread::spawn(move || {
         for mut stream in listener.incoming().map_while(Result::ok) {
@@ -184,12 +253,19 @@ fn strange_server(answer: impl Fn(&str) -> Vec<u8> + Send + Sync + 'static) -> (
 }
 
 fn http_answer(body: &str) -> Vec<u8> {
-    format!("HTTP/1.1 200 OK\r\nConnection: close\r\nContent-Length: {}\r\n\r\n{body}", body.len()).into_bytes()
+    format!(
+        "HTTP/1.1 200 OK\r\nConnection: close\r\nContent-Length: {}\r\n\r\n{body}",
+        body.len()
+    )
+    .into_bytes()
 }
 
 fn listing(length: u64) -> String {
     let file = |name: &str, offset: u64, length: u64| serde_json::json!({"name": name, "length": length, "sha256": "ab".repeat(32), "offset": offset});
-    let items = [file("store.toml", 512, 100), file("flights/f0001/flight.json", 1536, length)];
+    let items = [
+        file("store.toml", 512, 100),
+        file("flights/f0001/flight.json", 1536, length),
+    ];
     serde_json::json!({"flight": "f0001", "digest": "cd".repeat(32), "items": items}).to_string()
 }
 
@@ -201,9 +277,17 @@ fn a_server_without_ranges_is_given_up() {
         false => http_answer("the whole archive"),
     });
     let dir = tempfile::tempdir().unwrap();
-    let fetched = fetch(&format!("http://{address}"), &dir.path().join("copy"), &["--flight", "f0001"]);
+    let fetched = fetch(
+        &format!("http://{address}"),
+        &dir.path().join("copy"),
+        &["--flight", "f0001"],
+    );
     assert_eq!(fetched.status.code(), Some(1));
-    assert!(text(&fetched).contains("no part of the listed files was sent"), "{}", text(&fetched));
+    assert!(
+        text(&fetched).contains("no part of the listed files was sent"),
+        "{}",
+        text(&fetched)
+    );
     assert!(requests.load(Ordering::Relaxed) < 40, "{requests:?}");
 }
 
@@ -213,18 +297,36 @@ fn impossible_lengths_and_names_are_refused_at_once() {
     let answers = [
         (listing(1 << 60), "MB are needed"),
         (listing(u64::MAX - 100), "impossible"),
-        (listing(100).replace("flights/f0001/flight.json", "flights/f0001/\\u001b[2J"), "is not a file of flight"),
+        (
+            listing(100).replace("flights/f0001/flight.json", "flights/f0001/\\u001b[2J"),
+            "is not a file of flight",
+        ),
     ];
     for (body, words) in answers {
         let (address, _) = strange_server(move |_| http_answer(&body));
         let dir = tempfile::tempdir().unwrap();
-        let fetched = fetch(&format!("http://{address}"), &dir.path().join("copy"), &["--flight", "f0001"]);
+        let fetched = fetch(
+            &format!("http://{address}"),
+            &dir.path().join("copy"),
+            &["--flight", "f0001"],
+        );
         assert_eq!(fetched.status.code(), Some(1));
         let printed = text(&fetched);
-        assert!(printed.contains(words) && !printed.contains('\u{1b}'), "{words}: {printed}");
+        assert!(
+            printed.contains(words) && !printed.contains('\u{1b}'),
+            "{words}: {printed}"
+        );
     }
     let (address, requests) = strange_server(|_| http_answer(&"x".repeat(100 << 20)));
-    let fetched = fetch(&format!("http://{address}"), &tempfile::tempdir().unwrap().path().join("copy"), &[]);
-    assert!(text(&fetched).contains("longer than allowed"), "{}", text(&fetched));
+    let fetched = fetch(
+        &format!("http://{address}"),
+        &tempfile::tempdir().unwrap().path().join("copy"),
+        &[],
+    );
+    assert!(
+        text(&fetched).contains("longer than allowed"),
+        "{}",
+        text(&fetched)
+    );
     assert_eq!(requests.load(Ordering::Relaxed), 1, "not tried again");
 }

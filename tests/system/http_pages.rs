@@ -24,7 +24,13 @@ impl Server {
 
     pub(crate) fn guarded(root: &Path, access: Access) -> Self {
         Self::serve(
-            Site { root: root.to_owned(), setup: None, board: None, live: None, reports: Some(REPORT_BUILDER) },
+            Site {
+                root: root.to_owned(),
+                setup: None,
+                board: None,
+                live: None,
+                reports: Some(REPORT_BUILDER),
+            },
             access,
         )
     }
@@ -33,7 +39,10 @@ impl Server {
         let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
         let (sender, receiver) = std::sync::mpsc::channel();
         let thread = std::thread::spawn(move || {
-            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+            let runtime = tokio::runtime::Builder::new_current_thread()
+                .enable_all()
+                .build()
+                .unwrap();
             runtime.block_on(async move {
                 let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
                 sender.send(listener.local_addr().unwrap()).unwrap();
@@ -43,7 +52,11 @@ impl Server {
                 serve(site, access, listener, shutdown).await.unwrap();
             });
         });
-        Self { address: receiver.recv().unwrap(), stop: Some(stop), thread: Some(thread) }
+        Self {
+            address: receiver.recv().unwrap(),
+            stop: Some(stop),
+            thread: Some(thread),
+        }
     }
 
     /// Sends the path unchanged.
@@ -51,10 +64,22 @@ impl Server {
         self.request_for_host("localhost", method, path, headers)
     }
 
-    pub(crate) fn request_for_host(&self, host: &str, method: &str, path: &str, headers: &str) -> Answer {
+    pub(crate) fn request_for_host(
+        &self,
+        host: &str,
+        method: &str,
+        path: &str,
+        headers: &str,
+    ) -> Answer {
         let mut stream = TcpStream::connect(self.address).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-        write!(stream, "{method} {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n{headers}\r\n").unwrap();
+        stream
+            .set_read_timeout(Some(Duration::from_secs(20)))
+            .unwrap();
+        write!(
+            stream,
+            "{method} {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n{headers}\r\n"
+        )
+        .unwrap();
         let mut bytes = Vec::new();
         stream.read_to_end(&mut bytes).unwrap();
         Answer::parse(&bytes)
@@ -80,18 +105,29 @@ pub(crate) struct Answer {
 
 impl Answer {
     fn parse(bytes: &[u8]) -> Self {
-        let end = bytes.windows(4).position(|w| w == b"\r\n\r\n").expect("an answer with a head");
-        let head = String::from_utf8(bytes[..end].to_vec()).unwrap().to_lowercase();
+        let end = bytes
+            .windows(4)
+            .position(|w| w == b"\r\n\r\n")
+            .expect("an answer with a head");
+        let head = String::from_utf8(bytes[..end].to_vec())
+            .unwrap()
+            .to_lowercase();
         let mut body = bytes[end + 4..].to_vec();
         if head.contains("transfer-encoding: chunked") {
             body = dechunked(&body);
         }
-        Self { status: head[9..12].parse().unwrap(), head, body }
+        Self {
+            status: head[9..12].parse().unwrap(),
+            head,
+            body,
+        }
     }
 
     /// Value of a header, in lower case.
     pub(crate) fn header(&self, name: &str) -> Option<&str> {
-        self.head.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(": "))
+        self.head
+            .lines()
+            .find_map(|line| line.strip_prefix(name)?.strip_prefix(": "))
     }
 
     pub(crate) fn text(&self) -> String {
@@ -103,7 +139,8 @@ fn dechunked(mut rest: &[u8]) -> Vec<u8> {
     let mut body = Vec::new();
     loop {
         let line = rest.windows(2).position(|w| w == b"\r\n").unwrap();
-        let length = usize::from_str_radix(std::str::from_utf8(&rest[..line]).unwrap(), 16).unwrap();
+        let length =
+            usize::from_str_radix(std::str::from_utf8(&rest[..line]).unwrap(), 16).unwrap();
         if length == 0 {
             return body;
         }
@@ -120,23 +157,48 @@ fn pages_lead_from_the_flight_to_the_frame() {
     let server = Server::start(store.path());
     let index = server.get("/");
     assert_eq!(index.status, 200);
-    assert!(index.text().contains("href=\"/flights/f0001\"") && index.head.contains("default-src 'none'"));
+    assert!(
+        index.text().contains("href=\"/flights/f0001\"")
+            && index.head.contains("default-src 'none'")
+    );
     let flight = server.get("/flights/f0001").text();
     assert!(flight.contains("href=\"/flights/f0001/s000002\"") && flight.contains("2.1000"));
-    assert!(flight.contains("wingd fetch http://localhost") && flight.contains("Nothing: every shot"));
+    assert!(
+        flight.contains("wingd fetch http://localhost") && flight.contains("Nothing: every shot")
+    );
     let series = server.get("/flights/f0001/s000001").text();
     assert!(series.contains(FRAME) && series.contains("tip deflection 2.9000 m"));
     let frame = server.get("/frames/f0001/s000001/0001.jpg").text();
-    assert!(frame.contains("/overlay/f0001/s000001/0001.jpg.svg") && frame.contains("hidden by glare"));
+    assert!(
+        frame.contains("/overlay/f0001/s000001/0001.jpg.svg") && frame.contains("hidden by glare")
+    );
     let thumb = server.get("/thumb/f0001/s000001/0001.jpg.svg");
-    assert!(thumb.status == 200 && thumb.text().contains("<circle") && thumb.text().contains("data:image/jpeg"));
+    assert!(
+        thumb.status == 200
+            && thumb.text().contains("<circle")
+            && thumb.text().contains("data:image/jpeg")
+    );
     let known = format!("If-None-Match: {}\r\n", thumb.header("etag").unwrap());
-    assert_eq!(server.request("GET", "/thumb/f0001/s000001/0001.jpg.svg", &known).status, 304);
+    assert_eq!(
+        server
+            .request("GET", "/thumb/f0001/s000001/0001.jpg.svg", &known)
+            .status,
+        304
+    );
     let results = server.get("/results/f0001.jsonl").text();
     assert_eq!(results.lines().count(), 2);
-    assert!(server.get("/report/f0001").text().contains("Wing deflection in flight"));
-    let status: serde_json::Value = serde_json::from_slice(&server.get("/status.json").body).unwrap();
-    assert_eq!((&status["frames"], &status["solved"]), (&2.into(), &2.into()));
+    assert!(
+        server
+            .get("/report/f0001")
+            .text()
+            .contains("Wing deflection in flight")
+    );
+    let status: serde_json::Value =
+        serde_json::from_slice(&server.get("/status.json").body).unwrap();
+    assert_eq!(
+        (&status["frames"], &status["solved"]),
+        (&2.into(), &2.into())
+    );
 }
 
 #[test]
@@ -149,15 +211,41 @@ fn frames_are_sent_completely_and_by_range() {
     assert!(!whole.head.contains("immutable") && whole.head.contains("accept-ranges: bytes"));
     let part = server.request("GET", FRAME, "Range: bytes=10-19\r\n");
     assert_eq!((part.status, &part.body[..]), (206, &jpeg[10..20]));
-    assert!(part.head.contains(&format!("content-range: bytes 10-19/{}", jpeg.len())));
-    let tail = server.request("GET", FRAME, &format!("Range: bytes={}-\r\n", jpeg.len() - 5));
-    assert_eq!((tail.status, &tail.body[..]), (206, &jpeg[jpeg.len() - 5..]));
-    assert_eq!(server.request("GET", FRAME, "Range: bytes=99999999-\r\n").status, 416);
+    assert!(
+        part.head
+            .contains(&format!("content-range: bytes 10-19/{}", jpeg.len()))
+    );
+    let tail = server.request(
+        "GET",
+        FRAME,
+        &format!("Range: bytes={}-\r\n", jpeg.len() - 5),
+    );
+    assert_eq!(
+        (tail.status, &tail.body[..]),
+        (206, &jpeg[jpeg.len() - 5..])
+    );
+    assert_eq!(
+        server
+            .request("GET", FRAME, "Range: bytes=99999999-\r\n")
+            .status,
+        416
+    );
     // RFC 9110, 14.1 and 14.2: another unit, several ranges and methods other than GET get the complete file.
-    assert_eq!(server.request("GET", FRAME, "Range: Bytes=0-9\r\n").status, 206);
-    for (method, range) in [("GET", "items=0-1"), ("GET", "bytes=0-1,5-6"), ("HEAD", "bytes=0-1")] {
+    assert_eq!(
+        server.request("GET", FRAME, "Range: Bytes=0-9\r\n").status,
+        206
+    );
+    for (method, range) in [
+        ("GET", "items=0-1"),
+        ("GET", "bytes=0-1,5-6"),
+        ("HEAD", "bytes=0-1"),
+    ] {
         let answer = server.request(method, FRAME, &format!("Range: {range}\r\n"));
-        assert!(answer.status == 200 && !answer.head.contains("content-range"), "{method} {range}: {}", answer.head);
+        assert!(
+            answer.status == 200 && !answer.head.contains("content-range"),
+            "{method} {range}: {}",
+            answer.head
+        );
     }
     let head = server.request("HEAD", FRAME, "");
     assert_eq!((head.status, head.body.len()), (200, 0));
@@ -168,13 +256,20 @@ fn a_growing_file_is_sent_completely() {
     let store = store_with(&[&[solved(2.9, 0.006)]]);
     let server = Server::start(store.path());
     let whole = std::fs::read(store.path().join("flights/f0001/s000001/results.jsonl")).unwrap();
-    let answer = server.request("GET", "/files/f0001/s000001/results.jsonl", "Range: bytes=3-9\r\n");
+    let answer = server.request(
+        "GET",
+        "/files/f0001/s000001/results.jsonl",
+        "Range: bytes=3-9\r\n",
+    );
     assert_eq!((answer.status, answer.body), (200, whole));
 }
 
 #[test]
 fn an_archive_contains_every_file_of_the_flight() {
-    let store = store_with(&[&[solved(2.9, 0.006), solved(2.8, 0.006)], &[solved(2.1, 0.006)]]);
+    let store = store_with(&[
+        &[solved(2.9, 0.006), solved(2.8, 0.006)],
+        &[solved(2.1, 0.006)],
+    ]);
     let server = Server::start(store.path());
     let answer = server.get("/tar/f0001.tar");
     assert_eq!(answer.status, 200);
@@ -185,7 +280,11 @@ fn an_archive_contains_every_file_of_the_flight() {
         let name = entry.path().unwrap().to_string_lossy().into_owned();
         let mut bytes = Vec::new();
         entry.read_to_end(&mut bytes).unwrap();
-        assert_eq!(bytes, std::fs::read(store.path().join(&name)).unwrap(), "{name}");
+        assert_eq!(
+            bytes,
+            std::fs::read(store.path().join(&name)).unwrap(),
+            "{name}"
+        );
         names.push(name);
     }
     // The store's format file and counter, the flight's record, chain and sums, two files per series, three frames.
@@ -233,7 +332,11 @@ fn no_name_leads_out_of_the_store() {
         "/files/f9999/flight.json",
     ] {
         let answer = server.get(path);
-        assert!(matches!(answer.status, 400 | 404), "{path}: {}", answer.head);
+        assert!(
+            matches!(answer.status, 400 | 404),
+            "{path}: {}",
+            answer.head
+        );
         assert!(!answer.text().contains("secret"), "{path}");
     }
     let archive = server.get("/tar/f0001.tar");

@@ -42,15 +42,36 @@ struct Acknowledgements {
 }
 
 /// Runs from boot until the time is over; the power may fail before.
-fn boot(disk: Arc<FakeDisk>, number: usize, minutes: (u64, u64), frames: &Path, heard: &Arc<Mutex<Acknowledgements>>) {
+fn boot(
+    disk: Arc<FakeDisk>,
+    number: usize,
+    minutes: (u64, u64),
+    frames: &Path,
+    heard: &Arc<Mutex<Acknowledgements>>,
+) {
     let day: jiff::Timestamp = "2026-03-01T00:00:00Z".parse().unwrap();
     let utc = day + Duration::from_secs(60 * minutes.0);
-    let start = Stamp { utc, utc_synchronised: false, boot_id: format!("boot {number}"), since_boot_s: 20.0 };
+    let start = Stamp {
+        utc,
+        utc_synchronised: false,
+        boot_id: format!("boot {number}"),
+        since_boot_s: 20.0,
+    };
     let clock = Arc::new(SimulatedClock::starting_at(&start, None));
-    let replay = ReplayConfig { folder: Some(frames.to_owned()), repeat: true, ..ReplayConfig::default() };
+    let replay = ReplayConfig {
+        folder: Some(frames.to_owned()),
+        repeat: true,
+        ..ReplayConfig::default()
+    };
     let cameras = ReplayFactory::new(replay, clock.clone(), clock.since_boot());
-    let config = StoreConfig { reserve_mb: 0, new_flight_after: NEW_FLIGHT_AFTER, ..StoreConfig::new(ROOT) };
-    let Ok((store, recovery)) = Store::open(disk, config) else { return };
+    let config = StoreConfig {
+        reserve_mb: 0,
+        new_flight_after: NEW_FLIGHT_AFTER,
+        ..StoreConfig::new(ROOT)
+    };
+    let Ok((store, recovery)) = Store::open(disk, config) else {
+        return;
+    };
     let heard = heard.clone();
     let parts = DaemonParts {
         live: wingd::daemon::LiveConfig::default(),
@@ -79,11 +100,22 @@ fn boot(disk: Arc<FakeDisk>, number: usize, minutes: (u64, u64), frames: &Path, 
         observer: Arc::new(move |event| {
             let mut heard = heard.lock().unwrap();
             match event.clone() {
-                Event::FrameStored { series, file, sha256, .. } => {
-                    assert!(heard.frames.insert([series, file, sha256]), "a frame is promised twice");
+                Event::FrameStored {
+                    series,
+                    file,
+                    sha256,
+                    ..
+                } => {
+                    assert!(
+                        heard.frames.insert([series, file, sha256]),
+                        "a frame is promised twice"
+                    );
                 }
                 Event::Solved { series, file, .. } => {
-                    assert!(heard.solved.insert([series, file]), "a frame is solved twice");
+                    assert!(
+                        heard.solved.insert([series, file]),
+                        "a frame is solved twice"
+                    );
                 }
                 Event::SeriesBegan { .. } => heard.begun += 1,
                 _ => {}
@@ -105,7 +137,10 @@ fn holdings(disk: &dyn Disk) -> Holdings {
             let results = catalogue::read_results(disk, &series).unwrap();
             let manifest = catalogue::read_series_manifest(disk, &series).unwrap();
             for frame in manifest.shots.into_iter().filter_map(|shot| shot.frame) {
-                let count = results.iter().filter(|line| line.frame == frame.file).count();
+                let count = results
+                    .iter()
+                    .filter(|line| line.frame == frame.file)
+                    .count();
                 frames.insert([series.id.clone(), frame.file, frame.sha256], count);
             }
         }
@@ -123,11 +158,17 @@ fn day(seed: u64, frames: &Path) -> (usize, usize) {
         let trial = Arc::new(disk.fork());
         boot(trial.clone(), number, *minutes, frames, &Arc::default());
         let steps = trial.steps();
-        disk.set_faults(vec![DiskFault::PowerCut(random.random_range(steps * 2 / 3..=steps))]);
+        disk.set_faults(vec![DiskFault::PowerCut(
+            random.random_range(steps * 2 / 3..=steps),
+        )]);
         boot(disk.clone(), number, *minutes, frames, &heard);
         disk = Arc::new(disk.power_up(Survival::random(random.random())));
         let report = verify_path(disk.as_ref(), Path::new(ROOT));
-        assert!(report.is_sound(), "day {seed}, boot {number}: {:#?}", report.faults);
+        assert!(
+            report.is_sound(),
+            "day {seed}, boot {number}: {:#?}",
+            report.faults
+        );
     }
     // On the ground, in the evening: the rest is recovered and solved.
     boot(disk.clone(), periods.len(), (1440, 1442), frames, &heard);
@@ -135,9 +176,16 @@ fn day(seed: u64, frames: &Path) -> (usize, usize) {
     assert!(report.is_sound(), "day {seed}: {:#?}", report.faults);
     let (flights, held) = holdings(disk.as_ref());
     let heard = heard.lock().unwrap();
-    let lost: Vec<_> = heard.frames.iter().filter(|frame| !held.contains_key(*frame)).collect();
+    let lost: Vec<_> = heard
+        .frames
+        .iter()
+        .filter(|frame| !held.contains_key(*frame))
+        .collect();
     assert!(lost.is_empty(), "day {seed}: {lost:?}");
-    assert!(held.values().all(|results| *results == 1), "day {seed}: every frame is solved once: {held:?}");
+    assert!(
+        held.values().all(|results| *results == 1),
+        "day {seed}: every frame is solved once: {held:?}"
+    );
     assert_eq!(flights.len(), POWERED_MIN.len(), "day {seed}: {flights:?}");
     (heard.frames.len(), heard.begun)
 }
@@ -152,6 +200,9 @@ fn a_day_of_in_seat_power_loses_nothing_acknowledged() {
         let (frames, begun) = day(seed, dir.path());
         println!("day {seed}: {begun} series begun, {frames} frames promised, all there");
         // By the timetable 45 to 50 series fit into the minutes with power.
-        assert!(begun >= 40 && frames >= 100, "{begun} series, {frames} frames");
+        assert!(
+            begun >= 40 && frames >= 100,
+            "{begun} series, {frames} frames"
+        );
     }
 }

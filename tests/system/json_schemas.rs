@@ -45,13 +45,22 @@ sys.exit('\\n'.join(faults) or (0 if lines else 'no line'))
 
 /// Checks the lines of a command's standard output.
 pub fn assert_valid(command: &str, output: &[u8]) {
-    let schema = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/schema/{command}.schema.json"));
+    let schema =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/schema/{command}.schema.json"));
     let mut python = Command::new("python3");
-    python.args(["-c", VALIDATOR]).arg(schema).stdin(Stdio::piped()).stderr(Stdio::piped());
+    python
+        .args(["-c", VALIDATOR])
+        .arg(schema)
+        .stdin(Stdio::piped())
+        .stderr(Stdio::piped());
     let mut child = python.spawn().expect("python3 is needed");
     child.stdin.take().unwrap().write_all(output).unwrap();
     let done = child.wait_with_output().unwrap();
-    assert!(done.status.success(), "{command}: {}", String::from_utf8_lossy(&done.stderr));
+    assert!(
+        done.status.success(),
+        "{command}: {}",
+        String::from_utf8_lossy(&done.stderr)
+    );
 }
 
 /// The demo installation, in a writable folder.
@@ -73,21 +82,89 @@ fn output_for_frames_and_an_installation_matches_its_schema() {
     let directory = tempfile::tempdir().unwrap();
     let at = installation(directory.path());
     let (ground, flight) = (frame("ground.jpg"), frame("flight-01.jpg"));
-    assert_valid("orient", &run(&["orient", "--json", "--installation", &at, &ground]).stdout);
-    assert_valid("diagnose", &run(&["diagnose", "--json", "--installation", &at, &ground]).stdout);
-    assert_valid("diagnose", &run(&["diagnose", "--flight", "--json", "--installation", &at, &flight]).stdout);
+    assert_valid(
+        "orient",
+        &run(&["orient", "--json", "--installation", &at, &ground]).stdout,
+    );
+    assert_valid(
+        "diagnose",
+        &run(&["diagnose", "--json", "--installation", &at, &ground]).stdout,
+    );
+    assert_valid(
+        "diagnose",
+        &run(&[
+            "diagnose",
+            "--flight",
+            "--json",
+            "--installation",
+            &at,
+            &flight,
+        ])
+        .stdout,
+    );
     let nothing = directory.path().join("nothing.jpg").display().to_string();
     let images = ["--json", "--installation", &at, &flight, &nothing];
-    assert_valid("detect", &run(&[&["detect", "--rejected"], &images[..]].concat()).stdout);
+    assert_valid(
+        "detect",
+        &run(&[&["detect", "--rejected"], &images[..]].concat()).stdout,
+    );
     assert_valid("solve", &run(&[&["solve"], &images[..]].concat()).stdout);
-    assert_valid("solve", &run(&[&["solve", "--method", "profile"], &images[..]].concat()).stdout);
-    assert_valid("plan", &run(&["plan", "--json", "--installation", &at]).stdout);
-    let draft = ["--span", "28", "--height", "2.2", "--chord", "6", "--focal", "35", "--sensor", "6000x4000x3.9"];
-    assert_valid("plan", &run(&[&["plan", "--json", "--want", "10mm"], &draft[..]].concat()).stdout);
-    assert_valid("solve", &run(&["solve", "--flight", "--json", "--installation", &at, &flight]).stdout);
-    assert_valid("check", &run(&["check", "--json", "--installation", &at]).stdout);
-    assert_valid("check", &run(&["check", "--json", "--installation", &nothing]).stdout);
-    assert_valid("mount-check", &run(&["mount-check", "--json", "--installation", &at, &ground, &ground]).stdout);
+    assert_valid(
+        "solve",
+        &run(&[&["solve", "--method", "profile"], &images[..]].concat()).stdout,
+    );
+    assert_valid(
+        "plan",
+        &run(&["plan", "--json", "--installation", &at]).stdout,
+    );
+    let draft = [
+        "--span",
+        "28",
+        "--height",
+        "2.2",
+        "--chord",
+        "6",
+        "--focal",
+        "35",
+        "--sensor",
+        "6000x4000x3.9",
+    ];
+    assert_valid(
+        "plan",
+        &run(&[&["plan", "--json", "--want", "10mm"], &draft[..]].concat()).stdout,
+    );
+    assert_valid(
+        "solve",
+        &run(&[
+            "solve",
+            "--flight",
+            "--json",
+            "--installation",
+            &at,
+            &flight,
+        ])
+        .stdout,
+    );
+    assert_valid(
+        "check",
+        &run(&["check", "--json", "--installation", &at]).stdout,
+    );
+    assert_valid(
+        "check",
+        &run(&["check", "--json", "--installation", &nothing]).stdout,
+    );
+    assert_valid(
+        "mount-check",
+        &run(&[
+            "mount-check",
+            "--json",
+            "--installation",
+            &at,
+            &ground,
+            &ground,
+        ])
+        .stdout,
+    );
 }
 
 #[test]
@@ -98,7 +175,16 @@ fn output_for_a_store_matches_its_schema() {
     let copy = other.path().join("copy").display().to_string();
     assert_valid("verify", &run(&["verify", "--json", &place]).stdout);
     assert_valid("verify", &run(&["copy", "--json", &place, &copy]).stdout);
-    let prune = ["prune", "--json", "--dry-run", "--keep", "0", &place, "--verified-copy", &copy];
+    let prune = [
+        "prune",
+        "--json",
+        "--dry-run",
+        "--keep",
+        "0",
+        &place,
+        "--verified-copy",
+        &copy,
+    ];
     assert_valid("prune", &run(&prune).stdout);
 }
 
@@ -107,24 +193,40 @@ fn output_for_a_store_matches_its_schema() {
 fn output_for_a_clock_on_a_screen_matches_its_schema() {
     let directory = tempfile::tempdir().unwrap();
     let random = &mut SeededRandom::new(1, 31);
-    let display = Display { refresh_s: 1.0 / 60.0, latency_s: 0.03, phase_s: random.unit() };
+    let display = Display {
+        refresh_s: 1.0 / 60.0,
+        latency_s: 0.03,
+        phase_s: random.unit(),
+    };
     for k in 0..2_u32 {
         let shares = display.lit_fractions(BEGIN_S + f64::from(k), 0.004);
         let picture = photograph(&shares, &SensorModel::default(), 0.7, random);
         let (width, height) = (picture.width() as u32, picture.height() as u32);
         let file = directory.path().join(format!("{k}.png"));
-        image::GrayImage::from_raw(width, height, picture.luma().to_vec()).unwrap().save(file).unwrap();
+        image::GrayImage::from_raw(width, height, picture.luma().to_vec())
+            .unwrap()
+            .save(file)
+            .unwrap();
     }
-    image::GrayImage::new(640, 480).save(directory.path().join("2.png")).unwrap();
+    image::GrayImage::new(640, 480)
+        .save(directory.path().join("2.png"))
+        .unwrap();
     let pictures = directory.path().display().to_string();
     let place = directory.path().join("store").display().to_string();
-    let begin = jiff::Timestamp::from_second(BEGIN_S as i64).unwrap().to_string();
-    let import = ["import", "--json", "--store", &place, "--start", &begin, "--every", "1s", &pictures];
+    let begin = jiff::Timestamp::from_second(BEGIN_S as i64)
+        .unwrap()
+        .to_string();
+    let import = [
+        "import", "--json", "--store", &place, "--start", &begin, "--every", "1s", &pictures,
+    ];
     assert_valid("import", &run(&import).stdout);
     let read = run(&["time-check", "--json", &place]).stdout;
     assert_valid("time-check", &read);
     let read = String::from_utf8(read).unwrap();
-    assert!(read.matches("\"ok\"").count() == 2 && read.contains("\"summary\""), "{read}");
+    assert!(
+        read.matches("\"ok\"").count() == 2 && read.contains("\"summary\""),
+        "{read}"
+    );
     let table = String::from_utf8(run(&["time-check", &place]).stdout).unwrap();
     let rule = table.lines().find(|line| line.starts_with("---")).unwrap();
     assert!(rule.len() <= 80, "{table}");
@@ -135,16 +237,34 @@ fn output_for_a_clock_on_a_screen_matches_its_schema() {
 #[test]
 fn output_for_an_upload_matches_its_schema() {
     let store = store_with(&[&[solved(2.9, 0.006)]]);
-    let (place, lake) = (store.path().display().to_string(), tempfile::tempdir().unwrap());
+    let (place, lake) = (
+        store.path().display().to_string(),
+        tempfile::tempdir().unwrap(),
+    );
     let to = format!("file://{}", lake.path().display());
-    assert_valid("upload", &run(&["upload", "--json", &place, "--to", &to, "--aircraft", "D-ABCD"]).stdout);
+    assert_valid(
+        "upload",
+        &run(&[
+            "upload",
+            "--json",
+            &place,
+            "--to",
+            &to,
+            "--aircraft",
+            "D-ABCD",
+        ])
+        .stdout,
+    );
 }
 
 /// Each command with `--json` has a schema; three share one.
 #[test]
 fn every_output_has_a_schema() {
     let help = String::from_utf8(run(&["help"]).stdout).unwrap();
-    let commands = help.lines().filter_map(|line| line.strip_prefix("  ")?.split_once(' ')).map(|c| c.0);
+    let commands = help
+        .lines()
+        .filter_map(|line| line.strip_prefix("  ")?.split_once(' '))
+        .map(|c| c.0);
     let mut with_json = 0;
     for command in commands.filter(|c| c.starts_with(|first: char| first.is_ascii_lowercase())) {
         let options = String::from_utf8(run(&[command, "--help"]).stdout).unwrap();
@@ -152,16 +272,28 @@ fn every_output_has_a_schema() {
             continue;
         }
         with_json += 1;
-        let of = if ["copy", "fetch"].contains(&command) { "verify" } else { command };
-        let schema = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/schema/{of}.schema.json"));
-        assert!(schema.is_file(), "{command}: {} is missing", schema.display());
+        let of = if ["copy", "fetch"].contains(&command) {
+            "verify"
+        } else {
+            command
+        };
+        let schema =
+            Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/schema/{of}.schema.json"));
+        assert!(
+            schema.is_file(),
+            "{command}: {} is missing",
+            schema.display()
+        );
     }
     assert!(with_json >= 16, "{with_json}");
 }
 
 #[test]
 fn a_line_that_violates_its_schema_is_a_fault() {
-    for line in ["{\"ok\":\"yes\",\"found\":{},\"faults\":[]}", "{\"ok\":true,\"found\":{},\"faults\":[],\"new\":1}"] {
+    for line in [
+        "{\"ok\":\"yes\",\"found\":{},\"faults\":[]}",
+        "{\"ok\":true,\"found\":{},\"faults\":[],\"new\":1}",
+    ] {
         let broken = std::panic::catch_unwind(|| assert_valid("check", line.as_bytes()));
         assert!(broken.is_err(), "{line}");
     }

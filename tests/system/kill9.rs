@@ -19,7 +19,11 @@ pub(crate) fn configuration(dir: &Path) -> std::path::PathBuf {
     let installation = dir.join("installation");
     std::fs::create_dir(&installation).unwrap();
     for file in ["installation.toml", "camera.toml", "survey.csv"] {
-        std::fs::copy(fixture.join("installation").join(file), installation.join(file)).unwrap();
+        std::fs::copy(
+            fixture.join("installation").join(file),
+            installation.join(file),
+        )
+        .unwrap();
     }
     let oriented = Command::new(env!("CARGO_BIN_EXE_wingd"))
         .args(["orient", "--installation"])
@@ -27,7 +31,11 @@ pub(crate) fn configuration(dir: &Path) -> std::path::PathBuf {
         .arg(fixture.join("frames/ground.jpg"))
         .output()
         .unwrap();
-    assert!(oriented.status.success(), "{}", String::from_utf8_lossy(&oriented.stderr));
+    assert!(
+        oriented.status.success(),
+        "{}",
+        String::from_utf8_lossy(&oriented.stderr)
+    );
     let text = format!(
         "installation = \"installation\"\n\
          [camera]\nkind = \"replay\"\nfolder = {:?}\n\
@@ -57,9 +65,17 @@ fn start(config: &Path, acknowledged: &Acknowledged) -> (Child, std::thread::Joi
     let lines = BufReader::new(child.stderr.take().unwrap()).lines();
     let acknowledged = acknowledged.clone();
     let reader = std::thread::spawn(move || {
-        for line in lines.map_while(Result::ok).filter(|line| line.contains("frame is durable")) {
+        for line in lines
+            .map_while(Result::ok)
+            .filter(|line| line.contains("frame is durable"))
+        {
             // … series="s000001" file="0001.jpg" sha256="…"
-            let quoted: Vec<String> = line.split('"').skip(1).step_by(2).map(str::to_owned).collect();
+            let quoted: Vec<String> = line
+                .split('"')
+                .skip(1)
+                .step_by(2)
+                .map(str::to_owned)
+                .collect();
             let frame = <[String; 3]>::try_from(quoted).expect("series, file and hash in the line");
             acknowledged.lock().unwrap().insert(frame);
         }
@@ -70,7 +86,8 @@ fn start(config: &Path, acknowledged: &Acknowledged) -> (Child, std::thread::Joi
 /// Every frame in the finished series, the frame (series, file) and inputs of every result, and the numbers of
 /// series and interrupted series.
 fn holdings(root: &Path) -> (BTreeSet<[String; 3]>, Vec<[String; 3]>, usize, usize) {
-    let (mut frames, mut results, mut series_count, mut interrupted) = (BTreeSet::new(), vec![], 0, 0);
+    let (mut frames, mut results, mut series_count, mut interrupted) =
+        (BTreeSet::new(), vec![], 0, 0);
     for flight in catalogue::list_flights(&RealDisk, root).unwrap() {
         for series in catalogue::list_series(&RealDisk, &flight).unwrap() {
             let manifest = catalogue::read_series_manifest(&RealDisk, &series).unwrap();
@@ -78,7 +95,9 @@ fn holdings(root: &Path) -> (BTreeSet<[String; 3]>, Vec<[String; 3]>, usize, usi
             interrupted += usize::from(manifest.state == SeriesState::Interrupted);
             let of_series = manifest.shots.into_iter().filter_map(|shot| shot.frame);
             frames.extend(of_series.map(|frame| [series.id.clone(), frame.file, frame.sha256]));
-            let solved = catalogue::read_results(&RealDisk, &series).unwrap().into_iter();
+            let solved = catalogue::read_results(&RealDisk, &series)
+                .unwrap()
+                .into_iter();
             results.extend(solved.map(|record| [series.id.clone(), record.frame, record.inputs]));
         }
     }
@@ -95,7 +114,10 @@ fn twenty_kills_lose_nothing_acknowledged_and_nothing_is_solved_twice() {
     for kill in 0..20 {
         let (mut child, reader) = start(&config, &acknowledged);
         std::thread::sleep(Duration::from_millis(random.random_range(60..900)));
-        assert!(child.try_wait().unwrap().is_none(), "kill {kill}: the daemon has ended by itself");
+        assert!(
+            child.try_wait().unwrap().is_none(),
+            "kill {kill}: the daemon has ended by itself"
+        );
         child.kill().unwrap();
         child.wait().unwrap();
         reader.join().unwrap();
@@ -113,16 +135,43 @@ fn twenty_kills_lose_nothing_acknowledged_and_nothing_is_solved_twice() {
     reader.join().unwrap();
     let report = verify_path(&RealDisk, &root);
     assert!(report.is_sound(), "{:#?}", report.faults);
-    assert!(std::fs::read_dir(root.join("incoming")).unwrap().next().is_none(), "nothing is left in incoming");
+    assert!(
+        std::fs::read_dir(root.join("incoming"))
+            .unwrap()
+            .next()
+            .is_none(),
+        "nothing is left in incoming"
+    );
     let (frames, results, series, interrupted) = holdings(&root);
     let acknowledged = acknowledged.lock().unwrap();
     let missing: Vec<_> = acknowledged.difference(&frames).collect();
-    assert!(missing.is_empty(), "acknowledged frames are missing: {missing:?}");
-    assert!(acknowledged.len() >= 5 && interrupted >= 1, "{acknowledged:?} {interrupted}");
-    eprintln!("{series} series, {interrupted} interrupted, {} frames, {} results", report.frames, results.len());
+    assert!(
+        missing.is_empty(),
+        "acknowledged frames are missing: {missing:?}"
+    );
+    assert!(
+        acknowledged.len() >= 5 && interrupted >= 1,
+        "{acknowledged:?} {interrupted}"
+    );
+    eprintln!(
+        "{series} series, {interrupted} interrupted, {} frames, {} results",
+        report.frames,
+        results.len()
+    );
     let solved: BTreeSet<&[String; 3]> = results.iter().collect();
-    assert_eq!(solved.len(), results.len(), "a frame is solved twice: {results:?}");
-    let stored: BTreeSet<[&str; 2]> = frames.iter().map(|[series, file, _]| [series.as_str(), file]).collect();
-    let unknown = |[series, file, _]: &&[String; 3]| !stored.contains(&[series.as_str(), file.as_str()]);
-    assert!(!results.is_empty() && !results.iter().any(|result| unknown(&result)), "{results:?}");
+    assert_eq!(
+        solved.len(),
+        results.len(),
+        "a frame is solved twice: {results:?}"
+    );
+    let stored: BTreeSet<[&str; 2]> = frames
+        .iter()
+        .map(|[series, file, _]| [series.as_str(), file])
+        .collect();
+    let unknown =
+        |[series, file, _]: &&[String; 3]| !stored.contains(&[series.as_str(), file.as_str()]);
+    assert!(
+        !results.is_empty() && !results.iter().any(|result| unknown(&result)),
+        "{results:?}"
+    );
 }

@@ -13,7 +13,8 @@ use wingd::camera::Camera;
 use wingd::camera::replay::{ReplayCamera, ReplayConfig, ReplayFactory};
 use wingd::clock::{Clock, SystemClock};
 use wingd::daemon::{
-    self, DaemonParts, DaemonStatus, LiveConfig, LiveStatus, SeriesConfig, Solver, StatusBoard, StatusConfig,
+    self, DaemonParts, DaemonStatus, LiveConfig, LiveStatus, SeriesConfig, Solver, StatusBoard,
+    StatusConfig,
 };
 use wingd::daemon::{FrameTracker, live::KeepConfig};
 use wingd::measure::view::SearchMode;
@@ -42,7 +43,14 @@ fn record(image: &str) -> ImageRecord {
 
 fn tracked_frame(image: &str) -> TrackedFrame {
     let (search, outlines) = (SearchMode::Guided, vec![]);
-    TrackedFrame { record: record(image), search, mounting: 1, mount_disturbed: false, outlines, curvature: None }
+    TrackedFrame {
+        record: record(image),
+        search,
+        mounting: 1,
+        mount_disturbed: false,
+        outlines,
+        curvature: None,
+    }
 }
 
 /// Live mode for some seconds with series in between, in real time.
@@ -64,14 +72,21 @@ impl LiveRun {
         let folder = dir.path().join("frames");
         std::fs::create_dir(&folder).unwrap();
         for i in 0..50_u8 {
-            let grey: Vec<u8> = (0..32 * 32).map(|k| (k * (i as usize + 3) % 251) as u8).collect();
+            let grey: Vec<u8> = (0..32 * 32)
+                .map(|k| (k * (i as usize + 3) % 251) as u8)
+                .collect();
             let mut bytes = Vec::new();
             let encoder = jpeg_encoder::Encoder::new(&mut bytes, 90);
-            encoder.encode(&grey, 32, 32, jpeg_encoder::ColorType::Luma).unwrap();
+            encoder
+                .encode(&grey, 32, 32, jpeg_encoder::ColorType::Luma)
+                .unwrap();
             std::fs::write(folder.join(format!("f{i:02}.jpg")), bytes).unwrap();
         }
-        let live =
-            LiveConfig { rate_hz: Some(rate_hz), socket: Some(dir.path().join("live.sock")), ..LiveConfig::default() };
+        let live = LiveConfig {
+            rate_hz: Some(rate_hz),
+            socket: Some(dir.path().join("live.sock")),
+            ..LiveConfig::default()
+        };
         Self {
             dir,
             live,
@@ -117,7 +132,9 @@ impl LiveRun {
                 ..SeriesConfig::default()
             },
             power: daemon::PowerConfig::default(),
-            status: Some(StatusConfig { socket: self.dir.path().join("wingd.sock") }),
+            status: Some(StatusConfig {
+                socket: self.dir.path().join("wingd.sock"),
+            }),
             store: Arc::new(store),
             recovery,
             clock,
@@ -175,8 +192,11 @@ fn stored(root: &Path) -> Vec<f64> {
 
 fn series(root: &Path) -> Vec<SeriesManifest> {
     let flights = catalogue::list_flights(&RealDisk, root).unwrap();
-    let all = flights.iter().flat_map(|flight| catalogue::list_series(&RealDisk, flight).unwrap());
-    all.map(|series| catalogue::read_series_manifest(&RealDisk, &series).unwrap()).collect()
+    let all = flights
+        .iter()
+        .flat_map(|flight| catalogue::list_series(&RealDisk, flight).unwrap());
+    all.map(|series| catalogue::read_series_manifest(&RealDisk, &series).unwrap())
+        .collect()
 }
 
 fn assert_sound(root: &Path) {
@@ -203,28 +223,60 @@ fn a_listener_that_hangs_loses_lines_and_stops_nothing() {
     drop(hanging.join().unwrap());
     assert!(live.results > 60 && live.unsolvable == 0, "{live:?}");
     assert!(live.lines_lost > 0, "{live:?}");
-    assert!(lines.len() as u64 + 40 > live.results, "{} of {}", lines.len(), live.results);
+    assert!(
+        lines.len() as u64 + 40 > live.results,
+        "{} of {}",
+        lines.len(),
+        live.results
+    );
     let first: Value = serde_json::from_str(&lines[0]).unwrap();
-    assert_eq!((&first["status"], &first["search"], &first["mounting"]), (&json!("ok"), &json!("guided"), &json!(1)));
-    assert!(first["latency_ms"].as_f64().unwrap() >= 0.0 && first["exposure_time"].is_string(), "{first}");
+    assert_eq!(
+        (&first["status"], &first["search"], &first["mounting"]),
+        (&json!("ok"), &json!("guided"), &json!(1))
+    );
+    assert!(
+        first["latency_ms"].as_f64().unwrap() >= 0.0 && first["exposure_time"].is_string(),
+        "{first}"
+    );
     let mut datagram = [0; 2000];
     // The results' datagrams are interleaved with those of the state.
     let (text, length) = std::iter::from_fn(|| {
         let length = udp.recv(&mut datagram).ok()?;
-        Some((String::from_utf8_lossy(&datagram[..length]).into_owned(), length))
+        Some((
+            String::from_utf8_lossy(&datagram[..length]).into_owned(),
+            length,
+        ))
     })
     .find(|(text, _)| !text.starts_with("WINGDH,"))
     .unwrap();
     let fields: Vec<&str> = text.trim_end().split(',').collect();
-    assert_eq!((fields[0], fields[4], fields[10], fields.len()), ("WINGD1", "1", "2.5000", 50), "{text}");
+    assert_eq!(
+        (fields[0], fields[4], fields[10], fields.len()),
+        ("WINGD1", "1", "2.5000", 50),
+        "{text}"
+    );
     assert!(text.ends_with("\r\n") && length < 1400);
     let numbers = stored(&ride.root());
-    assert_eq!(numbers.len() as u64, live.results, "every result is durable");
+    assert_eq!(
+        numbers.len() as u64,
+        live.results,
+        "every result is durable"
+    );
     assert_eq!((live.stored, live.dropped), (live.results, 0));
     assert!(numbers.windows(2).all(|pair| pair[0] < pair[1]));
-    assert_eq!(numbers.last().copied().unwrap_or_default() as u64, live.results + live.skipped);
-    let complete = series(&ride.root()).iter().filter(|s| s.state == SeriesState::Complete).count();
-    assert_eq!((complete, status.counts.series_complete), (3, 3), "the timetable's series are complete");
+    assert_eq!(
+        numbers.last().copied().unwrap_or_default() as u64,
+        live.results + live.skipped
+    );
+    let complete = series(&ride.root())
+        .iter()
+        .filter(|s| s.state == SeriesState::Complete)
+        .count();
+    assert_eq!(
+        (complete, status.counts.series_complete),
+        (3, 3),
+        "the timetable's series are complete"
+    );
     assert_sound(&ride.root());
 }
 
@@ -236,7 +288,12 @@ fn a_frame_that_breaks_the_solver_costs_one_result() {
     let status = ride.run_flight();
     let live = live_status(&status);
     assert!(live.results > 15 && live.unsolvable == 2, "{live:?}");
-    let broken: Vec<String> = lines.join().unwrap().into_iter().filter(|l| l.contains("crashed")).collect();
+    let broken: Vec<String> = lines
+        .join()
+        .unwrap()
+        .into_iter()
+        .filter(|l| l.contains("crashed"))
+        .collect();
     assert_eq!(broken.len(), 2);
     assert_eq!(stored(&ride.root()).len() as u64, live.results);
     assert_eq!(live.fault, None, "the next frame is solved again");
@@ -252,8 +309,14 @@ fn a_full_disk_is_reported_and_results_continue() {
     let live = live_status(&status);
     assert_eq!((live.stored, status.counts.series_refused), (0, 3));
     let fault = live.fault.clone().unwrap_or_default();
-    assert!(fault.contains("live results cannot be stored") && fault.contains("reserve"), "{fault}");
-    assert!(live.results > 15 && lines.join().unwrap().len() > 10, "{live:?}");
+    assert!(
+        fault.contains("live results cannot be stored") && fault.contains("reserve"),
+        "{fault}"
+    );
+    assert!(
+        live.results > 15 && lines.join().unwrap().len() > 10,
+        "{live:?}"
+    );
     assert_sound(&ride.root());
 }
 
@@ -267,7 +330,10 @@ fn repeated_frames_are_reported_once() {
     let status = ride.run_flight();
     let live = live_status(&status);
     let fault = live.fault.clone().unwrap_or_default();
-    assert!(fault.starts_with("no live frame: camera delivered a bad frame: it is the same"), "{live:?}");
+    assert!(
+        fault.starts_with("no live frame: camera delivered a bad frame: it is the same"),
+        "{live:?}"
+    );
     assert!(live.failed_shots > 0 && live.results == 1, "{live:?}");
     assert_sound(&ride.root());
 }
@@ -276,7 +342,12 @@ fn repeated_frames_are_reported_once() {
 fn raw_frames_are_kept_by_number_and_around_an_event() {
     let mut ride = LiveRun::new(20.0);
     let second = Duration::from_secs(1);
-    ride.live.keep = KeepConfig { every: 10, before: second, after: second / 2, ..KeepConfig::default() };
+    ride.live.keep = KeepConfig {
+        every: 10,
+        before: second,
+        after: second / 2,
+        ..KeepConfig::default()
+    };
     let socket = ride.dir.path().join("wingd.sock");
     let asking = std::thread::spawn(move || {
         drop(connected(&socket));
@@ -287,17 +358,47 @@ fn raw_frames_are_kept_by_number_and_around_an_event() {
     asking.join().unwrap();
     let live = live_status(&status);
     let all = series(&ride.root());
-    let event: Vec<_> = all.iter().filter(|s| s.cause == SeriesCause::Event).collect();
+    let event: Vec<_> = all
+        .iter()
+        .filter(|s| s.cause == SeriesCause::Event)
+        .collect();
     assert_eq!((event.len(), live.events), (1, 1));
-    assert!(event[0].remarks.iter().any(|r| r.contains("wingd trigger")), "{:?}", event[0].remarks);
-    let times: Vec<f64> = event[0].shots.iter().map(|s| s.exposure.as_ref().unwrap().exposure_since_boot_s).collect();
-    assert!(times.len() > 10 && times.windows(2).all(|pair| pair[0] < pair[1]), "{times:?}");
+    assert!(
+        event[0].remarks.iter().any(|r| r.contains("wingd trigger")),
+        "{:?}",
+        event[0].remarks
+    );
+    let times: Vec<f64> = event[0]
+        .shots
+        .iter()
+        .map(|s| s.exposure.as_ref().unwrap().exposure_since_boot_s)
+        .collect();
+    assert!(
+        times.len() > 10 && times.windows(2).all(|pair| pair[0] < pair[1]),
+        "{times:?}"
+    );
     assert!(times[times.len() - 1] - times[0] < 1.6 + 0.1, "{times:?}");
-    let nth: usize = all.iter().filter(|s| s.cause == SeriesCause::Live).map(|s| s.shots.len()).sum();
+    let nth: usize = all
+        .iter()
+        .filter(|s| s.cause == SeriesCause::Live)
+        .map(|s| s.shots.len())
+        .sum();
     assert_eq!(nth as u64, live.frames / 10);
-    assert_eq!((live.kept_frames as usize, live.lost_frames), (nth + times.len(), 0));
-    assert_eq!(all.iter().filter(|s| s.cause == SeriesCause::Triggered).count(), 1, "and an extra series");
-    assert!(all.iter().all(|s| s.state == SeriesState::Complete && s.camera["name"] == "replay"));
+    assert_eq!(
+        (live.kept_frames as usize, live.lost_frames),
+        (nth + times.len(), 0)
+    );
+    assert_eq!(
+        all.iter()
+            .filter(|s| s.cause == SeriesCause::Triggered)
+            .count(),
+        1,
+        "and an extra series"
+    );
+    assert!(
+        all.iter()
+            .all(|s| s.state == SeriesState::Complete && s.camera["name"] == "replay")
+    );
     assert_sound(&ride.root());
 }
 
@@ -305,10 +406,21 @@ fn raw_frames_are_kept_by_number_and_around_an_event() {
 fn a_kill_costs_seconds_of_results_and_no_series() {
     let dir = tempfile::tempdir().unwrap();
     let config = crate::kill9::configuration(dir.path());
-    let text = std::fs::read_to_string(&config).unwrap().replace("400ms", "1h");
-    std::fs::write(&config, text + "[live]\nrate_hz = 5\nsocket = \"live.sock\"\n").unwrap();
+    let text = std::fs::read_to_string(&config)
+        .unwrap()
+        .replace("400ms", "1h");
+    std::fs::write(
+        &config,
+        text + "[live]\nrate_hz = 5\nsocket = \"live.sock\"\n",
+    )
+    .unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_wingd"));
-    let mut child = command.args(["run", "--config"]).arg(&config).stderr(Stdio::null()).spawn().unwrap();
+    let mut child = command
+        .args(["run", "--config"])
+        .arg(&config)
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
     let lines = BufReader::new(connected(&dir.path().join("live.sock"))).lines();
     // Arrival time of each result.
     let mut came = vec![];
@@ -332,9 +444,22 @@ fn a_kill_costs_seconds_of_results_and_no_series() {
     assert_sound(&root);
     let numbers = stored(&root);
     let lost = came.iter().filter(|(number, _)| !numbers.contains(number));
-    let oldest = lost.map(|(_, when)| killed.duration_since(*when)).max().unwrap_or_default();
-    assert!(!numbers.is_empty() && oldest < Duration::from_secs(5), "{oldest:?} of results are lost");
-    let scheduled: Vec<_> = series(&root).into_iter().filter(|s| s.cause == SeriesCause::Scheduled).collect();
-    assert!(scheduled.iter().all(|s| s.state == SeriesState::Complete && s.shots.len() == 3));
+    let oldest = lost
+        .map(|(_, when)| killed.duration_since(*when))
+        .max()
+        .unwrap_or_default();
+    assert!(
+        !numbers.is_empty() && oldest < Duration::from_secs(5),
+        "{oldest:?} of results are lost"
+    );
+    let scheduled: Vec<_> = series(&root)
+        .into_iter()
+        .filter(|s| s.cause == SeriesCause::Scheduled)
+        .collect();
+    assert!(
+        scheduled
+            .iter()
+            .all(|s| s.state == SeriesState::Complete && s.shots.len() == 3)
+    );
     assert_eq!(scheduled.len(), 1);
 }

@@ -15,14 +15,29 @@ use crate::http_pages::Server;
 
 fn server(store: &Path, socket: &Path) -> Server {
     let live = Some(socket.to_owned());
-    Server::serve(Site { root: store.to_owned(), setup: None, board: None, live, reports: None }, Access::default())
+    Server::serve(
+        Site {
+            root: store.to_owned(),
+            setup: None,
+            board: None,
+            live,
+            reports: None,
+        },
+        Access::default(),
+    )
 }
 
 /// The stream of events, until it contains these words.
 fn events_until(server: &Server, words: &str) -> String {
     let mut stream = TcpStream::connect(server.address).unwrap();
-    stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-    write!(stream, "GET /live/events HTTP/1.1\r\nHost: localhost\r\nLast-Event-ID: 7\r\n\r\n").unwrap();
+    stream
+        .set_read_timeout(Some(Duration::from_secs(20)))
+        .unwrap();
+    write!(
+        stream,
+        "GET /live/events HTTP/1.1\r\nHost: localhost\r\nLast-Event-ID: 7\r\n\r\n"
+    )
+    .unwrap();
     let (mut text, mut bytes) = (String::new(), [0; 4096]);
     while !text.contains(words) {
         let count = stream.read(&mut bytes).unwrap();
@@ -47,22 +62,45 @@ fn results_and_the_frame_are_relayed() {
                 let mut asked = String::new();
                 let _ = BufReader::new(stream.try_clone().unwrap()).read_line(&mut asked);
                 if asked == "frame\n" {
-                    writeln!(stream, "{{\"frame\":7,\"width\":40,\"height\":30,\"jpeg\":\"{jpeg}\"}}").unwrap();
+                    writeln!(
+                        stream,
+                        "{{\"frame\":7,\"width\":40,\"height\":30,\"jpeg\":\"{jpeg}\"}}"
+                    )
+                    .unwrap();
                 }
             });
         }
     });
     let server = server(store.path(), &socket);
     let page = server.get("/live");
-    assert!(page.status == 200 && page.head.contains("script-src 'self'"), "{}", page.head);
-    assert!(page.text().contains("src=\"/live.js\"") && server.get("/").text().contains("href=\"/live\""));
-    assert!(!server.get("/").head.contains("script-src"), "no other page runs scripts");
+    assert!(
+        page.status == 200 && page.head.contains("script-src 'self'"),
+        "{}",
+        page.head
+    );
+    assert!(
+        page.text().contains("src=\"/live.js\"")
+            && server.get("/").text().contains("href=\"/live\"")
+    );
+    assert!(
+        !server.get("/").head.contains("script-src"),
+        "no other page runs scripts"
+    );
     assert!(server.get("/live.js").text().contains("EventSource"));
     let events = events_until(&server, "\n\n\r\n");
-    assert!(events.contains("text/event-stream") && events.contains("data: {\"number\":7}\n\n"), "{events}");
+    assert!(
+        events.contains("text/event-stream") && events.contains("data: {\"number\":7}\n\n"),
+        "{events}"
+    );
     let frame = server.get("/live/frame.jpg");
-    assert_eq!((frame.status, frame.body.as_slice()), (200, b"an image".as_slice()));
-    assert_eq!((frame.header("x-wingd-frame"), frame.header("x-wingd-size")), (Some("7"), Some("40x30")));
+    assert_eq!(
+        (frame.status, frame.body.as_slice()),
+        (200, b"an image".as_slice())
+    );
+    assert_eq!(
+        (frame.header("x-wingd-frame"), frame.header("x-wingd-size")),
+        (Some("7"), Some("40x30"))
+    );
 }
 
 #[test]

@@ -19,7 +19,9 @@ const GIVEN_UP: Duration = Duration::from_secs(600);
 const USUAL: u64 = 400;
 
 fn fixture(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("fixtures")
+        .join(name)
 }
 
 /// Replacements of a number in a file.
@@ -70,7 +72,9 @@ fn other_number(rng: &mut StdRng, old: &str) -> String {
             let factors = [1e3, 1e-3, -1.0, 0.3048, 25.4, 1.1, 10.0, 57.29578];
             (value * factors.choose(rng).unwrap()).to_string()
         }
-        (3 | 4, Ok(value)) => (value + value.abs().max(0.01) * rng.random_range(-0.3..0.3)).to_string(),
+        (3 | 4, Ok(value)) => {
+            (value + value.abs().max(0.01) * rng.random_range(-0.3..0.3)).to_string()
+        }
         _ => (*NUMBERS.choose(rng).unwrap()).to_owned(),
     }
 }
@@ -102,7 +106,10 @@ fn mutate_text(rng: &mut StdRng, text: &str) -> Vec<u8> {
                 text.replace_range(at, &new);
             }
             8 | 9 if places.len() > 1 => {
-                let (a, b) = (places.choose(rng).unwrap().clone(), places.choose(rng).unwrap().clone());
+                let (a, b) = (
+                    places.choose(rng).unwrap().clone(),
+                    places.choose(rng).unwrap().clone(),
+                );
                 let new = text[b].to_owned();
                 text.replace_range(a, &new);
             }
@@ -119,9 +126,18 @@ fn mutate_picture(rng: &mut StdRng, of: &Raster) -> Vec<u8> {
     let mut luma = of.luma().to_vec();
     for _ in 0..rng.random_range(1..=6) {
         // Most of the wing takes a few hundred pixels; some mutations take all of it.
-        let side = if rng.random_bool(0.1) { w } else { rng.random_range(8..600) };
+        let side = if rng.random_bool(0.1) {
+            w
+        } else {
+            rng.random_range(8..600)
+        };
         let (width, height) = (side.min(w), rng.random_range(8..=side).min(h));
-        let at = |rng: &mut StdRng| (rng.random_range(0..=w - width), rng.random_range(0..=h - height));
+        let at = |rng: &mut StdRng| {
+            (
+                rng.random_range(0..=w - width),
+                rng.random_range(0..=h - height),
+            )
+        };
         let ((u, v), (from_u, from_v)) = (at(rng), at(rng));
         let (kind, grey) = (rng.random_range(0..5), rng.random::<u8>());
         let source = luma.clone();
@@ -144,7 +160,11 @@ fn mutate_bytes(rng: &mut StdRng, mut bytes: Vec<u8>) -> Vec<u8> {
     let n = bytes.len().max(2);
     // Headers are short and the most sensitive part.
     let place = |rng: &mut StdRng| {
-        if rng.random() { rng.random_range(0..n) } else { rng.random_range(0..n.min(700)) }
+        if rng.random() {
+            rng.random_range(0..n)
+        } else {
+            rng.random_range(0..n.min(700))
+        }
     };
     for _ in 0..rng.random_range(1..=4) {
         let at = place(rng).min(bytes.len().saturating_sub(1));
@@ -175,9 +195,18 @@ const FLIGHT_PICTURE: &str = "image of flight.jpg";
 
 /// Mutated files, with the commands that read them.
 const KINDS: [(&str, &[&str]); 10] = [
-    ("i/installation.toml", &["check", "solve-by-hand", "plan", "orient"]),
-    ("i/survey.csv", &["check", "solve-by-hand", "plan", "orient"]),
-    ("i/camera.toml", &["check", "solve-by-hand", "plan", "orient"]),
+    (
+        "i/installation.toml",
+        &["check", "solve-by-hand", "plan", "orient"],
+    ),
+    (
+        "i/survey.csv",
+        &["check", "solve-by-hand", "plan", "orient"],
+    ),
+    (
+        "i/camera.toml",
+        &["check", "solve-by-hand", "plan", "orient"],
+    ),
     ("i/orientation.toml", &["check", "solve-by-hand", "solve"]),
     ("ground.jpg", &["orient"]),
     ("flight.jpg", &["solve"]),
@@ -204,13 +233,21 @@ impl Bench {
         std::fs::create_dir(path("frames")).unwrap();
         std::fs::copy(fixture("jpeg/baseline-2x1.jpg"), path("frames/1.jpg")).unwrap();
         std::fs::write(path("hand.csv"), "").unwrap();
-        let bench = Self { folder, sound: vec![] };
+        let bench = Self {
+            folder,
+            sound: vec![],
+        };
         assert_eq!(bench.run("orient").0, Some(0));
         bench.remove_digests();
         let (_, solved, _) = bench.run("solve");
         std::fs::write(bench.path("hand.csv"), manual(&solved)).unwrap();
-        let files = KINDS.iter().map(|(name, _)| *name).filter(|name| ![GROUND_PICTURE, FLIGHT_PICTURE].contains(name));
-        let sound = files.map(|name| (name, std::fs::read(bench.path(name)).unwrap())).collect();
+        let files = KINDS
+            .iter()
+            .map(|(name, _)| *name)
+            .filter(|name| ![GROUND_PICTURE, FLIGHT_PICTURE].contains(name));
+        let sound = files
+            .map(|name| (name, std::fs::read(bench.path(name)).unwrap()))
+            .collect();
         Self { sound, ..bench }
     }
 
@@ -222,13 +259,21 @@ impl Bench {
     fn remove_digests(&self) {
         let path = self.path("i/orientation.toml");
         let text = std::fs::read_to_string(&path).unwrap();
-        let (from, to) = (text.find("[made_with]").unwrap(), text.find("[[image]]").unwrap());
+        let (from, to) = (
+            text.find("[made_with]").unwrap(),
+            text.find("[[image]]").unwrap(),
+        );
         std::fs::write(path, [&text[..from], &text[to..]].concat()).unwrap();
     }
 
     fn mutate(&self, rng: &mut StdRng, name: &str) {
         let file = name.strip_prefix("image of ").unwrap_or(name);
-        let sound = &self.sound.iter().find(|(other, _)| *other == file).unwrap().1;
+        let sound = &self
+            .sound
+            .iter()
+            .find(|(other, _)| *other == file)
+            .unwrap()
+            .1;
         let mutated = match std::str::from_utf8(sound) {
             Ok(text) => mutate_text(rng, text),
             Err(_) if file != name => mutate_picture(rng, &decode_image(sound, None).unwrap()),
@@ -245,16 +290,34 @@ impl Bench {
             "plan" => &["plan", "--json", "--installation", "i"],
             "orient" => &["orient", "--json", "--installation", "i", "ground.jpg"],
             "solve" => &["solve", "--json", "--installation", "i", "flight.jpg"],
-            "solve-profile" => {
-                &["solve", "--json", "--method", "profile", "--installation", "i", "--observations", "hand.csv"]
-            }
-            _ => &["solve", "--json", "--installation", "i", "--observations", "hand.csv"],
+            "solve-profile" => &[
+                "solve",
+                "--json",
+                "--method",
+                "profile",
+                "--installation",
+                "i",
+                "--observations",
+                "hand.csv",
+            ],
+            _ => &[
+                "solve",
+                "--json",
+                "--installation",
+                "i",
+                "--observations",
+                "hand.csv",
+            ],
         };
         let printed = self.path("said");
         let output = File::create(&printed).unwrap();
         let mut child = Command::new(env!("CARGO_BIN_EXE_wingd"));
         let child = child.args(arguments).current_dir(self.folder.path());
-        let mut child = child.stderr(output.try_clone().unwrap()).stdout(output).spawn().unwrap();
+        let mut child = child
+            .stderr(output.try_clone().unwrap())
+            .stdout(output)
+            .spawn()
+            .unwrap();
         let (started, before) = (Instant::now(), children_time());
         let status = loop {
             match child.try_wait().unwrap() {
@@ -276,22 +339,45 @@ impl Bench {
 fn children_time() -> Duration {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap();
     let after_name = stat.rsplit(')').next().unwrap();
-    let ticks: u64 = after_name.split_whitespace().skip(13).take(2).map(|f| f.parse::<u64>().unwrap()).sum();
+    let ticks: u64 = after_name
+        .split_whitespace()
+        .skip(13)
+        .take(2)
+        .map(|f| f.parse::<u64>().unwrap())
+        .sum();
     Duration::from_millis(10 * ticks)
 }
 
 /// Measured markers of a frame as manual observations.
 fn manual(solved: &str) -> String {
     let record: serde_json::Value = serde_json::from_str(solved.lines().next().unwrap()).unwrap();
-    let line = |m: &serde_json::Value| format!("{},{},{},0.2\n", m["id"].as_str().unwrap(), m["u_px"], m["v_px"]);
-    let seen = record["markers"].as_array().unwrap().iter().filter(|m| !m["u_px"].is_null());
+    let line = |m: &serde_json::Value| {
+        format!(
+            "{},{},{},0.2\n",
+            m["id"].as_str().unwrap(),
+            m["u_px"],
+            m["v_px"]
+        )
+    };
+    let seen = record["markers"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|m| !m["u_px"].is_null());
     "id,u_px,v_px,sigma_px\n".to_owned() + &seen.map(line).collect::<String>()
 }
 
 /// The error of an ending, if any.
-fn check_ending(command: &str, (status, printed, time): &(Option<i32>, String, Duration)) -> Option<String> {
-    let Some(status) = status else { return Some("no end in time, or a signal".into()) };
-    let crashed = ["panicked", "internal error", "decoder failed", "crashed"].iter().any(|word| printed.contains(word));
+fn check_ending(
+    command: &str,
+    (status, printed, time): &(Option<i32>, String, Duration),
+) -> Option<String> {
+    let Some(status) = status else {
+        return Some("no end in time, or a signal".into());
+    };
+    let crashed = ["panicked", "internal error", "decoder failed", "crashed"]
+        .iter()
+        .any(|word| printed.contains(word));
     if crashed || ![0, 1, 2, 78].contains(status) {
         return Some(format!("exit {status}"));
     }
@@ -300,20 +386,35 @@ fn check_ending(command: &str, (status, printed, time): &(Option<i32>, String, D
     }
     // One of our type names with a list of fields is debug text.
     let of_ours = |before: &str| {
-        let name = before.rsplit(|c: char| !c.is_ascii_alphanumeric()).next().unwrap_or_default();
+        let name = before
+            .rsplit(|c: char| !c.is_ascii_alphanumeric())
+            .next()
+            .unwrap_or_default();
         name.starts_with(|c: char| c.is_ascii_uppercase())
     };
     let parts: Vec<&str> = printed.split(" { ").collect();
-    if parts[..parts.len() - 1].iter().any(|before| of_ours(before)) || printed.contains("Some(") {
+    if parts[..parts.len() - 1]
+        .iter()
+        .any(|before| of_ours(before))
+        || printed.contains("Some(")
+    {
         return Some("debug text".into());
     }
-    let json = || printed.lines().find_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
+    let json = || {
+        printed
+            .lines()
+            .find_map(|line| serde_json::from_str::<serde_json::Value>(line).ok())
+    };
     let sound = match (status, command) {
         (0, "solve" | "solve-by-hand" | "solve-profile") => json().is_some_and(|record| {
             let sigma = record["tip"]["sigma_deflection_m"].as_f64();
-            record["status"] == "ok" && record["tip"]["deflection_m"].is_f64() && sigma.is_some_and(|s| s > 0.0)
+            record["status"] == "ok"
+                && record["tip"]["deflection_m"].is_f64()
+                && sigma.is_some_and(|s| s > 0.0)
         }),
-        (0, "orient") => json().is_some_and(|fit| fit["rms_px"].is_f64() && fit["sigma_mrad"].is_array()),
+        (0, "orient") => {
+            json().is_some_and(|fit| fit["rms_px"].is_f64() && fit["sigma_mrad"].is_array())
+        }
         (0, "plan") => json().is_some(),
         _ => printed.trim().len() > 20,
     };
@@ -328,7 +429,9 @@ pub fn first_seed() -> u64 {
 /// Number of seeds, or from..to: files of a single one are kept for inspection.
 fn seeds(wanted: &str) -> std::ops::Range<u64> {
     let number = |text: &str| text.parse().ok();
-    let range = wanted.split_once("..").and_then(|(from, to)| Some(number(from)?..number(to)?));
+    let range = wanted
+        .split_once("..")
+        .and_then(|(from, to)| Some(number(from)?..number(to)?));
     range.unwrap_or(0..number(wanted).unwrap_or(USUAL))
 }
 
@@ -337,7 +440,10 @@ fn seeds(wanted: &str) -> std::ops::Range<u64> {
 fn mutated_inputs_end_with_a_result_or_a_reason() {
     let seeds = seeds(&std::env::var("WINGD_MUTATIONS").unwrap_or_default());
     let bench = Bench::new();
-    let (mut endings, mut slowest) = (std::collections::BTreeMap::new(), (Duration::ZERO, 0, "", ""));
+    let (mut endings, mut slowest) = (
+        std::collections::BTreeMap::new(),
+        (Duration::ZERO, 0, "", ""),
+    );
     let mut failures = vec![];
     for seed in seeds.clone() {
         let mut rng = StdRng::seed_from_u64(seed);
@@ -356,11 +462,17 @@ fn mutated_inputs_end_with_a_result_or_a_reason() {
             failures.push(seed);
         }
     }
-    endings.iter().for_each(|(ending, count)| eprintln!("{ending:?}: {count}"));
+    endings
+        .iter()
+        .for_each(|(ending, count)| eprintln!("{ending:?}: {count}"));
     let wanted = seeds.count();
     eprintln!("{wanted} mutations, the slowest: {slowest:?}");
     if wanted == 1 {
         eprintln!("left in {}", bench.folder.keep().display());
     }
-    assert!(failures.is_empty(), "{} of {wanted}: {failures:?}", failures.len());
+    assert!(
+        failures.is_empty(),
+        "{} of {wanted}: {failures:?}",
+        failures.len()
+    );
 }

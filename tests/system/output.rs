@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
 fn picture(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/jpeg").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("fixtures/jpeg")
+        .join(name)
 }
 
 fn wingd() -> Command {
@@ -14,7 +16,11 @@ fn wingd() -> Command {
 }
 
 fn stderr(output: &Output) -> String {
-    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+    format!(
+        "{}{}",
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    )
 }
 
 #[test]
@@ -42,7 +48,11 @@ fn a_full_disk_is_reported() {
         let full = File::options().write(true).open("/dev/full").unwrap();
         let output = wingd().args(arguments).stdout(full).output().unwrap();
         assert_eq!(output.status.code(), Some(1), "{arguments:?}");
-        assert!(stderr(&output).contains("cannot be written to standard output"), "{}", stderr(&output));
+        assert!(
+            stderr(&output).contains("cannot be written to standard output"),
+            "{}",
+            stderr(&output)
+        );
     }
 }
 
@@ -57,7 +67,10 @@ fn a_closed_pipe_is_silent() {
         .unwrap();
     drop(child.stdout.take());
     let output = child.wait_with_output().unwrap();
-    assert_eq!((output.status.code(), stderr(&output).as_str()), (Some(0), ""));
+    assert_eq!(
+        (output.status.code(), stderr(&output).as_str()),
+        (Some(0), "")
+    );
 }
 
 /// Results finished before Ctrl-C are written, in order, and no more are begun.
@@ -65,8 +78,12 @@ fn a_closed_pipe_is_silent() {
 fn results_are_written_as_they_are_done_and_an_interruption_keeps_them() {
     let folder = tempfile::tempdir().unwrap();
     let frame = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/frames/flight-1.jpg");
-    let files: Vec<PathBuf> = (0..60).map(|k| folder.path().join(format!("{k:02}.jpg"))).collect();
-    files.iter().for_each(|file| std::os::unix::fs::symlink(&frame, file).unwrap());
+    let files: Vec<PathBuf> = (0..60)
+        .map(|k| folder.path().join(format!("{k:02}.jpg")))
+        .collect();
+    files
+        .iter()
+        .for_each(|file| std::os::unix::fs::symlink(&frame, file).unwrap());
     let mut child = wingd()
         .args(["detect", "--json", "--jobs", "1"])
         .args(&files)
@@ -75,23 +92,46 @@ fn results_are_written_as_they_are_done_and_an_interruption_keeps_them() {
         .spawn()
         .unwrap();
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
-    let name = |line: String| serde_json::from_str::<serde_json::Value>(&line).unwrap()["image"].clone();
-    assert_eq!(name(lines.next().unwrap().unwrap()), "00.jpg", "the first, while the others are to come");
-    rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::INT).unwrap();
+    let name =
+        |line: String| serde_json::from_str::<serde_json::Value>(&line).unwrap()["image"].clone();
+    assert_eq!(
+        name(lines.next().unwrap().unwrap()),
+        "00.jpg",
+        "the first, while the others are to come"
+    );
+    rustix::process::kill_process(
+        rustix::process::Pid::from_child(&child),
+        rustix::process::Signal::INT,
+    )
+    .unwrap();
     let rest: Vec<serde_json::Value> = lines.map(|l| name(l.unwrap())).collect();
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     let done = format!("stopped: {} of 60 images were processed", rest.len() + 1);
-    assert!(stderr(&output).contains(&done), "{done}: {}", stderr(&output));
+    assert!(
+        stderr(&output).contains(&done),
+        "{done}: {}",
+        stderr(&output)
+    );
     assert!(rest.len() < 59, "all were done");
-    assert!(rest.iter().enumerate().all(|(k, n)| *n == format!("{:02}.jpg", k + 1)), "{rest:?}");
+    assert!(
+        rest.iter()
+            .enumerate()
+            .all(|(k, n)| *n == format!("{:02}.jpg", k + 1)),
+        "{rest:?}"
+    );
 }
 
 #[test]
 fn rejected_candidates_are_listed_on_request() {
     let frame = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pictures/packed.png");
     let answer = |options: &[&str]| {
-        let output = wingd().arg("detect").args(options).arg(&frame).output().unwrap();
+        let output = wingd()
+            .arg("detect")
+            .args(options)
+            .arg(&frame)
+            .output()
+            .unwrap();
         assert!(output.status.success(), "{}", stderr(&output));
         serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()
     };
@@ -99,7 +139,12 @@ fn rejected_candidates_are_listed_on_request() {
     let all = answer(&["--json", "--rejected"]);
     let rejected = all["rejected"].as_array().unwrap();
     assert!(!rejected.is_empty());
-    assert!(rejected.iter().all(|r| r["u_px"].is_f64() && r["reason"].is_string()), "{rejected:?}");
+    assert!(
+        rejected
+            .iter()
+            .all(|r| r["u_px"].is_f64() && r["reason"].is_string()),
+        "{rejected:?}"
+    );
 }
 
 #[test]
@@ -119,7 +164,8 @@ fn frames_of_several_folders_are_distinguished() {
         .unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    let name = |line: &str| serde_json::from_str::<serde_json::Value>(line).unwrap()["image"].clone();
+    let name =
+        |line: &str| serde_json::from_str::<serde_json::Value>(line).unwrap()["image"].clone();
     let names: Vec<serde_json::Value> = text.lines().map(name).collect();
     assert_eq!(names, ["a/1.jpg", "b/1.jpg", "2.jpg"]);
     assert_eq!(std::fs::read_dir(overlays).unwrap().count(), 3);
@@ -128,7 +174,10 @@ fn frames_of_several_folders_are_distinguished() {
 #[test]
 fn an_address_may_be_a_name() {
     let run = |address: &str| {
-        let output = wingd().args(["serve", "/nowhere/store", "--listen", address]).output().unwrap();
+        let output = wingd()
+            .args(["serve", "/nowhere/store", "--listen", address])
+            .output()
+            .unwrap();
         (output.status.code(), stderr(&output))
     };
     let (status, text) = run("localhost:8080");
@@ -144,32 +193,55 @@ fn an_address_may_be_a_name() {
 fn the_camera_test_reports_the_cause() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("frames")).unwrap();
-    std::fs::copy(picture("baseline-2x1.jpg"), folder.path().join("frames/1.jpg")).unwrap();
+    std::fs::copy(
+        picture("baseline-2x1.jpg"),
+        folder.path().join("frames/1.jpg"),
+    )
+    .unwrap();
     let config = folder.path().join("wingd.toml");
     let run = |text: &str, output: Stdio| {
         std::fs::write(&config, text).unwrap();
         let mut command = wingd();
-        command.args(["camera-test", "--config"]).arg(&config).arg("--output").arg(folder.path());
+        command
+            .args(["camera-test", "--config"])
+            .arg(&config)
+            .arg("--output")
+            .arg(folder.path());
         command.stdout(output).output().unwrap()
     };
     let sound = "[camera]\nkind = \"replay\"\nfolder = \"frames\"\n";
     let output = run(sound, Stdio::piped());
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
-    assert!(stderr(&output).contains("\"error\":null"), "{}", stderr(&output));
+    assert!(
+        stderr(&output).contains("\"error\":null"),
+        "{}",
+        stderr(&output)
+    );
     let full = File::options().write(true).open("/dev/full").unwrap();
     let output = run(sound, full.into());
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
-    assert!(stderr(&output).contains("cannot be written"), "{}", stderr(&output));
+    assert!(
+        stderr(&output).contains("cannot be written"),
+        "{}",
+        stderr(&output)
+    );
     let output = run(&sound.replace("folder", "folders"), Stdio::piped());
     assert_eq!(output.status.code(), Some(78), "{}", stderr(&output));
-    assert!(stderr(&output).contains("wingd.toml: line") && stderr(&output).contains("folders"), "{}", stderr(&output));
+    assert!(
+        stderr(&output).contains("wingd.toml: line") && stderr(&output).contains("folders"),
+        "{}",
+        stderr(&output)
+    );
 }
 
 /// The program on the recorder has no upload; it names the build option.
 #[cfg(not(feature = "upload"))]
 #[test]
 fn upload_is_reported_as_missing_if_it_is_not_built_in() {
-    for arguments in [&["upload"][..], &["upload", "store", "--to", "s3://bucket/prefix", "--json"]] {
+    for arguments in [
+        &["upload"][..],
+        &["upload", "store", "--to", "s3://bucket/prefix", "--json"],
+    ] {
         let output = wingd().args(arguments).output().unwrap();
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
         assert!(

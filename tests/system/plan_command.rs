@@ -24,13 +24,22 @@ fn installation(rows: &str) -> tempfile::TempDir {
 
 fn plan(directory: &Path, more: &[&str]) -> Value {
     let sigma = PIXEL_SIGMA.to_string();
-    let mut arguments = vec!["plan", "--installation", directory.to_str().unwrap(), "--pixel-sigma", &sigma, "--json"];
+    let mut arguments = vec![
+        "plan",
+        "--installation",
+        directory.to_str().unwrap(),
+        "--pixel-sigma",
+        &sigma,
+        "--json",
+    ];
     arguments.extend(more);
     serde_json::from_str(&stdout(&arguments)).unwrap()
 }
 
 fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap_or_else(|| panic!("{value} is not a number"))
+    value
+        .as_f64()
+        .unwrap_or_else(|| panic!("{value} is not a number"))
 }
 
 #[test]
@@ -48,10 +57,20 @@ fn the_json_contains_a_finite_positive_prediction_for_every_marker_and_along_the
     }
     let span = plan["span"].as_array().unwrap();
     assert!(span.len() > 20);
-    assert!(span.windows(2).all(|w| number(&w[1]["span_m"]) > number(&w[0]["span_m"])));
-    assert!(span.iter().skip(1).all(|p| number(&p["sigma_deflection_m"]) > 0.0 && number(&p["sigma_twist_deg"]) > 0.0));
+    assert!(
+        span.windows(2)
+            .all(|w| number(&w[1]["span_m"]) > number(&w[0]["span_m"]))
+    );
+    assert!(
+        span.iter()
+            .skip(1)
+            .all(|p| number(&p["sigma_deflection_m"]) > 0.0 && number(&p["sigma_twist_deg"]) > 0.0)
+    );
     // Uncertainty grows from the root, which does not bend.
-    assert!(number(&span[span.len() - 1]["sigma_deflection_m"]) > 3.0 * number(&span[0]["sigma_deflection_m"]));
+    assert!(
+        number(&span[span.len() - 1]["sigma_deflection_m"])
+            > 3.0 * number(&span[0]["sigma_deflection_m"])
+    );
 }
 
 /// Names, texts and attributes of a drawing; fails if tags do not match.
@@ -72,7 +91,10 @@ fn tags(svg: &str) -> (Vec<String>, Vec<String>, Vec<(String, String)>) {
         let name = body.split_whitespace().next().unwrap().to_owned();
         let mut quoted = body[name.len()..].split('"');
         while let (Some(key), Some(value)) = (quoted.next(), quoted.next()) {
-            attributes.push((key.trim().trim_end_matches('=').to_owned(), value.to_owned()));
+            attributes.push((
+                key.trim().trim_end_matches('=').to_owned(),
+                value.to_owned(),
+            ));
         }
         if !tag.ends_with('/') {
             open.push(name.clone());
@@ -87,28 +109,61 @@ fn tags(svg: &str) -> (Vec<String>, Vec<String>, Vec<(String, String)>) {
 fn the_figure_is_a_well_formed_drawing_with_labels_and_finite_positions() {
     let directory = installation("");
     let file = directory.path().join("plan.svg");
-    stdout(&["plan", "--installation", directory.path().to_str().unwrap(), "--figure", file.to_str().unwrap()]);
+    stdout(&[
+        "plan",
+        "--installation",
+        directory.path().to_str().unwrap(),
+        "--figure",
+        file.to_str().unwrap(),
+    ]);
     let svg = std::fs::read_to_string(&file).unwrap();
     let (names, texts, attributes) = tags(&svg);
     assert_eq!(names[0], "svg");
-    for label in
-        ["deflection / mm", "twist / deg", "footprint / mm", "span, outboard from the camera / m", "M01", "M21"]
-    {
+    for label in [
+        "deflection / mm",
+        "twist / deg",
+        "footprint / mm",
+        "span, outboard from the camera / m",
+        "M01",
+        "M21",
+    ] {
         assert!(texts.iter().any(|t| t.trim() == label), "no \"{label}\"");
     }
     let view = attributes.iter().find(|(key, _)| key == "viewBox").unwrap();
     let size: Vec<f64> = view.1.split(' ').map(|v| v.parse().unwrap()).collect();
-    for (key, limit) in [("x", 2), ("x1", 2), ("x2", 2), ("y", 3), ("y1", 3), ("y2", 3)] {
+    for (key, limit) in [
+        ("x", 2),
+        ("x1", 2),
+        ("x2", 2),
+        ("y", 3),
+        ("y1", 3),
+        ("y2", 3),
+    ] {
         for (_, value) in attributes.iter().filter(|(k, _)| k == key) {
             let at: f64 = value.parse().unwrap_or_else(|_| panic!("{key}={value}"));
-            assert!(at.is_finite() && at >= 0.0 && at <= size[limit], "{key}={value}");
+            assert!(
+                at.is_finite() && at >= 0.0 && at <= size[limit],
+                "{key}={value}"
+            );
         }
     }
-    let curves: Vec<_> = attributes.iter().filter(|(key, _)| key == "d" || key == "points").collect();
+    let curves: Vec<_> = attributes
+        .iter()
+        .filter(|(key, _)| key == "d" || key == "points")
+        .collect();
     assert!(curves.len() >= 4, "{} curves", curves.len());
     for (_, places) in curves {
-        assert!(!places.contains("NaN") && !places.contains("inf"), "{places}");
-        assert!(places.split(|c: char| !c.is_ascii_digit() && c != '.').filter(|n| !n.is_empty()).count() > 20);
+        assert!(
+            !places.contains("NaN") && !places.contains("inf"),
+            "{places}"
+        );
+        assert!(
+            places
+                .split(|c: char| !c.is_ascii_digit() && c != '.')
+                .filter(|n| !n.is_empty())
+                .count()
+                > 20
+        );
     }
 }
 
@@ -116,17 +171,36 @@ fn the_figure_is_a_well_formed_drawing_with_labels_and_finite_positions() {
 fn an_additional_marker_reduces_the_standard_deviations() {
     let place = |text: &str, id: &str| -> Vec<f64> {
         let row = text.lines().find(|l| l.starts_with(id)).unwrap();
-        row.split(',').skip(3).take(3).map(|v| v.parse().unwrap()).collect()
+        row.split(',')
+            .skip(3)
+            .take(3)
+            .map(|v| v.parse().unwrap())
+            .collect()
     };
     let survey = std::fs::read_to_string(fixture("dev/installation/survey.csv")).unwrap();
     // Between two neighbours of the same edge, so on the skin.
     let (a, b) = (place(&survey, "M15"), place(&survey, "M17"));
-    let at: Vec<String> = a.iter().zip(&b).map(|(a, b)| format!("{:.4}", 0.5 * (a + b))).collect();
+    let at: Vec<String> = a
+        .iter()
+        .zip(&b)
+        .map(|(a, b)| format!("{:.4}", 0.5 * (a + b)))
+        .collect();
     let before = plan(installation("").path(), &[]);
-    let after = plan(installation(&format!("M22,circle,0.32,{},0.002\n", at.join(","))).path(), &[]);
+    let after = plan(
+        installation(&format!("M22,circle,0.32,{},0.002\n", at.join(","))).path(),
+        &[],
+    );
     assert_eq!(after["markers"].as_array().unwrap().len(), 22);
-    for key in ["sigma_tip_deflection_m", "sigma_mean_deflection_m", "sigma_tip_twist_deg", "sigma_span_m"] {
-        let (b, a) = (number(&before["prediction"]["expected"][key]), number(&after["prediction"]["expected"][key]));
+    for key in [
+        "sigma_tip_deflection_m",
+        "sigma_mean_deflection_m",
+        "sigma_tip_twist_deg",
+        "sigma_span_m",
+    ] {
+        let (b, a) = (
+            number(&before["prediction"]["expected"][key]),
+            number(&after["prediction"]["expected"][key]),
+        );
         println!("{key}: {b:.6} -> {a:.6}");
         // The installation's uncertainty of the root dominates deflections and positions; no marker constrains it, and the
         // fitted ground shape at which it is linearised changes with the new marker.
@@ -141,18 +215,38 @@ fn an_additional_marker_reduces_the_standard_deviations() {
 fn planned_standard_deviations_are_those_of_the_adjustment() {
     let directory = installation("");
     let path = directory.path().to_str().unwrap();
-    stdout(&["orient", "--installation", path, fixture("dev/frames/ground.jpg").to_str().unwrap()]);
-    let truth: Value = serde_json::from_str(&std::fs::read_to_string(fixture("dev/truth.json")).unwrap()).unwrap();
-    let frame = truth["frames"].as_array().unwrap().iter().find(|f| number(&f["tip_deflection_m"]) > 1.0).unwrap();
+    stdout(&[
+        "orient",
+        "--installation",
+        path,
+        fixture("dev/frames/ground.jpg").to_str().unwrap(),
+    ]);
+    let truth: Value =
+        serde_json::from_str(&std::fs::read_to_string(fixture("dev/truth.json")).unwrap()).unwrap();
+    let frame = truth["frames"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|f| number(&f["tip_deflection_m"]) > 1.0)
+        .unwrap();
     let markers = frame["markers"].as_array().unwrap();
     let tip = markers.iter().find(|m| m["id"] == "M19").unwrap();
-    let plan = plan(directory.path(), &["--tip-deflection", &number(&tip["deflection_m"]).to_string()]);
+    let plan = plan(
+        directory.path(),
+        &[
+            "--tip-deflection",
+            &number(&tip["deflection_m"]).to_string(),
+        ],
+    );
     let mut rng = crate::common::random::rng(51);
     let mut rows = String::from("id,u_px,v_px,sigma_px\n");
     for m in markers {
         let at = crate::common::random::normal2(&mut rng) * PIXEL_SIGMA;
         let (u, v) = (number(&m["u"]) + at.x, number(&m["v"]) + at.y);
-        rows.push_str(&format!("{},{u:.4},{v:.4},{PIXEL_SIGMA}\n", m["id"].as_str().unwrap()));
+        rows.push_str(&format!(
+            "{},{u:.4},{v:.4},{PIXEL_SIGMA}\n",
+            m["id"].as_str().unwrap()
+        ));
     }
     let observations = directory.path().join("observations.csv");
     std::fs::write(&observations, rows).unwrap();
@@ -173,31 +267,51 @@ fn planned_standard_deviations_are_those_of_the_adjustment() {
     let solved: Value = serde_json::from_str(solved.trim()).unwrap();
     let mut ratios = Vec::new();
     for planned in plan["markers"].as_array().unwrap() {
-        let found = solved["markers"].as_array().unwrap().iter().find(|m| m["id"] == planned["id"]).unwrap();
+        let found = solved["markers"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|m| m["id"] == planned["id"])
+            .unwrap();
         if found["used"] != true {
             continue;
         }
-        let ratio = number(&planned["sigma"]["deflection_m"]) / number(&found["sigma_deflection_m"]);
+        let ratio =
+            number(&planned["sigma"]["deflection_m"]) / number(&found["sigma_deflection_m"]);
         ratios.push((planned["id"].to_string(), ratio));
     }
     println!("planned over reported: {ratios:.3?}");
-    assert!(ratios.len() >= 20 && ratios.iter().all(|(_, ratio)| (0.95..1.05).contains(ratio)), "{ratios:.3?}");
+    assert!(
+        ratios.len() >= 20 && ratios.iter().all(|(_, ratio)| (0.95..1.05).contains(ratio)),
+        "{ratios:.3?}"
+    );
 }
 
 /// Less visibility reduces no standard deviation, and more information increases none.
 #[test]
 fn an_invisible_marker_improves_nothing() {
     for id in ["dev", "demo"] {
-        let plan = stdout(&["plan", "--installation", fixture(id).join("installation").to_str().unwrap(), "--json"]);
+        let plan = stdout(&[
+            "plan",
+            "--installation",
+            fixture(id).join("installation").to_str().unwrap(),
+            "--json",
+        ]);
         let plan: Value = serde_json::from_str(&plan).unwrap();
         let whole = number(&plan["prediction"]["expected"]["sigma_tip_deflection_m"]);
         let changes = plan["prediction"]["changes"].as_array().unwrap();
         let without = changes.iter().filter(|c| !c["without"].is_null());
         let mut compared = 0;
         for change in without {
-            let Some(left) = change["expected"]["sigma_tip_deflection_m"].as_f64() else { continue };
+            let Some(left) = change["expected"]["sigma_tip_deflection_m"].as_f64() else {
+                continue;
+            };
             // The same linearisation: only the remainder of the iterations differs.
-            assert!(left > (1.0 - 1e-6) * whole, "{id}: without {}: {left} {whole}", change["without"]);
+            assert!(
+                left > (1.0 - 1e-6) * whole,
+                "{id}: without {}: {left} {whole}",
+                change["without"]
+            );
             compared += 1;
         }
         assert!(compared > 15, "{compared}");
@@ -218,7 +332,10 @@ fn plan_prints_single_and_joint_precision() {
         number(&one["prediction"]["expected"]["sigma_tip_deflection_m"]),
         number(&one["flight"]["expected"]["sigma_tip_deflection_m"]),
     );
-    assert!(one["flight"]["frames"] == 10 && together < 0.8 * alone, "{together} {alone}");
+    assert!(
+        one["flight"]["frames"] == 10 && together < 0.8 * alone,
+        "{together} {alone}"
+    );
 }
 
 /// Takes the assumptions of a layout, which are comments, as true.
@@ -236,34 +353,85 @@ fn assume(layout: &Path) {
 fn a_requirement_is_answered_for_a_wing_without_an_installation() {
     let folder = tempfile::tempdir().unwrap();
     let layout = folder.path().join("layout");
-    let wing =
-        ["plan", "--span", "33", "--height", "2.5", "--chord", "4", "--focal", "12", "--sensor", "4000x3000x1.54"];
-    let more = ["--markers", "20", "--fixed", "2", "--frames", "10", "--json"];
-    let ask =
-        |want: &[&str]| -> Value { serde_json::from_str(&stdout(&[&wing[..], &more[..], want].concat())).unwrap() };
+    let wing = [
+        "plan",
+        "--span",
+        "33",
+        "--height",
+        "2.5",
+        "--chord",
+        "4",
+        "--focal",
+        "12",
+        "--sensor",
+        "4000x3000x1.54",
+    ];
+    let more = [
+        "--markers",
+        "20",
+        "--fixed",
+        "2",
+        "--frames",
+        "10",
+        "--json",
+    ];
+    let ask = |want: &[&str]| -> Value {
+        serde_json::from_str(&stdout(&[&wing[..], &more[..], want].concat())).unwrap()
+    };
     let strict = ask(&["--want", "0.1mm"]);
-    assert_eq!((&strict["reached"], &strict["proposal_reached"]), (&false.into(), &false.into()));
+    assert_eq!(
+        (&strict["reached"], &strict["proposal_reached"]),
+        (&false.into(), &false.into())
+    );
     let easy = ask(&["--want", "10m", "--layout", layout.to_str().unwrap()]);
     assert_eq!(easy["reached"], true, "{easy}");
     for answer in [&strict, &easy] {
-        let shares = answer["sources"].as_array().unwrap().iter().map(|s| number(&s["share"]));
-        assert!((shares.sum::<f64>() - 1.0).abs() < 1e-9, "{}", answer["sources"]);
+        let shares = answer["sources"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|s| number(&s["share"]));
+        assert!(
+            (shares.sum::<f64>() - 1.0).abs() < 1e-9,
+            "{}",
+            answer["sources"]
+        );
         let remedies = answer["remedies"].as_array().unwrap();
         assert!(remedies.len() > 4, "{remedies:?}");
     }
-    let taken: Vec<f64> =
-        strict["remedies"].as_array().unwrap().iter().filter_map(|r| r["sigma_taken_m"].as_f64()).collect();
-    assert!(!taken.is_empty() && taken.windows(2).all(|w| w[1] < w[0]), "{taken:?}");
+    let taken: Vec<f64> = strict["remedies"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter_map(|r| r["sigma_taken_m"].as_f64())
+        .collect();
+    assert!(
+        !taken.is_empty() && taken.windows(2).all(|w| w[1] < w[0]),
+        "{taken:?}"
+    );
     assert!(number(&strict["proposal_sigma_m"]) < number(&strict["sigma_tip_deflection_m"]));
-    assert!(easy["remedies"].as_array().unwrap().iter().all(|r| r["sigma_taken_m"].is_null()));
+    assert!(
+        easy["remedies"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .all(|r| r["sigma_taken_m"].is_null())
+    );
     assert_eq!(easy["layout"].as_array().unwrap().len(), 22);
     // The written draft is, with its assumptions, an installation with the predicted precision.
     assume(&layout);
     let path = layout.to_str().unwrap();
-    let again: Value =
-        serde_json::from_str(&stdout(&["plan", "--installation", path, "--frames", "10", "--json"])).unwrap();
-    let ratio =
-        number(&again["flight"]["expected"]["sigma_tip_deflection_m"]) / number(&easy["sigma_tip_deflection_m"]);
+    let again: Value = serde_json::from_str(&stdout(&[
+        "plan",
+        "--installation",
+        path,
+        "--frames",
+        "10",
+        "--json",
+    ]))
+    .unwrap();
+    let ratio = number(&again["flight"]["expected"]["sigma_tip_deflection_m"])
+        / number(&easy["sigma_tip_deflection_m"]);
     assert!((0.98..1.02).contains(&ratio), "{ratio}");
     let svg = std::fs::read_to_string(layout.join("layout.svg")).unwrap();
     let (names, texts, _) = tags(&svg);
@@ -273,8 +441,19 @@ fn a_requirement_is_answered_for_a_wing_without_an_installation() {
 
 /// Main dimensions of a wing of 28 m with a lens of 16 mm.
 fn wing_of_28_m<'a>(height: &'a str, chord: &'a str, more: &[&'a str]) -> Vec<&'a str> {
-    let wing =
-        ["plan", "--span", "28", "--height", height, "--chord", chord, "--focal", "16", "--sensor", "4000x3000x1.55"];
+    let wing = [
+        "plan",
+        "--span",
+        "28",
+        "--height",
+        height,
+        "--chord",
+        chord,
+        "--focal",
+        "16",
+        "--sensor",
+        "4000x3000x1.55",
+    ];
     [&wing[..], more].concat()
 }
 
@@ -282,16 +461,46 @@ fn wing_of_28_m<'a>(height: &'a str, chord: &'a str, more: &[&'a str]) -> Vec<&'
 fn a_layout_that_cannot_be_measured_is_refused_in_the_first_line() {
     let text = stdout(&wing_of_28_m("0.2", "4", &["--want", "5mm"]));
     let first = text.lines().next().unwrap();
-    assert!(first.starts_with("NO: M18, the outermost marker, is too small or too flat in the image"), "{first}");
-    let answer: Value = serde_json::from_str(&stdout(&wing_of_28_m("0.2", "4", &["--want", "1m", "--json"]))).unwrap();
-    assert_eq!((&answer["reached"], &answer["proposal_reached"]), (&false.into(), &false.into()));
-    assert!(answer["obstacle"].as_str().unwrap().contains("a higher camera"), "{}", answer["obstacle"]);
+    assert!(
+        first.starts_with("NO: M18, the outermost marker, is too small or too flat in the image"),
+        "{first}"
+    );
+    let answer: Value = serde_json::from_str(&stdout(&wing_of_28_m(
+        "0.2",
+        "4",
+        &["--want", "1m", "--json"],
+    )))
+    .unwrap();
+    assert_eq!(
+        (&answer["reached"], &answer["proposal_reached"]),
+        (&false.into(), &false.into())
+    );
+    assert!(
+        answer["obstacle"]
+            .as_str()
+            .unwrap()
+            .contains("a higher camera"),
+        "{}",
+        answer["obstacle"]
+    );
     let variants = answer["variants"].as_array().unwrap();
     let usable = |v: &&Value| v["sigma_tip_deflection_m"].as_f64().is_some();
-    assert!(variants.iter().filter(usable).all(|v| number(&v["height_m"]) > 0.5), "{variants:?}");
-    assert!(variants.iter().any(|v| usable(&v)), "a higher camera is proposed: {variants:?}");
+    assert!(
+        variants
+            .iter()
+            .filter(usable)
+            .all(|v| number(&v["height_m"]) > 0.5),
+        "{variants:?}"
+    );
+    assert!(
+        variants.iter().any(|v| usable(&v)),
+        "a higher camera is proposed: {variants:?}"
+    );
     let sound = stdout(&wing_of_28_m("2.2", "4", &["--want", "1m"]));
-    assert!(sound.starts_with("YES: ") && sound.contains("Most precise: "), "{sound}");
+    assert!(
+        sound.starts_with("YES: ") && sound.contains("Most precise: "),
+        "{sound}"
+    );
     assert!(stdout(&wing_of_28_m("2.2", "4", &[])).starts_with("Tip deflection: "));
 }
 
@@ -301,24 +510,42 @@ fn a_layout_writes_assumptions_as_comments_and_the_side_as_given() {
     let layout = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let write = |name: &str, more: &[&str]| -> (String, Value) {
         let at = layout(name);
-        let options = [&["--want", "4mm", "--fixed", "2", "--json", "--layout", &at], more].concat();
+        let options = [
+            &["--want", "4mm", "--fixed", "2", "--json", "--layout", &at],
+            more,
+        ]
+        .concat();
         let answer = serde_json::from_str(&stdout(&wing_of_28_m("2.2", "4", &options))).unwrap();
-        (std::fs::read_to_string(folder.path().join(name).join("installation.toml")).unwrap(), answer)
+        (
+            std::fs::read_to_string(folder.path().join(name).join("installation.toml")).unwrap(),
+            answer,
+        )
     };
     let (right, answer) = write("right", &[]);
     assert!(
-        right.contains("# side = \"right\" # assumed") && right.contains("# mount_shift_m = 0.0 # assumed"),
+        right.contains("# side = \"right\" # assumed")
+            && right.contains("# mount_shift_m = 0.0 # assumed"),
         "{right}"
     );
     let (left, _) = write("left", &["--side", "left"]);
     assert!(left.contains("\nside = \"left\"\n"), "{left}");
     let survey = std::fs::read_to_string(folder.path().join("left/survey.csv")).unwrap();
     let trailing = survey.lines().find(|line| line.starts_with("M20")).unwrap();
-    assert!(trailing.split(',').nth(4).unwrap().parse::<f64>().unwrap() > 0.0, "{trailing}");
+    assert!(
+        trailing.split(',').nth(4).unwrap().parse::<f64>().unwrap() > 0.0,
+        "{trailing}"
+    );
     // With its assumptions the layout keeps what the proposal promises.
     assume(&folder.path().join("right"));
     let frames = answer["proposal_frames"].to_string();
-    let again = stdout(&["plan", "--installation", &layout("right"), "--frames", &frames, "--json"]);
+    let again = stdout(&[
+        "plan",
+        "--installation",
+        &layout("right"),
+        "--frames",
+        &frames,
+        "--json",
+    ]);
     let again: Value = serde_json::from_str(&again).unwrap();
     let predicted = &again["flight"]["expected"]["sigma_tip_deflection_m"];
     let ratio = number(predicted) / number(&answer["proposal_sigma_m"]);
@@ -327,7 +554,11 @@ fn a_layout_writes_assumptions_as_comments_and_the_side_as_given() {
 
 #[test]
 fn fixed_targets_leave_the_wing_markers_free() {
-    let text = stdout(&wing_of_28_m("1.4", "12", &["--fixed", "4", "--want", "1m", "--json"]));
+    let text = stdout(&wing_of_28_m(
+        "1.4",
+        "12",
+        &["--fixed", "4", "--want", "1m", "--json"],
+    ));
     let answer: Value = serde_json::from_str(&text).unwrap();
     let layout = answer["layout"].as_array().unwrap();
     let direction = |m: &Value| {

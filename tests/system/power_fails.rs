@@ -39,11 +39,19 @@ impl Recorder {
         let config = dir.path().join("wingd.toml");
         std::fs::write(&config, text).unwrap();
         let mut command = Command::new(env!("CARGO_BIN_EXE_wingd"));
-        command.args(["run", "--config"]).arg(&config).env("NO_COLOR", "1").env_remove("JOURNAL_STREAM");
+        command
+            .args(["run", "--config"])
+            .arg(&config)
+            .env("NO_COLOR", "1")
+            .env_remove("JOURNAL_STREAM");
         let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let (say, lines) = channel();
         let errors = BufReader::new(child.stderr.take().unwrap()).lines();
-        std::thread::spawn(move || errors.map_while(Result::ok).all(|line| say.send(line).is_ok()));
+        std::thread::spawn(move || {
+            errors
+                .map_while(Result::ok)
+                .all(|line| say.send(line).is_ok())
+        });
         Self { dir, child, lines }
     }
 
@@ -59,7 +67,10 @@ impl Recorder {
     fn wait_for_line(&self, words: &str) -> String {
         let end = Instant::now() + PATIENCE;
         let mut all = Vec::new();
-        while let Ok(line) = self.lines.recv_timeout(end.saturating_duration_since(Instant::now())) {
+        while let Ok(line) = self
+            .lines
+            .recv_timeout(end.saturating_duration_since(Instant::now()))
+        {
             if line.contains(words) {
                 return line;
             }
@@ -73,8 +84,12 @@ impl Recorder {
         let end = Instant::now() + PATIENCE;
         let (mut left, mut all) = (words.to_vec(), Vec::new());
         while !left.is_empty() {
-            let line = self.lines.recv_timeout(end.saturating_duration_since(Instant::now()));
-            let Ok(line) = line else { panic!("no line with {left:?}: {all:#?}") };
+            let line = self
+                .lines
+                .recv_timeout(end.saturating_duration_since(Instant::now()));
+            let Ok(line) = line else {
+                panic!("no line with {left:?}: {all:#?}")
+            };
             left.retain(|words| !line.contains(words));
             all.push(line);
         }
@@ -89,11 +104,17 @@ impl Recorder {
     fn manifests(&self) -> Vec<SeriesManifest> {
         let report = verify_path(&RealDisk, &self.store());
         assert!(report.is_sound(), "{:#?}", report.faults);
-        let left = std::fs::read_dir(self.store().join("incoming")).unwrap().count();
+        let left = std::fs::read_dir(self.store().join("incoming"))
+            .unwrap()
+            .count();
         assert_eq!(left, 0, "the series under way was closed");
         let flights = catalogue::list_flights(&RealDisk, &self.store()).unwrap();
-        let series = flights.iter().flat_map(|flight| catalogue::list_series(&RealDisk, flight).unwrap());
-        series.map(|series| catalogue::read_series_manifest(&RealDisk, &series).unwrap()).collect()
+        let series = flights
+            .iter()
+            .flat_map(|flight| catalogue::list_series(&RealDisk, flight).unwrap());
+        series
+            .map(|series| catalogue::read_series_manifest(&RealDisk, &series).unwrap())
+            .collect()
     }
 }
 
@@ -123,10 +144,19 @@ fn a_stop_abandons_a_hanging_shot_and_ends_in_time() {
     println!("stopped after {took:?} of {within:?}");
     assert!(took < within, "{took:?}");
     let manifests = recorder.manifests();
-    let [series] = manifests.as_slice() else { panic!("{manifests:?}") };
-    assert_eq!((series.state, series.shots.len()), (SeriesState::Interrupted, 2));
+    let [series] = manifests.as_slice() else {
+        panic!("{manifests:?}")
+    };
+    assert_eq!(
+        (series.state, series.shots.len()),
+        (SeriesState::Interrupted, 2)
+    );
     assert!(series.shots[0].frame.is_some(), "the frame before is there");
-    assert!(series.shots[1].failures[0].reason.contains("wingd stops"), "{:?}", series.shots[1]);
+    assert!(
+        series.shots[1].failures[0].reason.contains("wingd stops"),
+        "{:?}",
+        series.shots[1]
+    );
 }
 
 #[test]
@@ -145,10 +175,15 @@ fn a_power_failure_makes_all_durable_in_time_and_recording_resumes_with_power() 
     // Two intervals and more: nothing is begun.
     std::thread::sleep(Duration::from_secs(1));
     let manifests = recorder.manifests();
-    let [series] = manifests.as_slice() else { panic!("{manifests:?}") };
+    let [series] = manifests.as_slice() else {
+        panic!("{manifests:?}")
+    };
     assert_eq!(
         (series.state, series.remarks.as_slice()),
-        (SeriesState::Interrupted, &["the power failed".to_owned()][..])
+        (
+            SeriesState::Interrupted,
+            &["the power failed".to_owned()][..]
+        )
     );
     recorder.set_power("1\n");
     recorder.wait_for_line("the power is back");

@@ -59,14 +59,23 @@ impl Recorder {
         let program = folder.join("wingd");
         std::fs::copy(env!("CARGO_BIN_EXE_wingd"), &program).unwrap();
         let mut command = Command::new("setpriv");
-        command.args(["--reuid=65534", "--regid=65534", "--clear-groups"]).arg(&program);
+        command
+            .args(["--reuid=65534", "--regid=65534", "--clear-groups"])
+            .arg(&program);
         Self::spawn(folder, command)
     }
 
     fn spawn(folder: &Path, mut command: Command) -> Self {
         let log = std::fs::File::create(folder.join("log")).unwrap();
-        let child = command.args(["run", "--config"]).arg(folder.join("wingd.toml")).stderr(log).stdin(Stdio::null());
-        Self { child: child.spawn().unwrap(), folder: folder.to_owned() }
+        let child = command
+            .args(["run", "--config"])
+            .arg(folder.join("wingd.toml"))
+            .stderr(log)
+            .stdin(Stdio::null());
+        Self {
+            child: child.spawn().unwrap(),
+            folder: folder.to_owned(),
+        }
     }
 
     fn status(&self) -> Option<Value> {
@@ -74,11 +83,21 @@ impl Recorder {
     }
 
     /// Waits until a condition holds; returns the last status.
-    pub fn wait(&mut self, what: &str, within: Duration, condition: impl Fn(&Value) -> bool) -> Value {
+    pub fn wait(
+        &mut self,
+        what: &str,
+        within: Duration,
+        condition: impl Fn(&Value) -> bool,
+    ) -> Value {
         let begun = Instant::now();
         let mut last = Value::Null;
         while begun.elapsed() < within {
-            assert_eq!(self.child.try_wait().unwrap(), None, "it ended: {}", self.log());
+            assert_eq!(
+                self.child.try_wait().unwrap(),
+                None,
+                "it ended: {}",
+                self.log()
+            );
             last = self.status().unwrap_or(last);
             if condition(&last) {
                 return last;
@@ -91,7 +110,12 @@ impl Recorder {
     pub fn records(&mut self) -> Value {
         let begun = Instant::now();
         while begun.elapsed() < FIRST_SERIES {
-            assert_eq!(self.child.try_wait().unwrap(), None, "it ended: {}", self.log());
+            assert_eq!(
+                self.child.try_wait().unwrap(),
+                None,
+                "it ended: {}",
+                self.log()
+            );
             if series(&self.folder.join("store")) > 0 {
                 return self.status().unwrap_or(Value::Null);
             }
@@ -111,7 +135,9 @@ impl Recorder {
     }
 
     fn signal(&self) {
-        let _ = Command::new("kill").args(["-TERM", &self.child.id().to_string()]).status();
+        let _ = Command::new("kill")
+            .args(["-TERM", &self.child.id().to_string()])
+            .status();
     }
 }
 
@@ -127,7 +153,14 @@ impl Drop for Recorder {
 /// Number of series in the flights of a store.
 pub fn series(store: &Path) -> usize {
     let flights = catalogue::list_flights(&RealDisk, store).unwrap_or_default();
-    flights.iter().map(|flight| catalogue::list_series(&RealDisk, flight).unwrap_or_default().len()).sum()
+    flights
+        .iter()
+        .map(|flight| {
+            catalogue::list_series(&RealDisk, flight)
+                .unwrap_or_default()
+                .len()
+        })
+        .sum()
 }
 
 pub fn assert_sound(store: &Path) {
@@ -136,14 +169,18 @@ pub fn assert_sound(store: &Path) {
 }
 
 pub fn free_address() -> std::net::SocketAddr {
-    std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap()
+    std::net::TcpListener::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap()
 }
 
 /// Status of a page's answer; `None` if there is no page.
 pub fn page(address: std::net::SocketAddr, path: &str) -> Option<(u16, String)> {
     let mut stream = TcpStream::connect(address).ok()?;
-    let head =
-        format!("GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nAuthorization: Bearer {TOKEN}\r\n\r\n");
+    let head = format!(
+        "GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nAuthorization: Bearer {TOKEN}\r\n\r\n"
+    );
     stream.write_all(head.as_bytes()).ok()?;
     let mut bytes = Vec::new();
     stream.read_to_end(&mut bytes).ok()?;
@@ -152,7 +189,10 @@ pub fn page(address: std::net::SocketAddr, path: &str) -> Option<(u16, String)> 
 }
 
 pub fn fault_of(status: &Value, part: &str) -> String {
-    status["faults"][part].as_str().unwrap_or_default().to_owned()
+    status["faults"][part]
+        .as_str()
+        .unwrap_or_default()
+        .to_owned()
 }
 
 /// Every fault of `[serve]` leaves the recorder running; the page comes up when the fault is corrected.
@@ -164,9 +204,14 @@ fn a_page_that_cannot_be_served_is_a_fault_and_is_tried_again() {
     type Break = fn(&Path);
     let lost: Break = |folder| drop(std::fs::remove_file(folder.join("token")));
     let empty: Break = |folder| std::fs::write(folder.join("token"), "").unwrap();
-    let damaged: Break = |folder| std::fs::write(folder.join("certificate.pem"), "-----BEGIN").unwrap();
+    let damaged: Break =
+        |folder| std::fs::write(folder.join("certificate.pem"), "-----BEGIN").unwrap();
     let none: Break = |_| ();
-    let cases = [("lost", "", lost, false), ("empty", "", empty, false), ("damaged", tls, damaged, true)];
+    let cases = [
+        ("lost", "", lost, false),
+        ("empty", "", empty, false),
+        ("damaged", tls, damaged, true),
+    ];
     let no_name = ("name", "", none, true);
     let running: Vec<_> = cases
         .into_iter()
@@ -174,8 +219,15 @@ fn a_page_that_cannot_be_served_is_a_fault_and_is_tried_again() {
         .map(|(case, more, harm, stays)| {
             let dir = tempfile::tempdir().unwrap();
             let address = free_address();
-            let listen = if case == "name" { "no-such-host.invalid:8080".to_owned() } else { address.to_string() };
-            configure(dir.path(), &format!("[serve]\nlisten = \"{listen}\"\n{token}{more}"));
+            let listen = if case == "name" {
+                "no-such-host.invalid:8080".to_owned()
+            } else {
+                address.to_string()
+            };
+            configure(
+                dir.path(),
+                &format!("[serve]\nlisten = \"{listen}\"\n{token}{more}"),
+            );
             std::fs::write(dir.path().join("token"), TOKEN).unwrap();
             for file in ["certificate.pem", "key.pem"] {
                 std::fs::copy(tls_files.join(file), dir.path().join(file)).unwrap();
@@ -186,15 +238,23 @@ fn a_page_that_cannot_be_served_is_a_fault_and_is_tried_again() {
         .collect();
     for (case, mut recorder, dir, address, stays) in running {
         recorder.records();
-        let status = recorder.wait(case, FIRST_SERIES, |status| !fault_of(status, "web page").is_empty());
+        let status = recorder.wait(case, FIRST_SERIES, |status| {
+            !fault_of(status, "web page").is_empty()
+        });
         assert_eq!(status["health"], "degraded", "{case}: {status}");
         assert!(page(address, "/").is_none(), "{case}");
         if !stays {
             std::fs::write(dir.path().join("token"), TOKEN).unwrap();
-            recorder.wait(case, FIRST_SERIES, |status| fault_of(status, "web page").is_empty());
+            recorder.wait(case, FIRST_SERIES, |status| {
+                fault_of(status, "web page").is_empty()
+            });
             assert_eq!(page(address, "/").unwrap().0, 200, "{case}");
         }
-        let lines = recorder.log().lines().filter(|line| line.contains("web page")).count();
+        let lines = recorder
+            .log()
+            .lines()
+            .filter(|line| line.contains("web page"))
+            .count();
         assert!(lines < 6, "logged at growing intervals: {}", recorder.log());
         recorder.end();
         assert_sound(&dir.path().join("store"));
@@ -209,9 +269,13 @@ fn a_page_takes_up_an_address_that_is_free_later() {
     configure(dir.path(), &format!("[serve]\nlisten = \"{address}\"\n"));
     let mut recorder = Recorder::start(dir.path());
     recorder.records();
-    recorder.wait("a fault", FIRST_SERIES, |status| !fault_of(status, "web page").is_empty());
+    recorder.wait("a fault", FIRST_SERIES, |status| {
+        !fault_of(status, "web page").is_empty()
+    });
     drop(taken);
-    recorder.wait("the page", FIRST_SERIES, |status| fault_of(status, "web page").is_empty());
+    recorder.wait("the page", FIRST_SERIES, |status| {
+        fault_of(status, "web page").is_empty()
+    });
     assert_eq!(page(address, "/status.json").unwrap().0, 200);
     recorder.end();
 }
@@ -221,7 +285,10 @@ fn a_page_takes_up_an_address_that_is_free_later() {
 fn a_hundred_guesses_are_a_few_lines_of_the_log() {
     let dir = tempfile::tempdir().unwrap();
     let address = free_address();
-    configure(dir.path(), &format!("[serve]\nlisten = \"{address}\"\ntoken_file = \"token\"\n"));
+    configure(
+        dir.path(),
+        &format!("[serve]\nlisten = \"{address}\"\ntoken_file = \"token\"\n"),
+    );
     std::fs::write(dir.path().join("token"), TOKEN.to_uppercase()).unwrap();
     let mut recorder = Recorder::start(dir.path());
     recorder.records();
@@ -229,13 +296,22 @@ fn a_hundred_guesses_are_a_few_lines_of_the_log() {
     while page(address, "/").is_none() && begun.elapsed() < FIRST_SERIES {
         std::thread::sleep(Duration::from_millis(50));
     }
-    let guesses: Vec<_> = (0..100).map(|_| std::thread::spawn(move || page(address, "/").unwrap())).collect();
-    assert!(guesses.into_iter().all(|guess| guess.join().unwrap().0 == 401));
+    let guesses: Vec<_> = (0..100)
+        .map(|_| std::thread::spawn(move || page(address, "/").unwrap()))
+        .collect();
+    assert!(
+        guesses
+            .into_iter()
+            .all(|guess| guess.join().unwrap().0 == 401)
+    );
     let lines = recorder.log().matches("request refused").count();
     assert!((1..=9).contains(&lines), "{lines}");
     let begun = Instant::now();
     page(address, "/").unwrap();
-    assert!(begun.elapsed() >= Duration::from_millis(150), "a guess is slowed down");
+    assert!(
+        begun.elapsed() >= Duration::from_millis(150),
+        "a guess is slowed down"
+    );
 }
 
 #[test]
@@ -272,13 +348,23 @@ fn an_upgrade_refuses_a_store_whose_chains_are_evidence() {
     let text = String::from_utf8(kept.clone()).unwrap();
     std::fs::write(
         &chain,
-        text.split_inclusive('\n').rev().skip(1).collect::<Vec<_>>().into_iter().rev().collect::<String>(),
+        text.split_inclusive('\n')
+            .rev()
+            .skip(1)
+            .collect::<Vec<_>>()
+            .into_iter()
+            .rev()
+            .collect::<String>(),
     )
     .unwrap();
     std::fs::write(store.join("store.toml"), "format = 1\n").unwrap();
-    let (code, printed) = crate::program::outcome(&["verify", "--upgrade", store.to_str().unwrap()]);
+    let (code, printed) =
+        crate::program::outcome(&["verify", "--upgrade", store.to_str().unwrap()]);
     assert_eq!(code, Some(1), "{printed}");
-    assert!(kept.starts_with(&std::fs::read(&chain).unwrap()), "the chain is as it was");
+    assert!(
+        kept.starts_with(&std::fs::read(&chain).unwrap()),
+        "the chain is as it was"
+    );
 }
 
 /// As after a run by root: the flight's folder belongs to root, the recorder runs as another user.
@@ -297,7 +383,11 @@ fn a_flight_that_belongs_to_root_is_followed_by_another() {
     configure(dir.path(), "");
     let file = dir.path().join("wingd.toml");
     let text = std::fs::read_to_string(&file).unwrap();
-    std::fs::write(&file, text.replace(fixture("dev/frames").to_str().unwrap(), "frames")).unwrap();
+    std::fs::write(
+        &file,
+        text.replace(fixture("dev/frames").to_str().unwrap(), "frames"),
+    )
+    .unwrap();
     let store = dir.path().join("store");
     std::fs::create_dir(&store).unwrap();
     for path in [dir.path(), &store] {
@@ -308,20 +398,40 @@ fn a_flight_that_belongs_to_root_is_followed_by_another() {
     recorder.records();
     recorder.end();
     let folder = store.join("flights/f0001");
-    for path in [&folder, &folder.join("chain.jsonl"), &store.join("counter.json"), &store.join("store.toml")] {
-        assert_eq!(std::fs::metadata(path).unwrap().uid(), NOBODY, "{}", path.display());
+    for path in [
+        &folder,
+        &folder.join("chain.jsonl"),
+        &store.join("counter.json"),
+        &store.join("store.toml"),
+    ] {
+        assert_eq!(
+            std::fs::metadata(path).unwrap().uid(),
+            NOBODY,
+            "{}",
+            path.display()
+        );
     }
     // A store that an older version left with a flight of root.
     chown(&folder, Some(0), Some(0)).unwrap();
-    let checked = Command::new(env!("CARGO_BIN_EXE_wingd")).args(["check", "--config"]).arg(&file).output().unwrap();
+    let checked = Command::new(env!("CARGO_BIN_EXE_wingd"))
+        .args(["check", "--config"])
+        .arg(&file)
+        .output()
+        .unwrap();
     let printed = String::from_utf8_lossy(&checked.stderr).into_owned();
-    assert!(checked.status.code() == Some(78) && printed.contains("f0001 cannot be written to"), "{printed}");
+    assert!(
+        checked.status.code() == Some(78) && printed.contains("f0001 cannot be written to"),
+        "{printed}"
+    );
     let before = series(&store);
     let mut recorder = Recorder::start_unprivileged(dir.path());
     let status = recorder.wait("a series", FIRST_SERIES, |status| {
         series(&store) > before && status["counts"]["series_complete"].as_u64() > Some(0)
     });
-    assert_eq!((&status["flight"], &status["store"]["unclosed"]), (&Value::from("f0002"), &Value::Null));
+    assert_eq!(
+        (&status["flight"], &status["store"]["unclosed"]),
+        (&Value::from("f0002"), &Value::Null)
+    );
     recorder.end();
     assert_sound(&store);
 }
@@ -336,10 +446,20 @@ fn series_that_cannot_be_closed_fail_health() {
     recorder.records();
     // A file in the place of the flight's folder: nobody can write to it, root neither.
     let (flights, away) = (store.join("flights"), store.join("away"));
-    let rename = |from: &Path, to: &Path| assert!(Command::new("mv").args([from, to]).status().unwrap().success());
+    let rename = |from: &Path, to: &Path| {
+        assert!(
+            Command::new("mv")
+                .args([from, to])
+                .status()
+                .unwrap()
+                .success()
+        )
+    };
     rename(&flights, &away);
     std::fs::write(&flights, "").unwrap();
-    let status = recorder.wait("failed health", FIRST_SERIES, |status| status["store"]["unclosed"].is_string());
+    let status = recorder.wait("failed health", FIRST_SERIES, |status| {
+        status["store"]["unclosed"].is_string()
+    });
     assert_eq!(status["health"], "failed", "{status}");
     std::fs::remove_file(&flights).unwrap();
     rename(&away, &flights);
@@ -360,7 +480,11 @@ fn a_second_recorder_leaves_the_first_ones_socket() {
     }
     let other = std::fs::read_to_string(dirs[1].path().join("wingd.toml")).unwrap();
     let socket = dirs[0].path().join("wingd.sock");
-    std::fs::write(dirs[1].path().join("wingd.toml"), other.replace("wingd.sock", socket.to_str().unwrap())).unwrap();
+    std::fs::write(
+        dirs[1].path().join("wingd.toml"),
+        other.replace("wingd.sock", socket.to_str().unwrap()),
+    )
+    .unwrap();
     let mut first = Recorder::start(dirs[0].path());
     first.records();
     let mut second = Recorder::start(dirs[1].path());
@@ -377,9 +501,13 @@ fn clients_of_the_status_do_not_use_up_the_files() {
     let socket = dir.path().join("wingd.sock");
     let mut first = Recorder::start(dir.path());
     first.records();
-    let clients: Vec<_> = (0..300).filter_map(|_| UnixStream::connect(&socket).ok()).collect();
+    let clients: Vec<_> = (0..300)
+        .filter_map(|_| UnixStream::connect(&socket).ok())
+        .collect();
     std::thread::sleep(Duration::from_millis(300));
-    let files = std::fs::read_dir(format!("/proc/{}/fd", first.child.id())).unwrap().count();
+    let files = std::fs::read_dir(format!("/proc/{}/fd", first.child.id()))
+        .unwrap()
+        .count();
     assert!(files < 120, "{files}");
     drop(clients);
     first.wait("an answer", FIRST_SERIES, |status| status["health"] == "ok");

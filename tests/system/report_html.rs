@@ -10,13 +10,20 @@ fn page(root: &std::path::Path) -> String {
 /// The page without its own script and its values, which are checked exactly.
 fn without_scripts(html: &str) -> String {
     let own = format!("<script>{}</script>", html::SCRIPT);
-    assert_eq!(html.matches(&own).count(), 1, "the report's own script, once");
+    assert_eq!(
+        html.matches(&own).count(),
+        1,
+        "the report's own script, once"
+    );
     let mut rest = html.replace(&own, "");
     while let Some(start) = rest.find("<script ") {
         let end = start + rest[start..].find("</script>").expect("the values end");
         let (head, values) = rest[start..end].split_once('>').unwrap();
         assert!(head.contains("type=\"application/json\""), "{head}");
-        assert!(!values.contains('<'), "nothing in the values ends their element");
+        assert!(
+            !values.contains('<'),
+            "nothing in the values ends their element"
+        );
         serde_json::from_str::<serde_json::Value>(values).unwrap();
         rest.replace_range(start..end + "</script>".len(), "");
     }
@@ -33,7 +40,11 @@ fn check_well_formed(html: &str) {
         let end = start + rest[start..].find('>').expect("a tag ends");
         let tag = &rest[start + 1..end];
         assert_eq!(tag.matches('"').count() % 2, 0, "quotes in <{tag}>");
-        let name = tag.trim_start_matches('/').split_whitespace().next().unwrap();
+        let name = tag
+            .trim_start_matches('/')
+            .split_whitespace()
+            .next()
+            .unwrap();
         if tag.starts_with('/') {
             assert_eq!(open.pop().as_deref(), Some(name));
         } else if !voids.contains(&name) {
@@ -46,7 +57,9 @@ fn check_well_formed(html: &str) {
 
 fn check_harmless(html: &str) {
     let html = without_scripts(html);
-    for outside in ["http://", "https://", "//cdn", "@import", "<script", "<iframe", "url("] {
+    for outside in [
+        "http://", "https://", "//cdn", "@import", "<script", "<iframe", "url(",
+    ] {
         assert!(!html.contains(outside), "{outside} is in the page");
     }
     for word in ["NaN", ">inf<", "Infinity"] {
@@ -56,7 +69,10 @@ fn check_harmless(html: &str) {
 
 #[test]
 fn a_flight_gives_all_sections_with_the_stores_numbers() {
-    let store = store_with(&[&[solved(2.9312, 0.0061), solved(2.9338, 0.0061)], &[solved(2.1234, 0.0052)]]);
+    let store = store_with(&[
+        &[solved(2.9312, 0.0061), solved(2.9338, 0.0061)],
+        &[solved(2.1234, 0.0052)],
+    ]);
     let html = page(store.path());
     check_well_formed(&html);
     check_harmless(&html);
@@ -69,15 +85,38 @@ fn a_flight_gives_all_sections_with_the_stores_numbers() {
         "Quality",
         "Provenance",
     ] {
-        assert!(html.contains(&format!("\">{section}</h2>")), "{section} is missing");
+        assert!(
+            html.contains(&format!("\">{section}</h2>")),
+            "{section} is missing"
+        );
     }
-    for number in ["2.9325", "0.0061", "2.1234", "0.0052", "2.70", "hidden by glare", "survey.csv.sha256"] {
+    for number in [
+        "2.9325",
+        "0.0061",
+        "2.1234",
+        "0.0052",
+        "2.70",
+        "hidden by glare",
+        "survey.csv.sha256",
+    ] {
         assert!(html.contains(number), "{number} is missing");
     }
-    assert!(html.contains("href=\"#quality\"") && html.contains("id=\"quality\""), "contents");
-    assert!(html.contains("of series s000001, started 2026-03-01 08:00 UTC"), "time of the largest deflection");
-    assert!(html.contains("UTC, from 2026-03-01 08:00") && html.contains(">08:00</text>"), "times on the axis");
-    assert!(html.contains("data:image/jpeg;base64,"), "the frame is embedded");
+    assert!(
+        html.contains("href=\"#quality\"") && html.contains("id=\"quality\""),
+        "contents"
+    );
+    assert!(
+        html.contains("of series s000001, started 2026-03-01 08:00 UTC"),
+        "time of the largest deflection"
+    );
+    assert!(
+        html.contains("UTC, from 2026-03-01 08:00") && html.contains(">08:00</text>"),
+        "times on the axis"
+    );
+    assert!(
+        html.contains("data:image/jpeg;base64,"),
+        "the frame is embedded"
+    );
     assert!(html.matches("<svg").count() >= 6);
 }
 
@@ -86,7 +125,10 @@ fn with_deflections(deflection_m: f64, sigma_m: f64) -> serde_json::Value {
     let mut record = solved(deflection_m, sigma_m);
     let deflections = serde_json::json!({"deflection_ground_m": deflection_m - 0.01, "sigma_deflection_ground_m": 0.8 * sigma_m,
         "deflection_root_m": deflection_m - 0.02, "sigma_deflection_root_m": 0.5 * sigma_m, "reference": "root"});
-    record["tip"].as_object_mut().unwrap().extend(deflections.as_object().unwrap().clone());
+    record["tip"]
+        .as_object_mut()
+        .unwrap()
+        .extend(deflections.as_object().unwrap().clone());
     record["budget"] = serde_json::json!([{"source": "mounting", "share": 0.7, "sigma_if_known_m": 0.2 * sigma_m},
         {"source": "image", "share": 0.3}]);
     record
@@ -98,17 +140,34 @@ fn headlines_name_their_quantities() {
     let html = page(store.path());
     check_well_formed(&html);
     // 3.0 minus 0.02 from the root's tangent, with that frame's own sigma; the mean carries the scatter.
-    assert!(html.contains("2.980 ± 0.010 m"), "the largest of single frames");
-    assert!(html.contains("largest tip deflection (M03) of a single frame ± 1 sigma, from the root's tangent"));
-    assert!(html.contains("mean tip deflection / m") && html.contains(">1.1</td>"), "mean and scatter");
+    assert!(
+        html.contains("2.980 ± 0.010 m"),
+        "the largest of single frames"
+    );
+    assert!(html.contains(
+        "largest tip deflection (M03) of a single frame ± 1 sigma, from the root's tangent"
+    ));
+    assert!(
+        html.contains("mean tip deflection / m") && html.contains(">1.1</td>"),
+        "mean and scatter"
+    );
     assert!(html.contains("consistent with the model") && html.contains("cannot rule out"));
     assert!(!html.contains("deviations hold"));
-    assert!(html.contains("Uncertainty budget") && html.contains(">mounting<"), "budget");
-    assert!(html.contains("known without error: mounting."), "possible improvements");
+    assert!(
+        html.contains("Uncertainty budget") && html.contains(">mounting<"),
+        "budget"
+    );
+    assert!(
+        html.contains("known without error: mounting."),
+        "possible improvements"
+    );
 
     let older = store_with(&[&[with_deflections(1.4, 0.006), solved(2.0, 0.006)]]);
     let html = page(older.path());
-    assert!(html.contains("single frame ± 1 sigma, against the survey"), "the one deflection that both have");
+    assert!(
+        html.contains("single frame ± 1 sigma, against the survey"),
+        "the one deflection that both have"
+    );
 }
 
 #[test]
@@ -119,7 +178,8 @@ fn an_empty_store_and_one_of_failures_say_so() {
     check_harmless(&html);
     assert!(html.contains("holds no series yet"));
 
-    let reason = "only 3 markers found, at least 6 are needed; check exposure and focus of the frame";
+    let reason =
+        "only 3 markers found, at least 6 are needed; check exposure and focus of the frame";
     let dark = store_with(&[&[failed(reason), failed(reason)]]);
     let html = page(dark.path());
     check_well_formed(&html);
@@ -166,7 +226,9 @@ fn extreme_numbers_do_not_break_the_page() {
 
 /// Values of the frames, as read by the page's script.
 fn frames(html: &str) -> serde_json::Value {
-    let start = html.find("id=\"frames-data\"").expect("values of the frames");
+    let start = html
+        .find("id=\"frames-data\"")
+        .expect("values of the frames");
     let start = start + html[start..].find('>').unwrap() + 1;
     let end = start + html[start..].find("</script>").unwrap();
     serde_json::from_str(&html[start..end]).unwrap()
@@ -178,19 +240,38 @@ fn every_frame_is_listed_and_the_suspicious_one_is_first() {
     rejected["global_test"] = "rejected".into();
     rejected["variance_factor"] = 3.1.into();
     let reason = "only 3 markers found";
-    let store = store_with(&[&[solved(2.9, 0.006), failed(reason)], &[solved(2.1, 0.006), rejected]]);
+    let store = store_with(&[
+        &[solved(2.9, 0.006), failed(reason)],
+        &[solved(2.1, 0.006), rejected],
+    ]);
     let html = page(store.path());
     let frames = frames(&html);
     let all = frames["frames"].as_array().unwrap();
     assert_eq!(all.len(), 4);
-    assert_eq!((&all[0]["series"], &all[0]["image"]), (&"s000002".into(), &"0002.jpg".into()));
+    assert_eq!(
+        (&all[0]["series"], &all[0]["image"]),
+        (&"s000002".into(), &"0002.jpg".into())
+    );
     assert_eq!(all[0]["doubt"], "global test rejected");
     let said = |k: usize| all[k]["said"].as_str().unwrap();
-    assert!(said(0).contains("2.2000 ± 0.0060 m") && said(0).contains("global test rejected"), "{}", said(0));
+    assert!(
+        said(0).contains("2.2000 ± 0.0060 m") && said(0).contains("global test rejected"),
+        "{}",
+        said(0)
+    );
     assert!(said(3).contains(reason), "{}", said(3));
-    assert!(html.contains(said(0)), "the first frame is shown without a script");
+    assert!(
+        html.contains(said(0)),
+        "the first frame is shown without a script"
+    );
     let marker = &all[0]["markers"][0];
     let (ground, flight) = (&marker[2], &marker[3]);
-    assert!(flight[1].as_f64().unwrap() > ground[1].as_f64().unwrap(), "{marker}");
-    assert!(html.contains("data-frame=\"s000002/0002.jpg\""), "its image is there");
+    assert!(
+        flight[1].as_f64().unwrap() > ground[1].as_f64().unwrap(),
+        "{marker}"
+    );
+    assert!(
+        html.contains("data-frame=\"s000002/0002.jpg\""),
+        "its image is there"
+    );
 }

@@ -9,7 +9,8 @@ use serde_json::ser::{PrettyFormatter, Serializer};
 use serde_json::{Map, Value};
 use wingd::aircraft::Quantity;
 use wingd::quantities::{
-    LiveForm, QuantitySection, ResultQuantity, ResultTable, SECTIONS, Subject, TableColumn, ValueGetter, unit_suffix,
+    LiveForm, QuantitySection, ResultQuantity, ResultTable, SECTIONS, Subject, TableColumn,
+    ValueGetter, unit_suffix,
 };
 use wingd::store::ValueKind;
 
@@ -30,9 +31,16 @@ pub fn assert_or_update(path: &Path, expected: &str) {
         std::fs::write(path, expected).unwrap();
     }
     let text = std::fs::read_to_string(path).unwrap();
-    let differing = text.lines().zip(expected.lines()).find(|(is, should)| is != should);
+    let differing = text
+        .lines()
+        .zip(expected.lines())
+        .find(|(is, should)| is != should);
     let hint = "run UPDATE_TABLES=1 cargo test --test system -- result_tables command_page";
-    assert!(text == expected, "{}: {differing:?}; {hint}", path.display());
+    assert!(
+        text == expected,
+        "{}: {differing:?}; {hint}",
+        path.display()
+    );
 }
 
 /// Replaces the part of a page between a mark and the next end mark.
@@ -44,8 +52,13 @@ pub fn with_part(page: &str, mark: &str, part: &str) -> String {
 
 /// Names the tables in which a quantity has a column of its plain name.
 fn tables_of(section: &QuantitySection, quantity: &ResultQuantity) -> Vec<&'static str> {
-    let frames = FRAME_TABLES.iter().filter(|(table, _)| !quantity.only_live && section.tables.contains(table));
-    let plain = matches!(section.subject, Subject::Row | Subject::Pair | Subject::Aircraft);
+    let frames = FRAME_TABLES
+        .iter()
+        .filter(|(table, _)| !quantity.only_live && section.tables.contains(table));
+    let plain = matches!(
+        section.subject,
+        Subject::Row | Subject::Pair | Subject::Aircraft
+    );
     let live = (plain && !matches!(quantity.live, LiveForm::Absent)).then_some("live");
     frames.map(|(_, name)| *name).chain(live).collect()
 }
@@ -69,7 +82,15 @@ fn table(quantities: impl Iterator<Item = (String, Vec<&'static str>, &'static s
             .collect();
         let all = tables.len() == FRAME_TABLES.len() + 1;
         let tables: Vec<String> = tables.iter().map(|table| format!("`{table}`")).collect();
-        format!("| {} | {} | {meaning} |\n", names.join(", "), if all { "all".to_owned() } else { tables.join(", ") })
+        format!(
+            "| {} | {} | {meaning} |\n",
+            names.join(", "),
+            if all {
+                "all".to_owned()
+            } else {
+                tables.join(", ")
+            }
+        )
     };
     let lines: String = rows.iter().map(line).collect();
     format!("| columns | tables | |\n|---|---|---|\n{lines}")
@@ -81,11 +102,16 @@ fn the_page_of_the_tables_lists_the_quantities() {
         section.quantities.iter().flat_map(move |quantity| {
             let names = match section.subject {
                 Subject::Pair => vec![format!("torsion_PAIR_{}", quantity.column_name())],
-                Subject::Aircraft => Quantity::ALL.map(|one| format!("{}{}", quantity.name, one.name())).into(),
+                Subject::Aircraft => Quantity::ALL
+                    .map(|one| format!("{}{}", quantity.name, one.name()))
+                    .into(),
                 _ => vec![quantity.column_name()],
             };
             let meanings = std::iter::once(quantity.meaning).chain(std::iter::repeat(""));
-            names.into_iter().zip(meanings).map(move |(name, meaning)| (name, tables_of(section, quantity), meaning))
+            names
+                .into_iter()
+                .zip(meanings)
+                .map(move |(name, meaning)| (name, tables_of(section, quantity), meaning))
         })
     });
     let lists = SECTIONS.iter().flat_map(|section| {
@@ -106,12 +132,22 @@ fn the_page_of_the_tables_lists_the_quantities() {
     });
     let path = file("docs/tables.md");
     let page = std::fs::read_to_string(&path).unwrap();
-    assert_or_update(&path, &with_part(&with_part(&page, "columns", &table(plain)), "lists", &table(lists)));
+    assert_or_update(
+        &path,
+        &with_part(
+            &with_part(&page, "columns", &table(plain)),
+            "lists",
+            &table(lists),
+        ),
+    );
 }
 
 /// Type of a column in the fleet's schema; in tables of frames all numbers are double.
 fn arrow_type(quantity: &ResultQuantity, live: bool) -> &'static str {
-    let stored = quantity.stored_form().filter(|_| live).map(|form| form.kind);
+    let stored = quantity
+        .stored_form()
+        .filter(|_| live)
+        .map(|form| form.kind);
     match quantity.value {
         ValueGetter::Text(_) => "string",
         // Whether a marker of a live result was used is stored as a number.
@@ -127,8 +163,12 @@ fn arrow_type(quantity: &ResultQuantity, live: bool) -> &'static str {
 /// Columns of the fleet's tables of live results that come from stored quantities of a subject.
 fn stored_columns(subject: Subject) -> Vec<(String, &'static str)> {
     let sections = SECTIONS.iter().filter(|section| section.subject == subject);
-    let stored = sections.flat_map(|section| section.quantities).filter(|one| one.stored_form().is_some());
-    stored.map(|one| (one.column_name(), arrow_type(one, true))).collect()
+    let stored = sections
+        .flat_map(|section| section.quantities)
+        .filter(|one| one.stored_form().is_some());
+    stored
+        .map(|one| (one.column_name(), arrow_type(one, true)))
+        .collect()
 }
 
 #[test]
@@ -143,10 +183,22 @@ fn the_schema_of_the_fleet_has_every_column_with_its_type() {
             assert_eq!(is, kind, "{table}: {name}");
         }
     };
-    let names = |quantity: Quantity| [quantity.name().to_owned(), format!("sigma_{}", quantity.name())];
-    let aircraft: Vec<_> = Quantity::ALL.into_iter().flat_map(names).map(|name| (name, "double")).collect();
+    let names = |quantity: Quantity| {
+        [
+            quantity.name().to_owned(),
+            format!("sigma_{}", quantity.name()),
+        ]
+    };
+    let aircraft: Vec<_> = Quantity::ALL
+        .into_iter()
+        .flat_map(names)
+        .map(|name| (name, "double"))
+        .collect();
     let typed = |columns: Vec<TableColumn>, live| {
-        columns.into_iter().map(move |column| (column.name, arrow_type(column.quantity, live))).collect::<Vec<_>>()
+        columns
+            .into_iter()
+            .map(move |column| (column.name, arrow_type(column.quantity, live)))
+            .collect::<Vec<_>>()
     };
     for (table, name) in FRAME_TABLES {
         add(name, typed(TableColumn::of_frames(table, &[]), false));
@@ -155,11 +207,16 @@ fn the_schema_of_the_fleet_has_every_column_with_its_type() {
     add("live", typed(TableColumn::of_live(true), true));
     add("live", stored_columns(Subject::Row));
     add("live", typed(TableColumn::of_live(false), true));
-    for (table, subject) in [("live_markers", Subject::Marker), ("live_span", Subject::Station)] {
+    for (table, subject) in [
+        ("live_markers", Subject::Marker),
+        ("live_span", Subject::Station),
+    ] {
         add(table, stored_columns(subject));
         add(table, aircraft.clone());
     }
     let (mut bytes, format) = (vec![], PrettyFormatter::with_indent(b" "));
-    schema.serialize(&mut Serializer::with_formatter(&mut bytes, format)).unwrap();
+    schema
+        .serialize(&mut Serializer::with_formatter(&mut bytes, format))
+        .unwrap();
     assert_or_update(&path, &(String::from_utf8(bytes).unwrap() + "\n"));
 }

@@ -41,15 +41,27 @@ fn the_comments_of_the_default_are_the_defaults() {
     std::fs::write(&file, &text).unwrap();
     let plain = wingd::config::load_configuration(&file).unwrap();
     // Options that are unset by default are shown by an example, not by a default.
-    let examples = ["installation =", "until =", "curvature_terms =", "signing_key =", "file =", "line ="];
+    let examples = [
+        "installation =",
+        "until =",
+        "curvature_terms =",
+        "signing_key =",
+        "file =",
+        "line =",
+    ];
     let shown: Vec<String> = text
         .lines()
         .map(|line| match line.strip_prefix("# ") {
-            Some(rest) if rest.contains(" = ") && !examples.iter().any(|e| rest.starts_with(e)) => rest.to_owned(),
+            Some(rest) if rest.contains(" = ") && !examples.iter().any(|e| rest.starts_with(e)) => {
+                rest.to_owned()
+            }
             _ => line.to_owned(),
         })
         .collect();
-    assert!(shown.iter().any(|l| l.starts_with("interval")), "the defaults are shown");
+    assert!(
+        shown.iter().any(|l| l.starts_with("interval")),
+        "the defaults are shown"
+    );
     std::fs::write(&file, shown.join("\n")).unwrap();
     assert_eq!(wingd::config::load_configuration(&file).unwrap(), plain);
 }

@@ -17,12 +17,28 @@ fn below_the_reserve_a_series_is_refused_and_the_refusal_recorded() {
     config.reserve_mb = 100;
     let (store, _) = Store::open(disk.clone() as Arc<dyn Disk>, config).unwrap();
     disk.set_free_bytes(99_000_000);
-    let plan = SeriesPlan { cause: SeriesCause::Scheduled, shots: 3 };
-    let refused = store.begin_series(plan, &moment(1.0)).err().expect("refused");
-    assert!(refused.to_string().contains("99 MB free, less than the reserve of 100 MB"), "{refused}");
+    let plan = SeriesPlan {
+        cause: SeriesCause::Scheduled,
+        shots: 3,
+    };
+    let refused = store
+        .begin_series(plan, &moment(1.0))
+        .err()
+        .expect("refused");
+    assert!(
+        refused
+            .to_string()
+            .contains("99 MB free, less than the reserve of 100 MB"),
+        "{refused}"
+    );
     let record = disk.read(&Path::new(ROOT).join("refused.jsonl")).unwrap();
     assert!(String::from_utf8(record).unwrap().contains("99 MB free"));
-    assert!(verify_path(disk.as_ref(), Path::new(ROOT)).notes.iter().any(|note| note.contains("refused")));
+    assert!(
+        verify_path(disk.as_ref(), Path::new(ROOT))
+            .notes
+            .iter()
+            .any(|note| note.contains("refused"))
+    );
     disk.set_free_bytes(100_000_000);
     assert!(store.begin_series(plan, &moment(2.0)).is_ok());
 }
@@ -41,9 +57,16 @@ fn the_disk_forgets_unsynced_data() {
             Ok(bytes) => assert_eq!(bytes, b"whole"),
             Err(_) => lost_name += 1,
         }
-        torn += u32::from(after.read(Path::new("b")).is_ok_and(|bytes| bytes != b"never "));
+        torn += u32::from(
+            after
+                .read(Path::new("b"))
+                .is_ok_and(|bytes| bytes != b"never "),
+        );
     }
-    assert!(lost_name > 10 && torn > 5, "{lost_name} names lost, {torn} files torn");
+    assert!(
+        lost_name > 10 && torn > 5,
+        "{lost_name} names lost, {torn} files torn"
+    );
 }
 
 #[test]
@@ -63,10 +86,14 @@ fn a_store_of_another_version_and_a_foreign_folder_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let real = || Arc::new(wingd::store::RealDisk) as Arc<dyn Disk>;
     std::fs::write(dir.path().join("thesis.doc"), "x").unwrap();
-    let error = Store::open(real(), StoreConfig::new(dir.path())).err().expect("refused");
+    let error = Store::open(real(), StoreConfig::new(dir.path()))
+        .err()
+        .expect("refused");
     assert!(error.to_string().contains("thesis.doc"), "{error}");
     std::fs::write(dir.path().join("store.toml"), "format = 7\n").unwrap();
-    let error = Store::open(real(), StoreConfig::new(dir.path())).err().expect("refused");
+    let error = Store::open(real(), StoreConfig::new(dir.path()))
+        .err()
+        .expect("refused");
     assert!(matches!(error, StoreError::Version { .. }), "{error}");
     assert!(error.to_string().contains("format 7"), "{error}");
 }

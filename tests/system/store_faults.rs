@@ -21,18 +21,66 @@ struct Scenario {
 
 /// One line each; every operation that writes to a store belongs here.
 const SCENARIOS: &[Scenario] = &[
-    Scenario { name: "create", before: |_| Ok(()), act: |work| work.open().map(drop) },
-    Scenario { name: "commit", before: record_day, act: |work| work.take_series(&work.open()?) },
-    Scenario { name: "first flight", before: leave_empty, act: |work| work.take_series(&work.open()?) },
-    Scenario { name: "next flight", before: record_day, act: next_flight },
-    Scenario { name: "installation", before: record_series, act: keep },
-    Scenario { name: "result", before: record_series, act: |work| work.solve(&work.open()?) },
-    Scenario { name: "recover", before: interrupt_series, act: |work| work.open().map(drop) },
-    Scenario { name: "upgrade", before: old_store, act: upgrade },
-    Scenario { name: "aircraft data", before: record_series, act: record_feeds },
-    Scenario { name: "live results", before: record_series, act: record_live },
-    Scenario { name: "live alone", before: leave_empty, act: record_live_alone },
-    Scenario { name: "two at a time", before: record_series, act: record_two_series },
+    Scenario {
+        name: "create",
+        before: |_| Ok(()),
+        act: |work| work.open().map(drop),
+    },
+    Scenario {
+        name: "commit",
+        before: record_day,
+        act: |work| work.take_series(&work.open()?),
+    },
+    Scenario {
+        name: "first flight",
+        before: leave_empty,
+        act: |work| work.take_series(&work.open()?),
+    },
+    Scenario {
+        name: "next flight",
+        before: record_day,
+        act: next_flight,
+    },
+    Scenario {
+        name: "installation",
+        before: record_series,
+        act: keep,
+    },
+    Scenario {
+        name: "result",
+        before: record_series,
+        act: |work| work.solve(&work.open()?),
+    },
+    Scenario {
+        name: "recover",
+        before: interrupt_series,
+        act: |work| work.open().map(drop),
+    },
+    Scenario {
+        name: "upgrade",
+        before: old_store,
+        act: upgrade,
+    },
+    Scenario {
+        name: "aircraft data",
+        before: record_series,
+        act: record_feeds,
+    },
+    Scenario {
+        name: "live results",
+        before: record_series,
+        act: record_live,
+    },
+    Scenario {
+        name: "live alone",
+        before: leave_empty,
+        act: record_live_alone,
+    },
+    Scenario {
+        name: "two at a time",
+        before: record_series,
+        act: record_two_series,
+    },
 ];
 
 fn leave_empty(work: &mut Work) -> Result<(), StoreError> {
@@ -102,11 +150,21 @@ fn interrupt_series(work: &mut Work) -> Result<(), StoreError> {
     work.take_series(&store)?;
     work.solve_some(&store, 1)?;
     drop(store);
-    let whole = Survival { names: u64::MAX, bytes: Some(UnsyncedBytes::Whole), seed: 0 };
+    let whole = Survival {
+        names: u64::MAX,
+        bytes: Some(UnsyncedBytes::Whole),
+        seed: 0,
+    };
     let part = Path::new(ROOT).join("incoming/s000003/0002.jpg.part");
-    let commit = Scenario { name: "", before: record_day, act: |work| work.take_series(&work.open()?) };
+    let commit = Scenario {
+        name: "",
+        before: record_day,
+        act: |work| work.take_series(&work.open()?),
+    };
     let cut = |step| run_disturbed(work, &commit, DiskFault::PowerCut(step)).0;
-    let cuts = (1..).map(cut).map(|work| work.moved_to(work.disk.power_up(whole)));
+    let cuts = (1..)
+        .map(cut)
+        .map(|work| work.moved_to(work.disk.power_up(whole)));
     let mut begun = cuts.skip_while(|work| !work.disk.exists(&part));
     // With its first step the part is complete in memory, with the second on the disk.
     *work = begun.nth(1).unwrap_or_else(|| work.clone());
@@ -117,7 +175,12 @@ fn interrupt_series(work: &mut Work) -> Result<(), StoreError> {
 fn old_store(work: &mut Work) -> Result<(), StoreError> {
     let root = PathBuf::from(ROOT);
     work.open()?;
-    work.disk.write(&root.join("store.toml"), b"format = 1\ncreated_by = \"wingd 0.1.0\"\n").unwrap();
+    work.disk
+        .write(
+            &root.join("store.toml"),
+            b"format = 1\ncreated_by = \"wingd 0.1.0\"\n",
+        )
+        .unwrap();
     record_day(work)
 }
 
@@ -128,11 +191,31 @@ fn upgrade(work: &mut Work) -> Result<(), StoreError> {
 /// Every order in which names can reach the medium, with each possible state of the bytes.
 fn survivals(disk: &FakeDisk) -> Vec<Survival> {
     let names = disk.unsynced_names();
-    assert!(names <= 8, "{names} names unsynced at a time: is there a sync missing?");
-    let bytes = [UnsyncedBytes::Lost, UnsyncedBytes::Whole, UnsyncedBytes::Half, UnsyncedBytes::Zeros];
-    let spoilt = (0..4).flat_map(|seed| [UnsyncedBytes::Garbage(seed), UnsyncedBytes::Sectors(seed)]);
-    let bytes: Vec<_> = bytes.into_iter().chain(spoilt).map(Some).chain([None]).collect();
-    let of = |names: u64| bytes.iter().map(move |bytes| Survival { names, bytes: *bytes, seed: names });
+    assert!(
+        names <= 8,
+        "{names} names unsynced at a time: is there a sync missing?"
+    );
+    let bytes = [
+        UnsyncedBytes::Lost,
+        UnsyncedBytes::Whole,
+        UnsyncedBytes::Half,
+        UnsyncedBytes::Zeros,
+    ];
+    let spoilt =
+        (0..4).flat_map(|seed| [UnsyncedBytes::Garbage(seed), UnsyncedBytes::Sectors(seed)]);
+    let bytes: Vec<_> = bytes
+        .into_iter()
+        .chain(spoilt)
+        .map(Some)
+        .chain([None])
+        .collect();
+    let of = |names: u64| {
+        bytes.iter().map(move |bytes| Survival {
+            names,
+            bytes: *bytes,
+            seed: names,
+        })
+    };
     (0..1_u64 << names).flat_map(of).collect()
 }
 
@@ -141,7 +224,12 @@ fn found(disk: &FakeDisk) -> Vec<(PathBuf, Vec<u8>)> {
     let mut all: Vec<_> = read_all_files(disk, Path::new("")).into_iter().collect();
     let mut open = vec![PathBuf::new()];
     while let Some(directory) = open.pop() {
-        for entry in disk.list(&directory).unwrap_or_default().into_iter().filter(|entry| entry.is_dir) {
+        for entry in disk
+            .list(&directory)
+            .unwrap_or_default()
+            .into_iter()
+            .filter(|entry| entry.is_dir)
+        {
             open.push(directory.join(entry.name));
         }
         all.push((directory, Vec::new()));
@@ -155,13 +243,20 @@ fn next_boot(work: &mut Work) -> Result<(), String> {
     let store = work.open().map_err(text)?;
     work.check().map_err(|why| format!("recovered: {why}"))?;
     let incoming = Path::new(ROOT).join("incoming");
-    let left: Vec<_> = work.disk.list(&incoming).unwrap().into_iter().map(|entry| entry.name).collect();
+    let left: Vec<_> = work
+        .disk
+        .list(&incoming)
+        .unwrap()
+        .into_iter()
+        .map(|entry| entry.name)
+        .collect();
     if !left.is_empty() {
         return Err(format!("left in incoming: {left:?}"));
     }
     work.take_series(&store).map_err(text)?;
     work.solve_some(&store, 1).map_err(text)?;
-    work.check().map_err(|why| format!("a series later: {why}"))?;
+    work.check()
+        .map_err(|why| format!("a series later: {why}"))?;
     work.solve(&store).map_err(text)?;
     work.check().map_err(|why| format!("all solved: {why}"))
 }
@@ -169,9 +264,12 @@ fn next_boot(work: &mut Work) -> Result<(), String> {
 /// Each different state that the next boot may find, once.
 fn boots(work: &Work) -> Vec<(Survival, Work)> {
     let mut seen = BTreeSet::new();
-    let all = survivals(&work.disk).into_iter().map(|left| (left, work.disk.power_up(left)));
+    let all = survivals(&work.disk)
+        .into_iter()
+        .map(|left| (left, work.disk.power_up(left)));
     let new = all.filter(|(_, disk)| seen.insert(found(disk)));
-    new.map(|(left, disk)| (left, work.moved_to(disk))).collect()
+    new.map(|(left, disk)| (left, work.moved_to(disk)))
+        .collect()
 }
 
 /// Beginning of the scenario, and its number of steps.
@@ -181,7 +279,9 @@ fn begin(scenario: &Scenario) -> (Work, u64) {
     work = work.moved_to(work.disk.fork());
     let mut trial = work.moved_to(work.disk.fork());
     (scenario.act)(&mut trial).unwrap_or_else(|error| panic!("{}: {error}", scenario.name));
-    trial.check().unwrap_or_else(|why| panic!("{} undisturbed: {why}", scenario.name));
+    trial
+        .check()
+        .unwrap_or_else(|why| panic!("{} undisturbed: {why}", scenario.name));
     (work, trial.disk.steps())
 }
 
@@ -201,14 +301,22 @@ fn a_power_cut_at_any_step_loses_nothing_acknowledged() {
         let mut cases = 0;
         for cut in 1..=steps {
             let (work, _) = run_disturbed(&before, scenario, DiskFault::PowerCut(cut));
-            assert!(work.disk.steps() >= cut, "{}: step {cut} of {steps} was not reached", scenario.name);
+            assert!(
+                work.disk.steps() >= cut,
+                "{}: step {cut} of {steps} was not reached",
+                scenario.name
+            );
             for (left, mut boot) in boots(&work) {
                 cases += 1;
                 let when = format!("{}: cut at step {cut} of {steps}, {left:?}", scenario.name);
-                continue_scenario(&mut boot, scenario).unwrap_or_else(|why| panic!("{when}: {why}"));
+                continue_scenario(&mut boot, scenario)
+                    .unwrap_or_else(|why| panic!("{when}: {why}"));
             }
         }
-        println!("power cut  {:13} {steps:3} steps, {cases:5} states of the disk", scenario.name);
+        println!(
+            "power cut  {:13} {steps:3} steps, {cases:5} states of the disk",
+            scenario.name
+        );
     }
 }
 
@@ -216,20 +324,33 @@ fn a_power_cut_at_any_step_loses_nothing_acknowledged() {
 #[test]
 fn a_power_cut_in_the_recovery_from_a_power_cut_loses_nothing_acknowledged() {
     let mut seen = BTreeSet::new();
-    let recover = Scenario { name: "recovery", before: leave_empty, act: |work| work.open().map(drop) };
+    let recover = Scenario {
+        name: "recovery",
+        before: leave_empty,
+        act: |work| work.open().map(drop),
+    };
     let mut cases = 0;
-    for scenario in SCENARIOS.iter().filter(|scenario| ["commit", "result"].contains(&scenario.name)) {
+    for scenario in SCENARIOS
+        .iter()
+        .filter(|scenario| ["commit", "result"].contains(&scenario.name))
+    {
         let (before, steps) = begin(scenario);
         for cut in 1..=steps {
             let (work, _) = run_disturbed(&before, scenario, DiskFault::PowerCut(cut));
-            for (_, boot) in boots(&work).into_iter().filter(|(_, boot)| seen.insert(found(&boot.disk))) {
+            for (_, boot) in boots(&work)
+                .into_iter()
+                .filter(|(_, boot)| seen.insert(found(&boot.disk)))
+            {
                 let trial = boot.moved_to(boot.disk.fork());
                 trial.open().unwrap();
                 for again in 1..=trial.disk.steps() {
                     let (work, _) = run_disturbed(&boot, &recover, DiskFault::PowerCut(again));
                     for (left, mut boot) in boots(&work).into_iter().step_by(3) {
                         cases += 1;
-                        let when = format!("{}: cut at {cut}, again at {again}, {left:?}", scenario.name);
+                        let when = format!(
+                            "{}: cut at {cut}, again at {again}, {left:?}",
+                            scenario.name
+                        );
                         next_boot(&mut boot).unwrap_or_else(|why| panic!("{when}: {why}"));
                     }
                 }
@@ -243,8 +364,11 @@ fn a_power_cut_in_the_recovery_from_a_power_cut_loses_nothing_acknowledged() {
 #[test]
 fn a_failing_step_loses_nothing_acknowledged() {
     type Kind = (&'static str, fn(u64) -> DiskFault);
-    let kinds: [Kind; 3] =
-        [("failure", DiskFault::Error), ("late", DiskFault::FailedAfterwards), ("disk full", DiskFault::Full)];
+    let kinds: [Kind; 3] = [
+        ("failure", DiskFault::Error),
+        ("late", DiskFault::FailedAfterwards),
+        ("disk full", DiskFault::Full),
+    ];
     for (kind, fault) in kinds {
         for scenario in SCENARIOS {
             let (before, steps) = begin(scenario);
@@ -252,9 +376,11 @@ fn a_failing_step_loses_nothing_acknowledged() {
                 let when = format!("{}: {kind} at step {step} of {steps}", scenario.name);
                 let (mut work, _) = run_disturbed(&before, scenario, fault(step));
                 work.disk.set_faults(Vec::new());
-                continue_scenario(&mut work, scenario).unwrap_or_else(|why| panic!("{when}: {why}"));
+                continue_scenario(&mut work, scenario)
+                    .unwrap_or_else(|why| panic!("{when}: {why}"));
                 for (left, mut boot) in boots(&work) {
-                    next_boot(&mut boot).unwrap_or_else(|why| panic!("{when}, then {left:?}: {why}"));
+                    next_boot(&mut boot)
+                        .unwrap_or_else(|why| panic!("{when}, then {left:?}: {why}"));
                 }
             }
             println!("{kind:10} {:13} {steps:3} steps", scenario.name);
@@ -273,13 +399,20 @@ fn continue_scenario(work: &mut Work, scenario: &Scenario) -> Result<(), String>
 /// Faults on a medium whose syncs are ineffective: the test must notice, otherwise it would notice nothing.
 #[test]
 fn on_a_medium_that_lies_about_syncs_frames_are_lost_and_that_is_noticed() {
-    let commit = SCENARIOS.iter().find(|scenario| scenario.name == "commit").unwrap();
+    let commit = SCENARIOS
+        .iter()
+        .find(|scenario| scenario.name == "commit")
+        .unwrap();
     let (before, steps) = begin(commit);
     let (mut work, went_through) = run_disturbed(&before, commit, DiskFault::IgnoredSyncs(1));
     assert!(went_through && work.disk.steps() == steps);
     let store = work.open().unwrap();
     work.take_series(&store).unwrap();
-    let lost = Survival { names: 0, bytes: Some(UnsyncedBytes::Lost), seed: 0 };
+    let lost = Survival {
+        names: 0,
+        bytes: Some(UnsyncedBytes::Lost),
+        seed: 0,
+    };
     let mut boot = work.moved_to(work.disk.power_up(lost));
     let why = next_boot(&mut boot).unwrap_err();
     assert!(why.contains("missing"), "{why}");
@@ -305,7 +438,8 @@ fn a_failing_step_costs_one_series_at_most() {
             assert!(failed <= 1, "step {step}: {failed} failures");
             work.solve(&store).unwrap();
             for (left, mut boot) in boots(&work) {
-                next_boot(&mut boot).unwrap_or_else(|why| panic!("{:?}, then {left:?}: {why}", kind(step)));
+                next_boot(&mut boot)
+                    .unwrap_or_else(|why| panic!("{:?}, then {left:?}: {why}", kind(step)));
             }
         }
     }

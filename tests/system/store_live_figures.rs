@@ -11,7 +11,8 @@ use wingd::quantities;
 use wingd::store::columns::UTC;
 use wingd::store::verify::verify_path;
 use wingd::store::{
-    LiveColumn, LiveRow, LiveTable, RealDisk, Store, StoreConfig, StoreError, ValueKind, catalogue, live,
+    LiveColumn, LiveRow, LiveTable, RealDisk, Store, StoreConfig, StoreError, ValueKind, catalogue,
+    live,
 };
 
 use crate::common::random::{normal, rng};
@@ -28,7 +29,12 @@ const BLOCK_S: usize = 2;
 fn table() -> LiveTable {
     let column = |name: &str, unit: &str, kind, width| {
         let (name, unit) = (name.to_owned(), unit.to_owned());
-        LiveColumn { name, unit, kind, width }
+        LiveColumn {
+            name,
+            unit,
+            kind,
+            width,
+        }
     };
     let mut columns = vec![
         column(quantities::UTC.name, UTC, ValueKind::U64, 1),
@@ -40,15 +46,39 @@ fn table() -> LiveTable {
         column("mounting", "mrad", ValueKind::F32, 6),
         column("pairs.twist", "deg", ValueKind::F32, 4),
         column(quantities::CURVATURE.name, "1/m", ValueKind::F32, TERMS),
-        column(quantities::CURVATURE_COVARIANCE.name, "1/m2", ValueKind::F32, TERMS * (TERMS + 1) / 2),
+        column(
+            quantities::CURVATURE_COVARIANCE.name,
+            "1/m2",
+            ValueKind::F32,
+            TERMS * (TERMS + 1) / 2,
+        ),
     ];
     for (name, unit) in MARKER {
-        columns.push(column(&format!("markers.{name}"), unit, ValueKind::F32, MARKERS));
+        columns.push(column(
+            &format!("markers.{name}"),
+            unit,
+            ValueKind::F32,
+            MARKERS,
+        ));
     }
-    for (name, unit) in [("deflection", "m"), ("sigma_deflection", "m"), ("twist", "deg"), ("sigma_twist", "deg")] {
-        columns.push(column(&format!("stations.{name}"), unit, ValueKind::F32, STATIONS));
+    for (name, unit) in [
+        ("deflection", "m"),
+        ("sigma_deflection", "m"),
+        ("twist", "deg"),
+        ("sigma_twist", "deg"),
+    ] {
+        columns.push(column(
+            &format!("stations.{name}"),
+            unit,
+            ValueKind::F32,
+            STATIONS,
+        ));
     }
-    let names = |letter: &str, count| (0..count).map(|n| format!("{letter}{n:02}")).collect::<Vec<_>>();
+    let names = |letter: &str, count| {
+        (0..count)
+            .map(|n| format!("{letter}{n:02}"))
+            .collect::<Vec<_>>()
+    };
     let source = json!({"markers": names("M", MARKERS), "stations": names("S", STATIONS), "pairs": names("P", 4)});
     LiveTable { source, columns }
 }
@@ -72,7 +102,12 @@ const MARKER: [(&str, &str); 12] = [
 fn row(number: usize, draw: &mut StdRng) -> LiveRow {
     let t_s = number as f64 / RATE_HZ as f64;
     let tip_m = 2.0 + 0.4 * (t_s / 5000.0).sin() + 0.15 * (1.1 * t_s).sin() * (t_s / 60.0).sin();
-    let mut row = vec![1.772e15 + 1e6 * t_s + (1e3 * normal(draw)).round(), 100.0 + t_s, number as f64, 0.0];
+    let mut row = vec![
+        1.772e15 + 1e6 * t_s + (1e3 * normal(draw)).round(),
+        100.0 + t_s,
+        number as f64,
+        0.0,
+    ];
     row.extend([80.0 + 5.0 * normal(draw), 1.0 + 0.1 * normal(draw)]);
     row.extend((0..6).map(|k| 0.1 * f64::from(k) + 0.01 * normal(draw)));
     row.extend((0..4).map(|k| 0.5 * f64::from(k) + 0.02 * normal(draw)));
@@ -108,11 +143,19 @@ fn row(number: usize, draw: &mut StdRng) -> LiveRow {
 fn status_mb(field: &str) -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let line = status.lines().find(|line| line.starts_with(field)).unwrap();
-    line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1000.0
+    line.split_whitespace()
+        .nth(1)
+        .unwrap()
+        .parse::<f64>()
+        .unwrap()
+        / 1000.0
 }
 
 fn open(root: &Path) -> Store {
-    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(root) };
+    let config = StoreConfig {
+        reserve_mb: 0,
+        ..StoreConfig::new(root)
+    };
     Store::open(Arc::new(RealDisk), config).unwrap().0
 }
 
@@ -132,12 +175,19 @@ fn eight_and_a_half_hours_at_ten_results_per_second() {
     let mut times_ms: Vec<f64> = Vec::new();
     for block in 0..SECONDS / BLOCK_S {
         let first = block * BLOCK_S * RATE_HZ;
-        let rows: Vec<LiveRow> = (first..first + BLOCK_S * RATE_HZ).map(|n| row(n, &mut draw)).collect();
+        let rows: Vec<LiveRow> = (first..first + BLOCK_S * RATE_HZ)
+            .map(|n| row(n, &mut draw))
+            .collect();
         let begin = Instant::now();
-        store.append_live_rows(&table, &rows, &stamp((block * BLOCK_S) as u64)).unwrap();
+        store
+            .append_live_rows(&table, &rows, &stamp((block * BLOCK_S) as u64))
+            .unwrap();
         times_ms.push(1e3 * begin.elapsed().as_secs_f64());
     }
-    println!("peak memory of recording: {:.0} MB, {before_mb:.0} MB before", status_mb("VmHWM"));
+    println!(
+        "peak memory of recording: {:.0} MB, {before_mb:.0} MB before",
+        status_mb("VmHWM")
+    );
     times_ms.sort_by(f64::total_cmp);
     let at = |share: f64| times_ms[(share * (times_ms.len() - 1) as f64) as usize];
     println!(
@@ -148,13 +198,25 @@ fn eight_and_a_half_hours_at_ten_results_per_second() {
         at(1.0)
     );
     drop(store);
-    let store = timed("opening after a power cut (closes the file under way)", || open(dir.path()));
+    let store = timed(
+        "opening after a power cut (closes the file under way)",
+        || open(dir.path()),
+    );
     drop(store);
     drop(timed("opening", || open(dir.path())));
-    let flight = catalogue::list_flights(&RealDisk, dir.path()).unwrap().remove(0);
+    let flight = catalogue::list_flights(&RealDisk, dir.path())
+        .unwrap()
+        .remove(0);
     let names = live::closed_files(&RealDisk, &flight).unwrap();
-    let bytes: u64 = names.iter().map(|name| flight.folder.join(name).metadata().unwrap().len()).sum();
-    let plain: usize = table.columns.iter().map(|column| column.width * column.kind.byte_size()).sum();
+    let bytes: u64 = names
+        .iter()
+        .map(|name| flight.folder.join(name).metadata().unwrap().len())
+        .sum();
+    let plain: usize = table
+        .columns
+        .iter()
+        .map(|column| column.width * column.kind.byte_size())
+        .sum();
     let rows = SECONDS * RATE_HZ;
     println!(
         "{rows} rows of {plain} bytes, {:.0} MB; {} files, {:.0} MB, ratio {:.2}",
@@ -172,7 +234,9 @@ fn eight_and_a_half_hours_at_ten_results_per_second() {
                 while let Some(block) = file.next_block() {
                     match whole {
                         true => seen.1 += block.rows().unwrap().len(),
-                        false => seen.0 += block.column_values(deflection).unwrap().len() / STATIONS,
+                        false => {
+                            seen.0 += block.column_values(deflection).unwrap().len() / STATIONS
+                        }
                     }
                 }
                 Result::<usize, StoreError>::Ok(file.torn_length())

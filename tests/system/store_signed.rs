@@ -15,7 +15,11 @@ fn signed() -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().unwrap();
     let key = dir.path().join("recorder.key");
     let root = dir.path().join("store");
-    let config = StoreConfig { reserve_mb: 0, signing_key: Some(key.clone()), ..StoreConfig::new(&root) };
+    let config = StoreConfig {
+        reserve_mb: 0,
+        signing_key: Some(key.clone()),
+        ..StoreConfig::new(&root)
+    };
     let store = Store::open(Arc::new(RealDisk), config).unwrap().0;
     fill(&store);
     let public = PathBuf::from(format!("{}.pub", key.display()));
@@ -33,7 +37,10 @@ fn forge(root: &Path, keep_signatures: bool) {
     let results = root.join(FLIGHT).join("s000001/results.jsonl");
     replace(root, "flights/f0001/s000001/results.jsonl", "2.74", "9.74");
     let bytes = std::fs::read(results).unwrap();
-    let ends: Vec<_> = (0..bytes.len()).filter(|at| bytes[*at] == b'\n').map(|at| at + 1).collect();
+    let ends: Vec<_> = (0..bytes.len())
+        .filter(|at| bytes[*at] == b'\n')
+        .map(|at| at + 1)
+        .collect();
     let chain = std::fs::read_to_string(root.join(FLIGHT).join("chain.jsonl")).unwrap();
     let (mut before, mut forged, mut count) = ("0".repeat(64), String::new(), 0);
     for line in chain.lines() {
@@ -62,15 +69,25 @@ fn a_signed_store_is_verified_with_its_public_key_and_no_other() {
     let (status, printed) = verify_with(&root, &key);
     assert_eq!(status, Some(0), "{printed}");
     let secret = std::fs::metadata(dir.path().join("recorder.key")).unwrap();
-    assert_eq!(secret.permissions().mode() & 0o077, 0, "for the recorder alone");
+    assert_eq!(
+        secret.permissions().mode() & 0o077,
+        0,
+        "for the recorder alone"
+    );
     let (other, foreign) = signed();
     let (status, printed) = verify_with(&root, &foreign);
-    assert!(status == Some(1) && printed.contains("no signature by this key"), "{printed}");
+    assert!(
+        status == Some(1) && printed.contains("no signature by this key"),
+        "{printed}"
+    );
     let (status, printed) = verify_with(&root, &other.path().join("recorder.key"));
     assert!(status == Some(1) && printed.contains(".pub"), "{printed}");
     // Without signatures there is nothing to verify.
     let (status, printed) = verify_with(copy_store().path(), &key);
-    assert!(status == Some(1) && printed.contains("no signature"), "{printed}");
+    assert!(
+        status == Some(1) && printed.contains("no signature"),
+        "{printed}"
+    );
 }
 
 #[test]
@@ -82,9 +99,17 @@ fn a_store_forged_with_all_its_digests_is_sound_and_lacks_its_signature() {
         // An opening without the key extends the sums to the forged chain.
         drop(open(&root));
         let report = verify_path(&RealDisk, &root);
-        assert!(report.is_sound(), "a complete rewrite leaves no trace: {:#?}", report.faults);
+        assert!(
+            report.is_sound(),
+            "a complete rewrite leaves no trace: {:#?}",
+            report.faults
+        );
         let (status, printed) = verify_with(&root, &key);
-        let wanted = if keep_signatures { "is not valid" } else { "no signature by this key" };
+        let wanted = if keep_signatures {
+            "is not valid"
+        } else {
+            "no signature by this key"
+        };
         assert!(status == Some(1) && printed.contains(wanted), "{printed}");
     }
 }
@@ -95,7 +120,11 @@ fn a_chain_that_is_not_the_signed_one_is_not_signed_again_and_openssl_agrees_abo
     let root = dir.path().join("store");
     let chain = std::fs::read_to_string(root.join(FLIGHT).join("chain.jsonl")).unwrap();
     let link: Value = serde_json::from_str(chain.lines().last().unwrap()).unwrap();
-    std::fs::write(dir.path().join("message"), format!("wingd chain {}", link["before"].as_str().unwrap())).unwrap();
+    std::fs::write(
+        dir.path().join("message"),
+        format!("wingd chain {}", link["before"].as_str().unwrap()),
+    )
+    .unwrap();
     std::fs::write(
         dir.path().join("signature"),
         hex::decode(link["signature"]["signature"].as_str().unwrap()).unwrap(),
@@ -108,13 +137,31 @@ fn a_chain_that_is_not_the_signed_one_is_not_signed_again_and_openssl_agrees_abo
         .current_dir(dir.path())
         .output()
         .unwrap();
-    assert!(openssl.status.success(), "{}", String::from_utf8_lossy(&openssl.stderr));
+    assert!(
+        openssl.status.success(),
+        "{}",
+        String::from_utf8_lossy(&openssl.stderr)
+    );
 
     forge(&root, true);
     let before = std::fs::read(root.join(FLIGHT).join("chain.jsonl")).unwrap();
     let signing_key = Some(dir.path().join("recorder.key"));
-    let config = StoreConfig { reserve_mb: 0, signing_key, ..StoreConfig::new(&root) };
+    let config = StoreConfig {
+        reserve_mb: 0,
+        signing_key,
+        ..StoreConfig::new(&root)
+    };
     let (_, recovery) = Store::open(Arc::new(RealDisk), config).unwrap();
-    assert!(recovery.remarks.iter().any(|remark| remark.contains("not signed")), "{:?}", recovery.remarks);
-    assert_eq!(std::fs::read(root.join(FLIGHT).join("chain.jsonl")).unwrap(), before);
+    assert!(
+        recovery
+            .remarks
+            .iter()
+            .any(|remark| remark.contains("not signed")),
+        "{:?}",
+        recovery.remarks
+    );
+    assert_eq!(
+        std::fs::read(root.join(FLIGHT).join("chain.jsonl")).unwrap(),
+        before
+    );
 }

@@ -20,22 +20,44 @@ const FRAME_BYTES: usize = 10_000;
 /// Made in memory: 100,000 frames with their syncs would take an hour.
 fn make(root: &Path) {
     let disk = Arc::new(FakeDisk::default());
-    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(ROOT) };
+    let config = StoreConfig {
+        reserve_mb: 0,
+        ..StoreConfig::new(ROOT)
+    };
     let (store, _) = Store::open(disk.clone(), config).unwrap();
     for number in 0..SERIES {
-        let plan = SeriesPlan { cause: SeriesCause::Scheduled, shots: SHOTS };
+        let plan = SeriesPlan {
+            cause: SeriesCause::Scheduled,
+            shots: SHOTS,
+        };
         let begin_s = f64::from(number) * 2000.0;
         let (mut series, _) = store.begin_series(plan, &moment(begin_s)).unwrap();
         for shot in 1..=SHOTS {
-            let mut bytes = format!("{number} {shot} ").repeat(FRAME_BYTES / 4).into_bytes();
+            let mut bytes = format!("{number} {shot} ")
+                .repeat(FRAME_BYTES / 4)
+                .into_bytes();
             bytes.truncate(FRAME_BYTES);
             let stamp = moment(begin_s + f64::from(shot));
-            let shot = Shot { shot, stamp, duration_s: None, exposure: None, frame: None, failures: Vec::new() };
-            let frame = NewFrame { bytes: &bytes, extension: "jpg", format: Value::Null, settings: Map::new() };
+            let shot = Shot {
+                shot,
+                stamp,
+                duration_s: None,
+                exposure: None,
+                frame: None,
+                failures: Vec::new(),
+            };
+            let frame = NewFrame {
+                bytes: &bytes,
+                extension: "jpg",
+                format: Value::Null,
+                settings: Map::new(),
+            };
             series.add_shot(shot, Some(frame)).unwrap();
         }
         let end = moment(begin_s + f64::from(SHOTS));
-        store.close_series(series, SeriesState::Complete, &end, Vec::new()).unwrap();
+        store
+            .close_series(series, SeriesState::Complete, &end, Vec::new())
+            .unwrap();
     }
     for (path, bytes) in read_all_files(disk.as_ref(), Path::new(ROOT)) {
         let path = root.join(path.strip_prefix(ROOT).unwrap());
@@ -52,7 +74,11 @@ fn shortest(command: &mut Command) -> f64 {
     let time = |_| {
         let begin = Instant::now();
         let output = command.output().unwrap();
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stdout)
+        );
         begin.elapsed().as_secs_f64()
     };
     (0..3).map(time).fold(f64::INFINITY, f64::min)
@@ -65,7 +91,10 @@ fn a_store_of_100_000_frames_verifies_as_fast_as_sha256sum_reads_it() {
     make(dir.path());
     let sums_s = shortest(
         Command::new("sh")
-            .args(["-c", "cd flights/f0001 && sha256sum --check --quiet SHA256SUMS"])
+            .args([
+                "-c",
+                "cd flights/f0001 && sha256sum --check --quiet SHA256SUMS",
+            ])
             .current_dir(dir.path()),
     );
     let wingd = std::env::var("WINGD").unwrap_or_else(|_| env!("CARGO_BIN_EXE_wingd").to_owned());

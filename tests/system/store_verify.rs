@@ -13,14 +13,31 @@ use wingd::store::{Inputs, NewFrame, OpenSeries, RealDisk, SeriesPlan, Store, St
 
 fn stamp(since_boot_s: f64) -> Stamp {
     let utc = jiff::Timestamp::from_second(since_boot_s as i64).unwrap();
-    Stamp { utc, utc_synchronised: false, boot_id: "boot".to_owned(), since_boot_s }
+    Stamp {
+        utc,
+        utc_synchronised: false,
+        boot_id: "boot".to_owned(),
+        since_boot_s,
+    }
 }
 
 fn add(series: &mut OpenSeries, shot: u32, time: f64) {
     let bytes = format!("frame {shot} {time}");
-    let shot = Shot { shot, stamp: stamp(time), duration_s: None, exposure: None, frame: None, failures: Vec::new() };
+    let shot = Shot {
+        shot,
+        stamp: stamp(time),
+        duration_s: None,
+        exposure: None,
+        frame: None,
+        failures: Vec::new(),
+    };
     let format = json!({"kind": "jpeg"});
-    let frame = NewFrame { bytes: bytes.as_bytes(), extension: "jpg", format, settings: Map::new() };
+    let frame = NewFrame {
+        bytes: bytes.as_bytes(),
+        extension: "jpg",
+        format,
+        settings: Map::new(),
+    };
     series.add_shot(shot, Some(frame)).unwrap();
 }
 
@@ -29,7 +46,10 @@ fn store() -> tempfile::TempDir {
     static MADE: OnceLock<(PathBuf, BTreeMap<PathBuf, Vec<u8>>)> = OnceLock::new();
     let (root, files) = MADE.get_or_init(|| {
         let made = make_store();
-        (made.path().to_owned(), read_all_files(&RealDisk, made.path()))
+        (
+            made.path().to_owned(),
+            read_all_files(&RealDisk, made.path()),
+        )
     });
     let dir = tempfile::tempdir().unwrap();
     std::fs::create_dir(dir.path().join("partial")).unwrap();
@@ -47,22 +67,39 @@ fn make_store() -> tempfile::TempDir {
     let mut config = StoreConfig::new(dir.path());
     config.reserve_mb = 0;
     let (store, _) = Store::open(Arc::new(RealDisk), config).unwrap();
-    let plan = SeriesPlan { cause: SeriesCause::Scheduled, shots: 2 };
+    let plan = SeriesPlan {
+        cause: SeriesCause::Scheduled,
+        shots: 2,
+    };
     for n in 0..2 {
         let time = 100.0 * f64::from(n);
         let (mut series, _) = store.begin_series(plan, &stamp(time)).unwrap();
         add(&mut series, 1, time + 1.0);
         add(&mut series, 2, time + 2.0);
-        store.close_series(series, SeriesState::Complete, &stamp(time + 3.0), Vec::new()).unwrap();
+        store
+            .close_series(
+                series,
+                SeriesState::Complete,
+                &stamp(time + 3.0),
+                Vec::new(),
+            )
+            .unwrap();
     }
-    let inputs = Inputs::new(Map::from_iter([("program".to_owned(), Value::from("test"))]));
+    let inputs = Inputs::new(Map::from_iter([(
+        "program".to_owned(),
+        Value::from("test"),
+    )]));
     loop {
         let frames = store.unsolved_frames(&inputs).unwrap();
         if frames.is_empty() {
             break;
         }
         for frame in frames {
-            assert!(store.add_result(&frame, &inputs, json!({"deflection_m": 1.0})).unwrap());
+            assert!(
+                store
+                    .add_result(&frame, &inputs, json!({"deflection_m": 1.0}))
+                    .unwrap()
+            );
         }
     }
     let (mut open, _) = store.begin_series(plan, &stamp(300.0)).unwrap();
@@ -76,7 +113,10 @@ const SERIES: &str = "flights/f0001/s000001";
 fn edit(root: &Path, file: &str, from: &str, to: &str) {
     let path = root.join(file);
     let text = std::fs::read_to_string(&path).unwrap();
-    assert!(text.contains(from), "{file} does not contain {from:?}: {text}");
+    assert!(
+        text.contains(from),
+        "{file} does not contain {from:?}: {text}"
+    );
     std::fs::write(path, text.replacen(from, to, 1)).unwrap();
 }
 
@@ -90,7 +130,12 @@ fn broken_invariants(damage: impl FnOnce(&Path)) -> BTreeSet<u8> {
     let report = verify_path(&RealDisk, dir.path());
     assert!(report.faults.iter().all(|fault| !fault.what.is_empty()));
     // Invariants 14 to 18, the evidence, detect most of it too: tests/system/store_evidence.rs.
-    report.faults.iter().map(|fault| fault.invariant).filter(|invariant| *invariant <= 13).collect()
+    report
+        .faults
+        .iter()
+        .map(|fault| fault.invariant)
+        .filter(|invariant| *invariant <= 13)
+        .collect()
 }
 
 fn only_invariant(invariant: u8) -> BTreeSet<u8> {
@@ -103,48 +148,91 @@ fn series_file(name: &str) -> PathBuf {
 
 #[test]
 fn invariant_1_the_format_file() {
-    assert_eq!(broken_invariants(|root| edit(root, "store.toml", "format = 2", "format = 3")), only_invariant(1));
-    assert_eq!(broken_invariants(|root| edit(root, "store.toml", "format = 2", "")), only_invariant(1));
-    assert_eq!(broken_invariants(|root| std::fs::remove_file(root.join("store.toml")).unwrap()), only_invariant(1));
+    assert_eq!(
+        broken_invariants(|root| edit(root, "store.toml", "format = 2", "format = 3")),
+        only_invariant(1)
+    );
+    assert_eq!(
+        broken_invariants(|root| edit(root, "store.toml", "format = 2", "")),
+        only_invariant(1)
+    );
+    assert_eq!(
+        broken_invariants(|root| std::fs::remove_file(root.join("store.toml")).unwrap()),
+        only_invariant(1)
+    );
 }
 
 #[test]
 fn invariant_2_the_counter_is_above_every_id() {
     assert_eq!(
-        broken_invariants(|root| edit(root, "counter.json", "\"next_series\":4", "\"next_series\":3")),
+        broken_invariants(|root| edit(
+            root,
+            "counter.json",
+            "\"next_series\":4",
+            "\"next_series\":3"
+        )),
         only_invariant(2)
     );
     assert_eq!(
-        broken_invariants(|root| edit(root, "counter.json", "\"next_flight\":2", "\"next_flight\":1")),
+        broken_invariants(|root| edit(
+            root,
+            "counter.json",
+            "\"next_flight\":2",
+            "\"next_flight\":1"
+        )),
         only_invariant(2)
     );
-    assert_eq!(broken_invariants(|root| std::fs::write(root.join("counter.json"), "{").unwrap()), only_invariant(2));
+    assert_eq!(
+        broken_invariants(|root| std::fs::write(root.join("counter.json"), "{").unwrap()),
+        only_invariant(2)
+    );
 }
 
 #[test]
 fn invariant_3_flights_contain_their_manifest_and_series_only() {
     assert_eq!(
-        broken_invariants(|root| std::fs::remove_file(root.join("flights/f0001/flight.json")).unwrap()),
+        broken_invariants(
+            |root| std::fs::remove_file(root.join("flights/f0001/flight.json")).unwrap()
+        ),
         only_invariant(3)
     );
-    assert_eq!(broken_invariants(|root| edit(root, "flights/f0001/flight.json", "f0001", "f0002")), only_invariant(3));
     assert_eq!(
-        broken_invariants(|root| std::fs::write(root.join("flights/f0001/notes.txt"), "x").unwrap()),
+        broken_invariants(|root| edit(root, "flights/f0001/flight.json", "f0001", "f0002")),
         only_invariant(3)
     );
-    assert_eq!(broken_invariants(|root| std::fs::create_dir(root.join("flights/spare")).unwrap()), only_invariant(3));
+    assert_eq!(
+        broken_invariants(
+            |root| std::fs::write(root.join("flights/f0001/notes.txt"), "x").unwrap()
+        ),
+        only_invariant(3)
+    );
+    assert_eq!(
+        broken_invariants(|root| std::fs::create_dir(root.join("flights/spare")).unwrap()),
+        only_invariant(3)
+    );
 }
 
 #[test]
 fn invariant_4_a_series_has_its_manifest_and_an_id_of_its_own() {
     assert_eq!(
-        broken_invariants(|root| std::fs::remove_file(root.join(series_file("series.json"))).unwrap()),
+        broken_invariants(
+            |root| std::fs::remove_file(root.join(series_file("series.json"))).unwrap()
+        ),
         only_invariant(4)
     );
     let file = format!("{SERIES}/series.json");
-    assert_eq!(broken_invariants(|root| edit(root, &file, "\"s000001\"", "\"s000002\"")), only_invariant(4));
-    assert_eq!(broken_invariants(|root| edit(root, &file, "\"format\": 1", "\"format\": 9")), only_invariant(4));
-    assert_eq!(broken_invariants(|root| edit(root, &file, "}", "")), only_invariant(4));
+    assert_eq!(
+        broken_invariants(|root| edit(root, &file, "\"s000001\"", "\"s000002\"")),
+        only_invariant(4)
+    );
+    assert_eq!(
+        broken_invariants(|root| edit(root, &file, "\"format\": 1", "\"format\": 9")),
+        only_invariant(4)
+    );
+    assert_eq!(
+        broken_invariants(|root| edit(root, &file, "}", "")),
+        only_invariant(4)
+    );
     let doubled = |root: &Path| {
         std::fs::create_dir(root.join("incoming/s000001")).unwrap();
     };
@@ -154,15 +242,23 @@ fn invariant_4_a_series_has_its_manifest_and_an_id_of_its_own() {
 #[test]
 fn invariant_5_every_frame_has_its_size_and_hash() {
     let frame = format!("{SERIES}/0001.jpg");
-    assert_eq!(broken_invariants(|root| edit(root, &frame, "frame", "flame")), only_invariant(5));
-    assert_eq!(broken_invariants(|root| edit(root, &frame, "frame", "fra")), only_invariant(5));
+    assert_eq!(
+        broken_invariants(|root| edit(root, &frame, "frame", "flame")),
+        only_invariant(5)
+    );
+    assert_eq!(
+        broken_invariants(|root| edit(root, &frame, "frame", "fra")),
+        only_invariant(5)
+    );
     let gone = broken_invariants(|root| std::fs::remove_file(root.join(&frame)).unwrap());
     assert_eq!(gone, only_invariant(5));
 }
 
 #[test]
 fn invariant_6_a_series_contains_nothing_else() {
-    let write = |name: &'static str| move |root: &Path| std::fs::write(root.join(series_file(name)), "x").unwrap();
+    let write = |name: &'static str| {
+        move |root: &Path| std::fs::write(root.join(series_file(name)), "x").unwrap()
+    };
     assert_eq!(broken_invariants(write("0003.jpg")), only_invariant(6));
     assert_eq!(broken_invariants(write("0001.jpg.part")), only_invariant(6));
 }
@@ -174,18 +270,31 @@ fn invariant_7_shots_are_in_order_and_accounted_for() {
         broken_invariants(|root| edit(root, &file, "\"planned_shots\": 2", "\"planned_shots\": 3")),
         only_invariant(7)
     );
-    assert_eq!(broken_invariants(|root| edit(root, &file, "\"shot\": 1", "\"shot\": 2")), only_invariant(7));
+    assert_eq!(
+        broken_invariants(|root| edit(root, &file, "\"shot\": 1", "\"shot\": 2")),
+        only_invariant(7)
+    );
 }
 
 #[test]
 fn invariant_8_time_since_boot_does_not_go_back() {
     let file = format!("{SERIES}/series.json");
     assert_eq!(
-        broken_invariants(|root| edit(root, &file, "\"since_boot_s\": 2.0", "\"since_boot_s\": 0.5")),
+        broken_invariants(|root| edit(
+            root,
+            &file,
+            "\"since_boot_s\": 2.0",
+            "\"since_boot_s\": 0.5"
+        )),
         only_invariant(8)
     );
     assert_eq!(
-        broken_invariants(|root| edit(root, &file, "\"since_boot_s\": 3.0", "\"since_boot_s\": 150.0")),
+        broken_invariants(|root| edit(
+            root,
+            &file,
+            "\"since_boot_s\": 3.0",
+            "\"since_boot_s\": 150.0"
+        )),
         only_invariant(8)
     );
 }
@@ -193,13 +302,19 @@ fn invariant_8_time_since_boot_does_not_go_back() {
 #[test]
 fn invariant_9_every_line_of_results_is_complete() {
     let file = format!("{SERIES}/results.jsonl");
-    assert_eq!(broken_invariants(|root| edit(root, &file, "{", "")), only_invariant(9));
+    assert_eq!(
+        broken_invariants(|root| edit(root, &file, "{", "")),
+        only_invariant(9)
+    );
 }
 
 #[test]
 fn invariant_10_a_result_belongs_to_a_frame_of_its_series() {
     let file = format!("{SERIES}/results.jsonl");
-    assert_eq!(broken_invariants(|root| edit(root, &file, "0001.jpg", "0007.jpg")), only_invariant(10));
+    assert_eq!(
+        broken_invariants(|root| edit(root, &file, "0001.jpg", "0007.jpg")),
+        only_invariant(10)
+    );
 }
 
 #[test]
@@ -216,14 +331,22 @@ fn invariant_11_one_result_for_the_same_inputs() {
 fn invariant_12_the_key_is_the_hash_of_the_inputs() {
     let file = format!("{SERIES}/results.jsonl");
     assert_eq!(
-        broken_invariants(|root| edit(root, &file, "\"program\":\"test\"", "\"program\":\"other\"")),
+        broken_invariants(|root| edit(
+            root,
+            &file,
+            "\"program\":\"test\"",
+            "\"program\":\"other\""
+        )),
         only_invariant(12)
     );
 }
 
 #[test]
 fn invariant_13_acknowledged_frames_in_incoming_are_complete() {
-    assert_eq!(broken_invariants(|root| edit(root, "incoming/s000003/0001.jpg", "frame", "flame")), only_invariant(13));
+    assert_eq!(
+        broken_invariants(|root| edit(root, "incoming/s000003/0001.jpg", "frame", "flame")),
+        only_invariant(13)
+    );
 }
 
 #[test]
@@ -233,7 +356,8 @@ fn a_torn_last_line_is_a_note_and_is_repaired() {
     let torn = |root: &Path| {
         let text = std::fs::read(root.join(&file)).unwrap();
         let half = [text.as_slice(), &text[..20]].concat();
-        let announced = json!({"flight": "f0001", "series": "s000001", "bytes": 2 * text.len(), "sha256": ""});
+        let announced =
+            json!({"flight": "f0001", "series": "s000001", "bytes": 2 * text.len(), "sha256": ""});
         std::fs::write(root.join("pending.json"), announced.to_string()).unwrap();
         std::fs::write(root.join(&file), half).unwrap();
     };
@@ -245,7 +369,10 @@ fn a_torn_last_line_is_a_note_and_is_repaired() {
     let dir = store();
     torn(dir.path());
     let (store, _) = Store::open(Arc::new(RealDisk), StoreConfig::new(dir.path())).unwrap();
-    let inputs = Inputs::new(Map::from_iter([("program".to_owned(), Value::from("another"))]));
+    let inputs = Inputs::new(Map::from_iter([(
+        "program".to_owned(),
+        Value::from("another"),
+    )]));
     let newest = store.unsolved_frames(&inputs).unwrap();
     assert_eq!(newest.len(), 2, "the recovered series comes first");
     let mut solved = 0;
@@ -255,14 +382,20 @@ fn a_torn_last_line_is_a_note_and_is_repaired() {
             break;
         }
         for frame in frames {
-            assert!(store.add_result(&frame, &inputs, json!({"deflection_m": 2.0})).unwrap());
+            assert!(
+                store
+                    .add_result(&frame, &inputs, json!({"deflection_m": 2.0}))
+                    .unwrap()
+            );
             solved += 1;
         }
     }
     assert_eq!(solved, 6);
     let report = verify_path(&RealDisk, dir.path());
     assert!(report.is_sound() && report.results == 10, "{report:#?}");
-    let partial: Vec<_> = std::fs::read_dir(dir.path().join("partial")).unwrap().collect();
+    let partial: Vec<_> = std::fs::read_dir(dir.path().join("partial"))
+        .unwrap()
+        .collect();
     assert_eq!(partial.len(), 1, "the torn bytes are kept");
 }
 
@@ -276,7 +409,10 @@ fn a_copied_flight_or_series_is_verified_too() {
     }
     edit(dir.path(), &format!("{SERIES}/0002.jpg"), "frame", "flame");
     assert!(!verify_path(&RealDisk, &dir.path().join("flights/f0001")).is_sound());
-    assert!(!verify_path(&RealDisk, &dir.path().join("incoming")).is_sound(), "not a store");
+    assert!(
+        !verify_path(&RealDisk, &dir.path().join("incoming")).is_sound(),
+        "not a store"
+    );
 }
 
 proptest::proptest! {

@@ -11,13 +11,21 @@ use crate::program::{fixture, stdout};
 fn oriented(change: impl Fn(&mut Vec<String>), more: &str) -> (tempfile::TempDir, Value) {
     let directory = tempfile::tempdir().unwrap();
     for name in ["installation.toml", "camera.toml"] {
-        std::fs::copy(fixture("dev/installation").join(name), directory.path().join(name)).unwrap();
+        std::fs::copy(
+            fixture("dev/installation").join(name),
+            directory.path().join(name),
+        )
+        .unwrap();
     }
     let toml = directory.path().join("installation.toml");
     let text = std::fs::read_to_string(&toml).unwrap();
     // Its sections occur once: the remaining text of the wing section goes into the existing one.
     let still = "[wing]\nroot_rotation_sigma_mrad = 0.0\nroot_translation_sigma_m = 0.0\n";
-    let text = if more == HELD { text.replace("[wing]\n", still) } else { text };
+    let text = if more == HELD {
+        text.replace("[wing]\n", still)
+    } else {
+        text
+    };
     std::fs::write(&toml, format!("{text}\n{more}")).unwrap();
     let survey = std::fs::read_to_string(fixture("dev/installation/survey.csv")).unwrap();
     let changed = |line: &str| {
@@ -30,16 +38,32 @@ fn oriented(change: impl Fn(&mut Vec<String>), more: &str) -> (tempfile::TempDir
     let lines: Vec<String> = survey.lines().map(changed).collect();
     std::fs::write(directory.path().join("survey.csv"), lines.join("\n")).unwrap();
     let ground = frame("ground.jpg");
-    let printed = stdout(&["orient", "--json", "--installation", directory.path().to_str().unwrap(), &ground]);
+    let printed = stdout(&[
+        "orient",
+        "--json",
+        "--installation",
+        directory.path().to_str().unwrap(),
+        &ground,
+    ]);
     (directory, serde_json::from_str(&printed).unwrap())
 }
 
 fn frame(name: &str) -> String {
-    fixture("dev/frames").join(name).to_str().unwrap().to_owned()
+    fixture("dev/frames")
+        .join(name)
+        .to_str()
+        .unwrap()
+        .to_owned()
 }
 
 fn solved(installation: &Path) -> Value {
-    let arguments = ["solve", "--json", "--installation", installation.to_str().unwrap(), &frame("flight-1.jpg")];
+    let arguments = [
+        "solve",
+        "--json",
+        "--installation",
+        installation.to_str().unwrap(),
+        &frame("flight-1.jpg"),
+    ];
     serde_json::from_str(&stdout(&arguments)).unwrap()
 }
 
@@ -69,13 +93,20 @@ fn orient_reports_the_wing_height_relative_to_the_survey() {
     let (_bent, printed) = oriented(lower_survey(0.06), "");
     let bend = [&as_surveyed["bend"], &printed["bend"]];
     println!("{} {}", bend[0], bend[1]);
-    assert_eq!((&bend[0]["significant"], &bend[1]["significant"]), (&false.into(), &true.into()));
+    assert_eq!(
+        (&bend[0]["significant"], &bend[1]["significant"]),
+        (&false.into(), &true.into())
+    );
     let change = number(&bend[1]["height_m"]) - number(&bend[0]["height_m"]);
-    assert!((change - 0.06).abs() < 0.01, "{change}: both errors of the survey are the same");
+    assert!(
+        (change - 0.06).abs() < 0.01,
+        "{change}: both errors of the survey are the same"
+    );
     assert!((0.002..0.02).contains(&number(&bend[1]["sigma_height_m"])));
     let remark = printed["remarks"][0].as_str().unwrap();
     assert!(
-        remark.contains("in the ground frame the wing tip was") && remark.contains("higher than in the survey"),
+        remark.contains("in the ground frame the wing tip was")
+            && remark.contains("higher than in the survey"),
         "{remark}"
     );
 }
@@ -84,14 +115,26 @@ fn orient_reports_the_wing_height_relative_to_the_survey() {
 fn results_have_three_deflections_and_a_budget() {
     let (plain, _) = oriented(|_| (), HELD);
     let record = solved(plain.path());
-    assert_eq!(record["tip"]["reference"], "survey", "all are equally precise: {}", record["tip"]);
+    assert_eq!(
+        record["tip"]["reference"], "survey",
+        "all are equally precise: {}",
+        record["tip"]
+    );
     let (bent, _) = oriented(|_| (), PRIORS);
     let record = solved(bent.path());
     let tip = &record["tip"];
     assert_eq!(tip["reference"], "ground", "{tip}");
     let number = |key: &str| tip[key].as_f64().unwrap();
-    assert!(number("sigma_deflection_ground_m") < number("sigma_deflection_m"), "{tip}");
-    let marker = record["markers"].as_array().unwrap().iter().find(|m| m["id"] == tip["marker"]).unwrap();
+    assert!(
+        number("sigma_deflection_ground_m") < number("sigma_deflection_m"),
+        "{tip}"
+    );
+    let marker = record["markers"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|m| m["id"] == tip["marker"])
+        .unwrap();
     for key in [
         "deflection_m",
         "deflection_ground_m",
@@ -104,23 +147,55 @@ fn results_have_three_deflections_and_a_budget() {
     let budget = record["budget"].as_array().unwrap();
     let share = |one: &Value| one["share"].as_f64().unwrap();
     assert!((budget.iter().map(share).sum::<f64>() - 1.0).abs() < 1e-9);
-    assert!(budget.windows(2).all(|pair| share(&pair[0]) >= share(&pair[1])), "the largest first");
-    assert!(budget.iter().any(|one| one["source"] == "mounting" && one["sigma_if_known_m"].is_number()));
-    assert!(budget.iter().any(|one| one["source"] == "image" && one["sigma_if_known_m"].is_null()));
-
-    let table = stdout(&["solve", "--installation", bent.path().to_str().unwrap(), &frame("flight-1.jpg")]);
-    assert!(table.contains("against the ground frame") && table.contains("variance comes from"), "{table}");
-    let protocol =
-        stdout(&["solve", "--protocol", "--installation", bent.path().to_str().unwrap(), &frame("flight-1.jpg")]);
     assert!(
-        protocol.contains("consistent with the model") && protocol.contains("sigma of the deflection if"),
+        budget
+            .windows(2)
+            .all(|pair| share(&pair[0]) >= share(&pair[1])),
+        "the largest first"
+    );
+    assert!(
+        budget
+            .iter()
+            .any(|one| one["source"] == "mounting" && one["sigma_if_known_m"].is_number())
+    );
+    assert!(
+        budget
+            .iter()
+            .any(|one| one["source"] == "image" && one["sigma_if_known_m"].is_null())
+    );
+
+    let table = stdout(&[
+        "solve",
+        "--installation",
+        bent.path().to_str().unwrap(),
+        &frame("flight-1.jpg"),
+    ]);
+    assert!(
+        table.contains("against the ground frame") && table.contains("variance comes from"),
+        "{table}"
+    );
+    let protocol = stdout(&[
+        "solve",
+        "--protocol",
+        "--installation",
+        bent.path().to_str().unwrap(),
+        &frame("flight-1.jpg"),
+    ]);
+    assert!(
+        protocol.contains("consistent with the model")
+            && protocol.contains("sigma of the deflection if"),
         "{protocol}"
     );
     let plan: PathBuf = bent.path().into();
     let plan = stdout(&["plan", "--json", "--installation", plan.to_str().unwrap()]);
     let plan: Value = serde_json::from_str(&plan).unwrap();
     assert_eq!(plan["prediction"]["tip"]["reference"], "ground");
-    let planned: f64 = plan["prediction"]["budget"].as_array().unwrap().iter().map(share).sum();
+    let planned: f64 = plan["prediction"]["budget"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(share)
+        .sum();
     assert!((planned - 1.0).abs() < 1e-9);
 }
 
@@ -128,10 +203,27 @@ fn results_have_three_deflections_and_a_budget() {
 fn the_profile_method_has_one_deflection_and_two_sources() {
     let (plain, _) = oriented(|_| (), "");
     let directory = plain.path().to_str().unwrap();
-    let line = stdout(&["solve", "--json", "--method", "profile", "--installation", directory, &frame("flight-1.jpg")]);
+    let line = stdout(&[
+        "solve",
+        "--json",
+        "--method",
+        "profile",
+        "--installation",
+        directory,
+        &frame("flight-1.jpg"),
+    ]);
     let record: Value = serde_json::from_str(&line).unwrap();
-    assert!(record["tip"]["deflection_ground_m"].is_null() && record["tip"]["reference"] == "survey");
-    let sources: Vec<&str> =
-        record["budget"].as_array().unwrap().iter().map(|one| one["source"].as_str().unwrap()).collect();
-    assert!(sources.contains(&"image") && sources.contains(&"survey") && sources.len() == 2, "{sources:?}");
+    assert!(
+        record["tip"]["deflection_ground_m"].is_null() && record["tip"]["reference"] == "survey"
+    );
+    let sources: Vec<&str> = record["budget"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|one| one["source"].as_str().unwrap())
+        .collect();
+    assert!(
+        sources.contains(&"image") && sources.contains(&"survey") && sources.len() == 2,
+        "{sources:?}"
+    );
 }

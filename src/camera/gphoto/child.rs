@@ -35,7 +35,10 @@ pub fn serve_requests() -> io::Result<()> {
     Ok(())
 }
 
-fn handle_request(driver: &mut Option<GphotoDriver>, request: Request) -> CameraAnswer<(Value, Vec<u8>)> {
+fn handle_request(
+    driver: &mut Option<GphotoDriver>,
+    request: Request,
+) -> CameraAnswer<(Value, Vec<u8>)> {
     if let Request::Open { section } = &request {
         *driver = None;
         let (opened, info) = GphotoDriver::open(section)?;
@@ -45,11 +48,18 @@ fn handle_request(driver: &mut Option<GphotoDriver>, request: Request) -> Camera
     let driver = driver.as_mut().ok_or_else(CameraError::closed)?;
     match request {
         Request::Recover => driver.recover().map(|(image, body)| (json!(image), body)),
-        Request::Shoot { deadline_s, trigger } => {
+        Request::Shoot {
+            deadline_s,
+            trigger,
+        } => {
             let deadline = Duration::try_from_secs_f64(deadline_s).unwrap_or_default();
-            driver.shoot(deadline, trigger).map(|(image, body)| (json!(image), body))
+            driver
+                .shoot(deadline, trigger)
+                .map(|(image, body)| (json!(image), body))
         }
         Request::Drain => Ok((json!(driver.unexpected_images()), Vec::new())),
-        Request::Release | Request::Open { .. } => driver.delete_last().map(|()| (Value::Null, Vec::new())),
+        Request::Release | Request::Open { .. } => {
+            driver.delete_last().map(|()| (Value::Null, Vec::new()))
+        }
     }
 }

@@ -49,9 +49,17 @@ impl GphotoDriver {
         let (camera, model) = find_camera(&context, section)?;
         let (mut settings, mut warnings) = settings::apply_settings(&camera, &section.settings);
         settings.extend(free_space(&camera));
-        let mut driver = Self { context, camera, delete: section.delete, leftovers: Vec::new(), last: None };
+        let mut driver = Self {
+            context,
+            camera,
+            delete: section.delete,
+            leftovers: Vec::new(),
+            last: None,
+        };
         if section.recover > 0 {
-            driver.leftovers = driver.list_images().map_err(|e| faults::classify_error(&e, "listing the card"))?;
+            driver.leftovers = driver
+                .list_images()
+                .map_err(|e| faults::classify_error(&e, "listing the card"))?;
         }
         if driver.leftovers.len() > section.recover {
             warnings.push(format!(
@@ -64,7 +72,14 @@ impl GphotoDriver {
         }
         let serial = settings.get("serialnumber").and_then(Value::as_str);
         let name = serial.map_or(model.clone(), |serial| format!("{model}, serial {serial}"));
-        Ok((driver, CameraInfo { name, settings, warnings }))
+        Ok((
+            driver,
+            CameraInfo {
+                name,
+                settings,
+                warnings,
+            },
+        ))
     }
 
     /// Returns the next leftover image, if any.
@@ -85,24 +100,39 @@ impl GphotoDriver {
     }
 
     /// Releases the shutter (or waits for an external release) and downloads the image.
-    pub fn shoot(&mut self, deadline: Duration, trigger: bool) -> Result<(CardImage, Vec<u8>), CameraError> {
+    pub fn shoot(
+        &mut self,
+        deadline: Duration,
+        trigger: bool,
+    ) -> Result<(CardImage, Vec<u8>), CameraError> {
         let deadline = Deadline::new(deadline);
-        let unexpected = if trigger { self.drain_events() } else { Vec::new() };
+        let unexpected = if trigger {
+            self.drain_events()
+        } else {
+            Vec::new()
+        };
         let asked_s = clock::since_boot_s();
         if trigger {
-            self.trigger(&deadline).map_err(|error| self.check_card_full(error))?;
+            self.trigger(&deadline)
+                .map_err(|error| self.check_card_full(error))?;
         }
-        let (image, others) = self.wait_for_image(&deadline).map_err(|error| self.check_card_full(error))?;
+        let (image, others) = self
+            .wait_for_image(&deadline)
+            .map_err(|error| self.check_card_full(error))?;
         let answered_s = clock::since_boot_s();
         let (mut bytes, mut settings) = self.download(&image)?;
         if jpeg::check_complete(&bytes).is_err() {
             deadline.remaining("a second download")?;
             (bytes, settings) = self.download(&image)?;
         }
-        jpeg::check_complete(&bytes).map_err(|why| CameraError::BadFrame(format!("{}: {why}", image.path())))?;
+        jpeg::check_complete(&bytes)
+            .map_err(|why| CameraError::BadFrame(format!("{}: {why}", image.path())))?;
         for (key, list) in [("other_files", others), ("unexpected_files", unexpected)] {
             if !list.is_empty() {
-                settings.insert(key.to_owned(), list.iter().map(CardFile::path).collect::<Vec<_>>().into());
+                settings.insert(
+                    key.to_owned(),
+                    list.iter().map(CardFile::path).collect::<Vec<_>>().into(),
+                );
             }
         }
         settings.insert(REQUEST_TIME_KEY.to_owned(), asked_s.into());
@@ -121,8 +151,13 @@ impl GphotoDriver {
     pub fn delete_last(&mut self) -> Result<(), CameraError> {
         match self.last.take().filter(|_| self.delete) {
             Some(last) => {
-                let deletion = self.camera.fs().delete_file(&last.folder, &last.name).wait();
-                deletion.map_err(|e| faults::classify_error(&e, &format!("deleting {}", last.path())))
+                let deletion = self
+                    .camera
+                    .fs()
+                    .delete_file(&last.folder, &last.name)
+                    .wait();
+                deletion
+                    .map_err(|e| faults::classify_error(&e, &format!("deleting {}", last.path())))
             }
             None => Ok(()),
         }
@@ -144,10 +179,17 @@ impl GphotoDriver {
 
     fn trigger(&mut self, deadline: &Deadline) -> Result<(), CameraError> {
         loop {
-            match self.camera.trigger_capture().wait().map_err(|e| faults::classify_error(&e, "release")) {
+            match self
+                .camera
+                .trigger_capture()
+                .wait()
+                .map_err(|e| faults::classify_error(&e, "release"))
+            {
                 // The camera is typically still writing the last image.
                 Err(CameraError::Busy(why)) => match deadline.remaining("") {
-                    Ok(left) if left > Duration::from_secs(2) => std::thread::sleep(Duration::from_millis(200)),
+                    Ok(left) if left > Duration::from_secs(2) => {
+                        std::thread::sleep(Duration::from_millis(200))
+                    }
                     _ => return Err(CameraError::Busy(why)),
                 },
                 other => return other,
@@ -156,10 +198,15 @@ impl GphotoDriver {
     }
 
     /// Waits for the first JPEG, and returns the other files that came with it.
-    fn wait_for_image(&mut self, deadline: &Deadline) -> Result<(CardFile, Vec<CardFile>), CameraError> {
+    fn wait_for_image(
+        &mut self,
+        deadline: &Deadline,
+    ) -> Result<(CardFile, Vec<CardFile>), CameraError> {
         let mut others = Vec::new();
         loop {
-            let left = deadline.remaining("the image after the release")?.min(Duration::from_secs(1));
+            let left = deadline
+                .remaining("the image after the release")?
+                .min(Duration::from_secs(1));
             match self
                 .camera
                 .wait_event(left)
@@ -187,9 +234,20 @@ impl GphotoDriver {
     }
 
     fn download(&self, image: &CardFile) -> Result<(Vec<u8>, Map<String, Value>), CameraError> {
-        let failed = |e: gphoto2::Error| faults::classify_error(&e, &format!("downloading {}", image.path()));
-        let file = self.camera.fs().download(&image.folder, &image.name).wait().map_err(failed)?;
-        let bytes = file.get_data(&self.context).wait().map_err(failed)?.into_vec();
+        let failed = |e: gphoto2::Error| {
+            faults::classify_error(&e, &format!("downloading {}", image.path()))
+        };
+        let file = self
+            .camera
+            .fs()
+            .download(&image.folder, &image.name)
+            .wait()
+            .map_err(failed)?;
+        let bytes = file
+            .get_data(&self.context)
+            .wait()
+            .map_err(failed)?
+            .into_vec();
         let mut settings = Map::new();
         settings.insert("camera_path".to_owned(), image.path().into());
         settings.insert("camera_time_unix_s".to_owned(), file.mtime().into());
@@ -198,8 +256,13 @@ impl GphotoDriver {
 
     /// Replaces an error by a full card if the card is full: the camera does not name that error.
     fn check_card_full(&self, error: CameraError) -> CameraError {
-        let full = matches!(&error, CameraError::Gone(_) | CameraError::Timeout { .. }) && is_card_full(&self.camera);
-        if full { CameraError::Refused(faults::card_full_message(&error.to_string())) } else { error }
+        let full = matches!(&error, CameraError::Gone(_) | CameraError::Timeout { .. })
+            && is_card_full(&self.camera);
+        if full {
+            CameraError::Refused(faults::card_full_message(&error.to_string()))
+        } else {
+            error
+        }
     }
 
     /// Lists every JPEG below a DCIM folder, the oldest name last.
@@ -209,7 +272,14 @@ impl GphotoDriver {
         while let Some(folder) = folders.pop() {
             if folder.contains("/DCIM") {
                 let files = self.camera.fs().list_files(&folder).wait()?;
-                found.extend(files.map(|name| CardFile { folder: folder.clone(), name }).filter(CardFile::is_jpeg));
+                found.extend(
+                    files
+                        .map(|name| CardFile {
+                            folder: folder.clone(),
+                            name,
+                        })
+                        .filter(CardFile::is_jpeg),
+                );
             }
             let inner = self.camera.fs().list_folders(&folder).wait()?;
             folders.extend(inner.map(|name| format!("{}/{name}", folder.trim_end_matches('/'))));
@@ -220,19 +290,41 @@ impl GphotoDriver {
 }
 
 fn card_file_from_path(path: &gphoto2::file::CameraFilePath) -> CardFile {
-    CardFile { folder: path.folder().into_owned(), name: path.name().into_owned() }
+    CardFile {
+        folder: path.folder().into_owned(),
+        name: path.name().into_owned(),
+    }
 }
 
-fn find_camera(context: &Context, section: &GphotoSection) -> Result<(Camera, String), CameraError> {
-    let all: Vec<_> =
-        context.list_cameras().wait().map_err(|e| faults::classify_error(&e, "searching for cameras"))?.collect();
-    let names: Vec<_> = all.iter().map(|camera| format!("{} on {}", camera.model, camera.port)).collect();
+fn find_camera(
+    context: &Context,
+    section: &GphotoSection,
+) -> Result<(Camera, String), CameraError> {
+    let all: Vec<_> = context
+        .list_cameras()
+        .wait()
+        .map_err(|e| faults::classify_error(&e, "searching for cameras"))?
+        .collect();
+    let names: Vec<_> = all
+        .iter()
+        .map(|camera| format!("{} on {}", camera.model, camera.port))
+        .collect();
     let mut matching = all.iter().filter(|camera| {
-        section.model.as_ref().is_none_or(|model| camera.model.contains(model))
-            && section.port.as_ref().is_none_or(|port| camera.port == *port)
+        section
+            .model
+            .as_ref()
+            .is_none_or(|model| camera.model.contains(model))
+            && section
+                .port
+                .as_ref()
+                .is_none_or(|port| camera.port == *port)
     });
     let Some(camera) = matching.next() else {
-        let connected = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+        let connected = if names.is_empty() {
+            "none".to_owned()
+        } else {
+            names.join(", ")
+        };
         return Err(CameraError::Gone(format!(
             "no matching camera on USB (connected: {connected}); check cable and power, and set the \
              camera's USB mode to PTP"
@@ -240,7 +332,10 @@ fn find_camera(context: &Context, section: &GphotoSection) -> Result<(Camera, St
     };
     if matching.next().is_some() {
         let remedy = "name one with camera.model or camera.port";
-        return Err(CameraError::Refused(format!("several cameras: {}; {remedy}", names.join(", "))));
+        return Err(CameraError::Refused(format!(
+            "several cameras: {}; {remedy}",
+            names.join(", ")
+        )));
     }
     let opened = context.get_camera(camera).wait();
     opened
@@ -267,6 +362,9 @@ fn is_card_full(camera: &Camera) -> bool {
     let storages = camera.storages().wait().unwrap_or_default();
     !storages.is_empty()
         && storages.iter().all(|storage| {
-            storage.free_images() == Some(0) || storage.free_kb().is_some_and(|bytes| bytes < MIN_FREE_BYTES)
+            storage.free_images() == Some(0)
+                || storage
+                    .free_kb()
+                    .is_some_and(|bytes| bytes < MIN_FREE_BYTES)
         })
 }

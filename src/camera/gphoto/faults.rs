@@ -15,9 +15,16 @@ pub fn classify_error(error: &gphoto2::Error, what: &str) -> CameraError {
         ErrorKind::CameraBusy => CameraError::Busy(format!(
             "{text}; leave menu, playback and live view, switch off mirror lock-up and self-timer"
         )),
-        ErrorKind::Timeout => CameraError::Timeout { after_s: 0.0, what: text },
-        ErrorKind::NoSpace | ErrorKind::FixedLimitExceeded => CameraError::Refused(card_full_message(&text)),
-        ErrorKind::NotSupported => CameraError::Refused(format!("{text}; this camera does not support that over USB")),
+        ErrorKind::Timeout => CameraError::Timeout {
+            after_s: 0.0,
+            what: text,
+        },
+        ErrorKind::NoSpace | ErrorKind::FixedLimitExceeded => {
+            CameraError::Refused(card_full_message(&text))
+        }
+        ErrorKind::NotSupported => CameraError::Refused(format!(
+            "{text}; this camera does not support that over USB"
+        )),
         // Other errors are mostly a camera that no longer answers; the caller reopens it.
         _ => CameraError::Gone(format!(
             "{text}; unplugged, switched off, asleep or out of power: check cable and battery, and switch \
@@ -28,5 +35,7 @@ pub fn classify_error(error: &gphoto2::Error, what: &str) -> CameraError {
 
 /// Builds the message for a full card.
 pub fn card_full_message(what: &str) -> String {
-    format!("{what}; the card is full: remove images from it, or set capturetarget to the internal memory")
+    format!(
+        "{what}; the card is full: remove images from it, or set capturetarget to the internal memory"
+    )
 }

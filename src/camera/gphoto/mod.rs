@@ -19,7 +19,9 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::freshness::LastName;
-use crate::camera::{Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection, Format, jpeg};
+use crate::camera::{
+    Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection, Format, jpeg,
+};
 use crate::clock::Clock;
 use crate::clock::exposure::ExposureEvidence;
 use crate::installation::KeyFault;
@@ -63,7 +65,14 @@ pub struct GphotoSection {
 
 impl Default for GphotoSection {
     fn default() -> Self {
-        Self { model: None, port: None, settings: BTreeMap::new(), open_s: 30.0, delete: true, recover: 40 }
+        Self {
+            model: None,
+            port: None,
+            settings: BTreeMap::new(),
+            open_s: 30.0,
+            delete: true,
+            recover: 40,
+        }
     }
 }
 
@@ -90,7 +99,11 @@ pub struct GphotoCamera {
 impl GphotoCamera {
     /// Creates a closed camera; no device is accessed before `open`.
     pub fn new(section: GphotoSection, last_name: LastName) -> Self {
-        Self { section, process: None, last_name }
+        Self {
+            section,
+            process: None,
+            last_name,
+        }
     }
 
     /// Sends a request to the camera process; drops the process if it can no longer be used.
@@ -110,32 +123,54 @@ impl GphotoCamera {
 
     /// Returns images that appeared without a shot; called just before an external release of the shutter.
     pub fn drain_events(&mut self) -> Result<Vec<String>, CameraError> {
-        self.ask(&Request::Drain, SHORT_LIMIT, "the camera's events").map(|(paths, _)| paths)
+        self.ask(&Request::Drain, SHORT_LIMIT, "the camera's events")
+            .map(|(paths, _)| paths)
     }
 
     /// Takes a shot, or with `trigger` false waits for one released externally.
-    pub fn shoot_or_wait(&mut self, deadline: Duration, trigger: bool) -> Result<CameraFrame, CameraError> {
-        let request = Request::Shoot { deadline_s: deadline.as_secs_f64(), trigger };
-        let (image, bytes): (CardImage, _) = self.ask(&request, kill_deadline(deadline), "a shot")?;
+    pub fn shoot_or_wait(
+        &mut self,
+        deadline: Duration,
+        trigger: bool,
+    ) -> Result<CameraFrame, CameraError> {
+        let request = Request::Shoot {
+            deadline_s: deadline.as_secs_f64(),
+            trigger,
+        };
+        let (image, bytes): (CardImage, _) =
+            self.ask(&request, kill_deadline(deadline), "a shot")?;
         jpeg::check_complete(&bytes).map_err(|why| CameraError::BadFrame(why.to_string()))?;
         self.last_name.check(&image.path)?;
         let exposed = exposure_evidence(&image.settings);
-        Ok(CameraFrame { bytes, format: Format::Jpeg, settings: image.settings, exposed })
+        Ok(CameraFrame {
+            bytes,
+            format: Format::Jpeg,
+            settings: image.settings,
+            exposed,
+        })
     }
 }
 
 /// Returns the interval between the trigger and the camera's image event.
-fn exposure_evidence(settings: &serde_json::Map<String, serde_json::Value>) -> Option<ExposureEvidence> {
+fn exposure_evidence(
+    settings: &serde_json::Map<String, serde_json::Value>,
+) -> Option<ExposureEvidence> {
     let time = |key: &str| settings.get(key).and_then(serde_json::Value::as_f64);
-    Some(ExposureEvidence::Between { from_s: time(REQUEST_TIME_KEY)?, to_s: time(RESPONSE_TIME_KEY)? })
+    Some(ExposureEvidence::Between {
+        from_s: time(REQUEST_TIME_KEY)?,
+        to_s: time(RESPONSE_TIME_KEY)?,
+    })
 }
 
 impl Camera for GphotoCamera {
     fn open(&mut self) -> Result<CameraInfo, CameraError> {
         self.close();
         self.process = Some(CameraProcess::start(PROGRAM, &[CHILD_COMMAND])?);
-        let request = Request::Open { section: self.section.clone() };
-        let limit = Duration::try_from_secs_f64(self.section.open_s).unwrap_or(Duration::from_secs(30));
+        let request = Request::Open {
+            section: self.section.clone(),
+        };
+        let limit =
+            Duration::try_from_secs_f64(self.section.open_s).unwrap_or(Duration::from_secs(30));
         let opened = self.ask(&request, limit, "the setup of the camera");
         if opened.is_err() {
             self.close();
@@ -145,8 +180,12 @@ impl Camera for GphotoCamera {
 
     fn recover(&mut self, deadline: Duration) -> Result<Option<CameraFrame>, CameraError> {
         let (image, bytes) = self.ask(&Request::Recover, deadline, "an image from the card")?;
-        let frame =
-            |image: CardImage| CameraFrame { bytes, format: Format::Jpeg, settings: image.settings, exposed: None };
+        let frame = |image: CardImage| CameraFrame {
+            bytes,
+            format: Format::Jpeg,
+            settings: image.settings,
+            exposed: None,
+        };
         Ok(Option::map(image, frame))
     }
 
@@ -155,7 +194,12 @@ impl Camera for GphotoCamera {
     }
 
     fn release_last(&mut self) -> Result<(), CameraError> {
-        self.ask(&Request::Release, SHORT_LIMIT, "the deletion of an image on the card").map(|((), _)| ())
+        self.ask(
+            &Request::Release,
+            SHORT_LIMIT,
+            "the deletion of an image on the card",
+        )
+        .map(|((), _)| ())
     }
 
     fn close(&mut self) {
@@ -170,11 +214,15 @@ mod tests {
     #[test]
     fn a_section_is_read_and_its_faults_are_named() {
         let section: GphotoSection =
-            toml::from_str("model='D750'\n[settings]\nfocusmode='Manual'\n'f-number'='f/8'").unwrap();
+            toml::from_str("model='D750'\n[settings]\nfocusmode='Manual'\n'f-number'='f/8'")
+                .unwrap();
         assert_eq!(section.settings["f-number"], "f/8");
         assert!(section.delete && section.recover > 0);
         assert_eq!(section.faults(), []);
-        let odd = GphotoSection { open_s: f64::NAN, ..GphotoSection::default() };
+        let odd = GphotoSection {
+            open_s: f64::NAN,
+            ..GphotoSection::default()
+        };
         assert_eq!(odd.faults().len(), 1);
         assert!(toml::from_str::<GphotoSection>("modle='D750'").is_err());
     }
@@ -182,7 +230,10 @@ mod tests {
     #[test]
     fn a_closed_camera_is_gone() {
         let mut camera = GphotoCamera::new(GphotoSection::default(), LastName::default());
-        assert!(matches!(camera.shoot(Duration::from_secs(1)), Err(CameraError::Gone(_))));
+        assert!(matches!(
+            camera.shoot(Duration::from_secs(1)),
+            Err(CameraError::Gone(_))
+        ));
         assert!(matches!(camera.release_last(), Err(CameraError::Gone(_))));
     }
 }

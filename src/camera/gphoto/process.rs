@@ -25,7 +25,9 @@ impl CameraProcess {
     /// Starts `program` with `arguments`; it speaks [`protocol`] on its standard input and output.
     pub fn start<A: AsRef<OsStr>>(program: &str, arguments: &[A]) -> Result<Self, CameraError> {
         let refused = |error: &dyn std::fmt::Display| {
-            CameraError::Refused(format!("the camera process {program} could not be started: {error}"))
+            CameraError::Refused(format!(
+                "the camera process {program} could not be started: {error}"
+            ))
         };
         let mut child = Command::new(program)
             .args(arguments)
@@ -34,7 +36,9 @@ impl CameraProcess {
             .spawn()
             .map_err(|error| refused(&error))?;
         let (requests, output) = (child.stdin.take(), child.stdout.take());
-        let (requests, mut output) = requests.zip(output).ok_or_else(|| refused(&"it has no pipes"))?;
+        let (requests, mut output) = requests
+            .zip(output)
+            .ok_or_else(|| refused(&"it has no pipes"))?;
         let (sender, answers) = mpsc::sync_channel(1);
         // The thread ends with the pipe, at the latest when the process is killed.
         std::thread::spawn(move || {
@@ -46,7 +50,11 @@ impl CameraProcess {
                 }
             }
         });
-        Ok(Self { child, requests, answers })
+        Ok(Self {
+            child,
+            requests,
+            answers,
+        })
     }
 
     /// Sends a request and waits for the answer. After an error other than an answer the process cannot be used.
@@ -61,7 +69,9 @@ impl CameraProcess {
         }
         match self.answers.recv_timeout(limit) {
             Ok(Ok((answer, body))) => {
-                let unexpected = |_| CameraError::Gone("the camera process gave an unexpected answer".to_owned());
+                let unexpected = |_| {
+                    CameraError::Gone("the camera process gave an unexpected answer".to_owned())
+                };
                 Ok((serde_json::from_value(answer?).map_err(unexpected)?, body))
             }
             Ok(Err(error)) => Err(self.end_error(&error.to_string())),
@@ -69,7 +79,10 @@ impl CameraProcess {
             Err(RecvTimeoutError::Timeout) => {
                 self.kill();
                 let what = format!("{what}; the camera process was killed");
-                Err(CameraError::Timeout { after_s: limit.as_secs_f64(), what })
+                Err(CameraError::Timeout {
+                    after_s: limit.as_secs_f64(),
+                    what,
+                })
             }
         }
     }
@@ -82,7 +95,10 @@ impl CameraProcess {
     /// Kills the process if it still runs, and builds the error with the reason for its end.
     fn end_error(&mut self, why: &str) -> CameraError {
         self.kill();
-        let status = self.child.wait().map_or_else(|error| error.to_string(), |status| status.to_string());
+        let status = self
+            .child
+            .wait()
+            .map_or_else(|error| error.to_string(), |status| status.to_string());
         CameraError::Gone(format!("the camera process ended: {why}, {status}"))
     }
 
@@ -107,7 +123,9 @@ mod tests {
     fn ask(script: &str) -> (CameraError, bool, Duration) {
         let start = Instant::now();
         let mut process = CameraProcess::start("/bin/sh", &["-c", script]).unwrap();
-        let error = process.ask::<()>(&Request::Recover, Duration::from_millis(300), "nothing").unwrap_err();
+        let error = process
+            .ask::<()>(&Request::Recover, Duration::from_millis(300), "nothing")
+            .unwrap_err();
         (error, process.is_alive(), start.elapsed())
     }
 
@@ -121,10 +139,16 @@ mod tests {
     #[test]
     fn crashes_and_invalid_messages_are_errors() {
         let (error, alive, _) = ask("kill -SEGV $$");
-        assert!(matches!(&error, CameraError::Gone(why) if why.contains("signal: 11")), "{error}");
+        assert!(
+            matches!(&error, CameraError::Gone(why) if why.contains("signal: 11")),
+            "{error}"
+        );
         assert!(!alive);
         let (error, alive, _) = ask("echo hello, this is not a message; sleep 100");
-        assert!(matches!(&error, CameraError::Gone(why) if why.contains("not a message")), "{error}");
+        assert!(
+            matches!(&error, CameraError::Gone(why) if why.contains("not a message")),
+            "{error}"
+        );
         assert!(!alive);
         assert!(CameraProcess::start::<&str>("/no/such/program", &[]).is_err());
     }

@@ -70,14 +70,18 @@ pub fn write_message(out: &mut impl Write, header: &impl Serialize, body: &[u8])
 /// Returns an error if the pipe ends within it, or it is not a message of this version.
 pub fn read_message<T: DeserializeOwned>(input: &mut impl Read) -> io::Result<(T, Vec<u8>)> {
     let mut start = [[0; 4]; 3];
-    input.read_exact(start.as_flattened_mut()).map_err(pipe_error)?;
+    input
+        .read_exact(start.as_flattened_mut())
+        .map_err(pipe_error)?;
     let [magic, header, body] = start;
     let (header, body) = (u32::from_le_bytes(header), u32::from_le_bytes(body));
     if magic != MAGIC {
         return Err(io::Error::other("not a message of this version"));
     }
     if header > MAX_HEADER_BYTES || body > MAX_BODY_BYTES {
-        return Err(io::Error::other(format!("a message of {header} + {body} bytes is too long")));
+        return Err(io::Error::other(format!(
+            "a message of {header} + {body} bytes is too long"
+        )));
     }
     let head = serde_json::from_slice(&read_exactly(input, header)?)
         .map_err(|error| io::Error::other(format!("the header is invalid: {error}")))?;
@@ -87,8 +91,15 @@ pub fn read_message<T: DeserializeOwned>(input: &mut impl Read) -> io::Result<(T
 /// Reads `length` bytes; allocates only as much as arrives.
 fn read_exactly(input: &mut impl Read, length: u32) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    input.take(u64::from(length)).read_to_end(&mut bytes).map_err(pipe_error)?;
-    if bytes.len() == length as usize { Ok(bytes) } else { Err(pipe_error(io::ErrorKind::UnexpectedEof.into())) }
+    input
+        .take(u64::from(length))
+        .read_to_end(&mut bytes)
+        .map_err(pipe_error)?;
+    if bytes.len() == length as usize {
+        Ok(bytes)
+    } else {
+        Err(pipe_error(io::ErrorKind::UnexpectedEof.into()))
+    }
 }
 
 fn pipe_error(error: io::Error) -> io::Error {
@@ -109,7 +120,13 @@ mod tests {
 
     fn sample() -> (ShotAnswer, Vec<u8>) {
         let settings = Map::from_iter([("iso".to_owned(), Value::from("100"))]);
-        (Ok(CardImage { path: "/DCIM/1.JPG".to_owned(), settings }), (0..=255).collect())
+        (
+            Ok(CardImage {
+                path: "/DCIM/1.JPG".to_owned(),
+                settings,
+            }),
+            (0..=255).collect(),
+        )
     }
 
     fn written() -> Vec<u8> {
@@ -136,7 +153,11 @@ mod tests {
     fn every_truncation_is_detected() {
         let bytes = written();
         for length in 0..bytes.len() {
-            assert_eq!(fault_of(&bytes[..length]).kind(), io::ErrorKind::UnexpectedEof, "{length}");
+            assert_eq!(
+                fault_of(&bytes[..length]).kind(),
+                io::ErrorKind::UnexpectedEof,
+                "{length}"
+            );
         }
     }
 
@@ -144,7 +165,10 @@ mod tests {
     fn another_version_and_lying_lengths_are_refused() {
         let mut bytes = written();
         bytes[3] = b'1';
-        assert_eq!(fault_of(&bytes).to_string(), "not a message of this version");
+        assert_eq!(
+            fault_of(&bytes).to_string(),
+            "not a message of this version"
+        );
         bytes[3] = b'2';
         bytes[4..12].fill(0xFF);
         assert!(fault_of(&bytes).to_string().ends_with("is too long"));

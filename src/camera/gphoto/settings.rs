@@ -25,7 +25,10 @@ const RECORDED: [&str; 14] = [
 ];
 
 /// Sets the settings that differ from `wanted`; returns those in force, and a warning for each that still differs.
-pub fn apply_settings(camera: &Camera, wanted: &BTreeMap<String, String>) -> (Map<String, Value>, Vec<String>) {
+pub fn apply_settings(
+    camera: &Camera,
+    wanted: &BTreeMap<String, String>,
+) -> (Map<String, Value>, Vec<String>) {
     let mut settings = Map::new();
     let mut warnings = Vec::new();
     for (name, value) in wanted {
@@ -37,7 +40,10 @@ pub fn apply_settings(camera: &Camera, wanted: &BTreeMap<String, String>) -> (Ma
         }
     }
     for name in RECORDED {
-        if let (false, Ok(widget)) = (settings.contains_key(name), camera.config_key::<Widget>(name).wait()) {
+        if let (false, Ok(widget)) = (
+            settings.contains_key(name),
+            camera.config_key::<Widget>(name).wait(),
+        ) {
             settings.insert(name.to_owned(), widget_text(&widget).into());
         }
     }
@@ -50,11 +56,20 @@ enum SettingError {
     #[error("the camera has no setting {0} ({1})")]
     Unknown(String, gphoto2::Error),
     #[error("setting {name} is {now}, and cannot be set to {wanted}: {why}{}", unset_setting_hint(.name))]
-    Refused { name: String, now: String, wanted: String, why: ValueError },
+    Refused {
+        name: String,
+        now: String,
+        wanted: String,
+        why: ValueError,
+    },
     #[error("setting {0}: {1}")]
     Unreadable(String, gphoto2::Error),
     #[error("setting {name} is {now}, wanted {wanted}{}", unset_setting_hint(.name))]
-    NotApplied { name: String, now: String, wanted: String },
+    NotApplied {
+        name: String,
+        now: String,
+        wanted: String,
+    },
 }
 
 /// Reason why a setting does not accept a value.
@@ -81,18 +96,32 @@ fn set_setting(camera: &Camera, name: &str, value: &str) -> Result<String, Setti
         return Ok(widget_text(&widget));
     }
     let (name, wanted) = (name.to_owned(), value.to_owned());
-    if let Err(why) = set_widget_value(&widget, value).and_then(|()| Ok(camera.set_config(&widget).wait()?)) {
-        return Err(SettingError::Refused { name, now: widget_text(&widget), wanted, why });
+    if let Err(why) =
+        set_widget_value(&widget, value).and_then(|()| Ok(camera.set_config(&widget).wait()?))
+    {
+        return Err(SettingError::Refused {
+            name,
+            now: widget_text(&widget),
+            wanted,
+            why,
+        });
     }
-    let now =
-        read().map(|widget| widget_text(&widget)).map_err(|error| SettingError::Unreadable(name.clone(), error))?;
-    if is_same_setting(&now, value) { Ok(now) } else { Err(SettingError::NotApplied { name, now, wanted }) }
+    let now = read()
+        .map(|widget| widget_text(&widget))
+        .map_err(|error| SettingError::Unreadable(name.clone(), error))?;
+    if is_same_setting(&now, value) {
+        Ok(now)
+    } else {
+        Err(SettingError::NotApplied { name, now, wanted })
+    }
 }
 
 fn unset_setting_hint(name: &str) -> &'static str {
     match name {
         "focusmode" => "; set the switch on the lens or body to M",
-        "f-number" | "aperture" | "shutterspeed" | "iso" | "expprogram" => "; set the mode dial to M",
+        "f-number" | "aperture" | "shutterspeed" | "iso" | "expprogram" => {
+            "; set the mode dial to M"
+        }
         _ => "",
     }
 }
@@ -105,7 +134,10 @@ fn widget_text(widget: &Widget) -> String {
     match widget {
         Widget::Text(widget) => widget.value(),
         Widget::Range(widget) => widget.value().to_string(),
-        Widget::Toggle(widget) => widget.toggled().map_or("unknown", |on| if on { "1" } else { "0" }).to_owned(),
+        Widget::Toggle(widget) => widget
+            .toggled()
+            .map_or("unknown", |on| if on { "1" } else { "0" })
+            .to_owned(),
         Widget::Radio(widget) => widget.choice(),
         Widget::Date(widget) => widget.timestamp().to_string(),
         _ => String::new(),

@@ -41,7 +41,12 @@ pub struct WatchedFolder {
 impl WatchedFolder {
     /// Creates a closed folder; it is not accessed before `open`.
     pub fn new(section: FolderSection, last_name: LastName) -> Self {
-        Self { section, last_name, known: None, last: None }
+        Self {
+            section,
+            last_name,
+            known: None,
+            last: None,
+        }
     }
 
     /// Returns files that appeared without a request; they are no longer new.
@@ -49,7 +54,10 @@ impl WatchedFolder {
         let known = self.known.as_mut().ok_or_else(CameraError::closed)?;
         let mut files: Vec<_> = list_files(&self.section.path)?.into_keys().collect();
         files.retain(|file| known.insert(file.clone()));
-        Ok(files.iter().map(|file| file.display().to_string()).collect())
+        Ok(files
+            .iter()
+            .map(|file| file.display().to_string())
+            .collect())
     }
 }
 
@@ -58,7 +66,10 @@ impl Camera for WatchedFolder {
     fn open(&mut self) -> Result<CameraInfo, CameraError> {
         self.known = Some(list_files(&self.section.path)?.into_keys().collect());
         let name = format!("remote release, files in {}", self.section.path.display());
-        Ok(CameraInfo { name, ..CameraInfo::default() })
+        Ok(CameraInfo {
+            name,
+            ..CameraInfo::default()
+        })
     }
 
     /// Waits for the next new file.
@@ -67,7 +78,10 @@ impl Camera for WatchedFolder {
         let known = self.known.as_mut().ok_or_else(CameraError::closed)?;
         let mut before = BTreeMap::new();
         loop {
-            let left = deadline.remaining(&format!("a new JPEG file in {}", self.section.path.display()))?;
+            let left = deadline.remaining(&format!(
+                "a new JPEG file in {}",
+                self.section.path.display()
+            ))?;
             let now = list_files(&self.section.path)?;
             for (file, size) in now.iter().filter(|(file, _)| !known.contains(*file)) {
                 if before.get(file) == Some(size) {
@@ -78,7 +92,12 @@ impl Camera for WatchedFolder {
                         let path = file.display().to_string();
                         self.last_name.check(&path)?;
                         let settings = Map::from_iter([("camera_path".to_owned(), path.into())]);
-                        return Ok(CameraFrame { bytes, format: Format::Jpeg, settings, exposed: None });
+                        return Ok(CameraFrame {
+                            bytes,
+                            format: Format::Jpeg,
+                            settings,
+                            exposed: None,
+                        });
                     }
                 }
             }
@@ -100,17 +119,25 @@ impl Camera for WatchedFolder {
 }
 
 fn folder_gone_error(path: &Path, error: &io::Error) -> CameraError {
-    CameraError::Gone(format!("{}: {error}; is the card's folder mounted?", path.display()))
+    CameraError::Gone(format!(
+        "{}: {error}; is the card's folder mounted?",
+        path.display()
+    ))
 }
 
 /// Lists JPEG files and their sizes.
 fn list_files(path: &Path) -> Result<BTreeMap<PathBuf, u64>, CameraError> {
     let mut files = BTreeMap::new();
-    collect_jpeg_files(path, MAX_DEPTH, &mut files).map_err(|error| folder_gone_error(path, &error))?;
+    collect_jpeg_files(path, MAX_DEPTH, &mut files)
+        .map_err(|error| folder_gone_error(path, &error))?;
     Ok(files)
 }
 
-fn collect_jpeg_files(path: &Path, depth: usize, into: &mut BTreeMap<PathBuf, u64>) -> io::Result<()> {
+fn collect_jpeg_files(
+    path: &Path,
+    depth: usize,
+    into: &mut BTreeMap<PathBuf, u64>,
+) -> io::Result<()> {
     for entry in fs::read_dir(path)? {
         let entry = entry?;
         let kind = entry.file_type()?;
@@ -142,7 +169,10 @@ mod tests {
         let card = dir.path().join("DCIM/100");
         fs::create_dir_all(&card).unwrap();
         fs::write(card.join("old.jpg"), picture(3)).unwrap();
-        let section = FolderSection { path: dir.path().to_owned(), delete: true };
+        let section = FolderSection {
+            path: dir.path().to_owned(),
+            delete: true,
+        };
         let mut folder = WatchedFolder::new(section, LastName::default());
         folder.open().unwrap();
 

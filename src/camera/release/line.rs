@@ -27,7 +27,10 @@ pub struct LineSection {
 impl LineSection {
     /// Returns true if exactly one line is named.
     pub fn is_clear(&self) -> bool {
-        matches!((&self.name, &self.chip, self.offset), (Some(_), None, None) | (None, Some(_), Some(_)))
+        matches!(
+            (&self.name, &self.chip, self.offset),
+            (Some(_), None, None) | (None, Some(_), Some(_))
+        )
     }
 
     fn label(&self) -> String {
@@ -39,14 +42,19 @@ impl LineSection {
     }
 
     fn find_gpio_line(&self) -> Result<FoundLine, CameraError> {
-        let missing = |why: String| CameraError::Refused(format!("{}: {why}; see gpioinfo", self.label()));
+        let missing =
+            |why: String| CameraError::Refused(format!("{}: {why}; see gpioinfo", self.label()));
         match (&self.name, &self.chip, self.offset) {
-            (Some(name), ..) => gpiocdev::find_named_line(name).ok_or_else(|| missing("no such GPIO line".to_owned())),
+            (Some(name), ..) => gpiocdev::find_named_line(name)
+                .ok_or_else(|| missing("no such GPIO line".to_owned())),
             (None, Some(chip), Some(offset)) => {
                 let info: Info = Chip::from_path(chip)
                     .and_then(|open| open.line_info(offset))
                     .map_err(|error| missing(error.to_string()))?;
-                Ok(FoundLine { chip: chip.clone(), info })
+                Ok(FoundLine {
+                    chip: chip.clone(),
+                    info,
+                })
             }
             _ => Err(missing("give its name, or chip and offset".to_owned())),
         }
@@ -70,11 +78,17 @@ impl GpioLine {
         Self::request(section, Builder::as_input)
     }
 
-    fn request(section: &LineSection, direct: fn(&mut Builder) -> &mut Builder) -> Result<Self, CameraError> {
+    fn request(
+        section: &LineSection,
+        direct: fn(&mut Builder) -> &mut Builder,
+    ) -> Result<Self, CameraError> {
         let label = section.label();
         let found = section.find_gpio_line()?;
         if found.info.used {
-            return Err(CameraError::Busy(format!("{label} is held by {:?}; stop that program", found.info.consumer)));
+            return Err(CameraError::Busy(format!(
+                "{label} is held by {:?}; stop that program",
+                found.info.consumer
+            )));
         }
         let mut builder = Request::builder();
         builder.with_found_line(&found).with_consumer("wingd");
@@ -85,20 +99,30 @@ impl GpioLine {
         // Another program may have requested the line since the check above.
         let request = builder.request().map_err(|error| match error.to_string() {
             text if text.contains("busy") => CameraError::Busy(format!("{label}: {text}")),
-            text => CameraError::Refused(format!("{label}: {text}; add the user that runs wingd to the group gpio")),
+            text => CameraError::Refused(format!(
+                "{label}: {text}; add the user that runs wingd to the group gpio"
+            )),
         })?;
         Ok(Self { request, label })
     }
 
     /// Sets the line active (pressed) or inactive.
     pub fn set(&self, pressed: bool) -> Result<(), CameraError> {
-        let value = if pressed { Value::Active } else { Value::Inactive };
-        self.request.set_lone_value(value).map_err(|error| CameraError::Gone(format!("{}: {error}", self.label)))
+        let value = if pressed {
+            Value::Active
+        } else {
+            Value::Inactive
+        };
+        self.request
+            .set_lone_value(value)
+            .map_err(|error| CameraError::Gone(format!("{}: {error}", self.label)))
     }
 
     /// Returns true if an input line is active.
     pub fn is_active(&self) -> Result<bool, CameraError> {
         let value = self.request.lone_value();
-        value.map(|value| value == Value::Active).map_err(|error| CameraError::Gone(format!("{}: {error}", self.label)))
+        value
+            .map(|value| value == Value::Active)
+            .map_err(|error| CameraError::Gone(format!("{}: {error}", self.label)))
     }
 }

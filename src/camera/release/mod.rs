@@ -76,18 +76,39 @@ impl DriverSection for ReleaseSection {
             FramesSection::V4l(section) => section.faults(),
             FramesSection::Folder(_) => Vec::new(),
         };
-        let mut faults: Vec<KeyFault> = frames.into_iter().map(|fault| fault.with_section("frames")).collect();
-        let lines = [("full_press", Some(&self.full_press)), ("half_press", self.half_press.as_ref())];
+        let mut faults: Vec<KeyFault> = frames
+            .into_iter()
+            .map(|fault| fault.with_section("frames"))
+            .collect();
+        let lines = [
+            ("full_press", Some(&self.full_press)),
+            ("half_press", self.half_press.as_ref()),
+        ];
         for (key, line) in lines {
             if line.is_some_and(|line| !line.is_clear()) {
                 let remedy = "give either name, or chip and offset";
-                faults.push(KeyFault::new(key, "does not name exactly one GPIO line", remedy));
+                faults.push(KeyFault::new(
+                    key,
+                    "does not name exactly one GPIO line",
+                    remedy,
+                ));
             }
         }
-        faults.extend(delay_fault("exposure_delay", self.exposure_delay_s, self.exposure_delay_sigma_s));
-        for (key, time_s) in [("half_press_s", self.half_press_s), ("full_press_s", self.full_press_s)] {
+        faults.extend(delay_fault(
+            "exposure_delay",
+            self.exposure_delay_s,
+            self.exposure_delay_sigma_s,
+        ));
+        for (key, time_s) in [
+            ("half_press_s", self.half_press_s),
+            ("full_press_s", self.full_press_s),
+        ] {
             if !(0.01..=10.0).contains(&time_s) {
-                faults.push(KeyFault::new(key, format!("{time_s} s"), "use 0.01 to 10 s"));
+                faults.push(KeyFault::new(
+                    key,
+                    format!("{time_s} s"),
+                    "use 0.01 to 10 s",
+                ));
             }
         }
         faults
@@ -135,7 +156,11 @@ impl FrameSource for V4lCamera {
         std::thread::scope(|scope| {
             let pressing = scope.spawn(press);
             let frame = self.shoot(deadline);
-            let broke_off = |_| Err(CameraError::Gone("the release failed unexpectedly".to_owned()));
+            let broke_off = |_| {
+                Err(CameraError::Gone(
+                    "the release failed unexpectedly".to_owned(),
+                ))
+            };
             let edge = pressing.join().unwrap_or_else(broke_off)?;
             Ok((frame?, edge, Vec::new()))
         })
@@ -164,16 +189,26 @@ struct ReleaseEdge {
 impl ReleaseLines {
     /// Presses the button once. The lines are always released.
     fn press(&self, half_s: f64, full_s: f64) -> Result<ReleaseEdge, CameraError> {
-        let hold = |seconds| std::thread::sleep(Duration::try_from_secs_f64(seconds).unwrap_or_default());
-        let half = self.half.as_ref().map_or(Ok(()), |half| half.set(true).map(|()| hold(half_s)));
+        let hold =
+            |seconds| std::thread::sleep(Duration::try_from_secs_f64(seconds).unwrap_or_default());
+        let half = self
+            .half
+            .as_ref()
+            .map_or(Ok(()), |half| half.set(true).map(|()| hold(half_s)));
         let edge = half.and_then(|()| {
             let from_s = clock::since_boot_s();
-            self.full.set(true).map(|()| ReleaseEdge { from_s, to_s: clock::since_boot_s() })
+            self.full.set(true).map(|()| ReleaseEdge {
+                from_s,
+                to_s: clock::since_boot_s(),
+            })
         });
         if edge.is_ok() {
             hold(full_s);
         }
-        let let_go = self.full.set(false).and(self.half.as_ref().map_or(Ok(()), |half| half.set(false)));
+        let let_go = self
+            .full
+            .set(false)
+            .and(self.half.as_ref().map_or(Ok(()), |half| half.set(false)));
         edge.and_then(|edge| let_go.map(|()| edge))
     }
 }
@@ -188,19 +223,36 @@ impl ReleaseCamera {
             #[cfg(feature = "v4l")]
             FramesSection::V4l(section) => Box::new(V4lCamera::new(section)),
         };
-        Self { section, lines: None, source }
+        Self {
+            section,
+            lines: None,
+            source,
+        }
     }
 }
 
 /// Sets the most precise evidence for the exposure: the edge if its delay was measured, else a driver's stamp, else edge
 /// and delivery.
-fn with_evidence(mut frame: CameraFrame, edge: ReleaseEdge, delay: Option<MeasuredDelay>) -> CameraFrame {
+fn with_evidence(
+    mut frame: CameraFrame,
+    edge: ReleaseEdge,
+    delay: Option<MeasuredDelay>,
+) -> CameraFrame {
     let ReleaseEdge { from_s, to_s } = edge;
     frame.exposed = match (delay, frame.exposed) {
-        (Some(delay), _) => Some(ExposureEvidence::Edge { from_s, to_s, delay }),
-        (None, Some(ExposureEvidence::Between { to_s, .. })) => Some(ExposureEvidence::Between { from_s, to_s }),
+        (Some(delay), _) => Some(ExposureEvidence::Edge {
+            from_s,
+            to_s,
+            delay,
+        }),
+        (None, Some(ExposureEvidence::Between { to_s, .. })) => {
+            Some(ExposureEvidence::Between { from_s, to_s })
+        }
         (None, Some(stamped)) => Some(stamped),
-        (None, None) => Some(ExposureEvidence::Between { from_s, to_s: clock::since_boot_s() }),
+        (None, None) => Some(ExposureEvidence::Between {
+            from_s,
+            to_s: clock::since_boot_s(),
+        }),
     };
     frame
 }
@@ -208,8 +260,16 @@ fn with_evidence(mut frame: CameraFrame, edge: ReleaseEdge, delay: Option<Measur
 impl Camera for ReleaseCamera {
     fn open(&mut self) -> Result<CameraInfo, CameraError> {
         self.close();
-        let half = self.section.half_press.as_ref().map(GpioLine::take).transpose()?;
-        self.lines = Some(ReleaseLines { full: GpioLine::take(&self.section.full_press)?, half });
+        let half = self
+            .section
+            .half_press
+            .as_ref()
+            .map(GpioLine::take)
+            .transpose()?;
+        self.lines = Some(ReleaseLines {
+            full: GpioLine::take(&self.section.full_press)?,
+            half,
+        });
         self.source.open()
     }
 
@@ -232,9 +292,14 @@ impl Camera for ReleaseCamera {
             error => error,
         })?;
         if !strays.is_empty() {
-            frame.settings.insert("unexpected_files".to_owned(), strays.into());
+            frame
+                .settings
+                .insert("unexpected_files".to_owned(), strays.into());
         }
-        let delay = MeasuredDelay::from_config(self.section.exposure_delay_s, self.section.exposure_delay_sigma_s);
+        let delay = MeasuredDelay::from_config(
+            self.section.exposure_delay_s,
+            self.section.exposure_delay_sigma_s,
+        );
         Ok(with_evidence(frame, edge, delay))
     }
 
@@ -254,18 +319,30 @@ mod tests {
 
     #[test]
     fn a_section_is_read_and_its_faults_are_named() {
-        let good = "full_press = { name = 'GPIO17' }\n[frames]\nkind = 'folder'\npath = '/mnt/card'\n";
+        let good =
+            "full_press = { name = 'GPIO17' }\n[frames]\nkind = 'folder'\npath = '/mnt/card'\n";
         let section: ReleaseSection = toml::from_str(good).unwrap();
         assert_eq!(section.faults(), []);
         let bad = "half_press_s = 0\nexposure_delay_s = 0.05\nfull_press = { name = 'GPIO17', offset = 3 }\n[frames]\nkind = 'folder'\npath = '/mnt/card'\n";
-        let keys: Vec<_> = toml::from_str::<ReleaseSection>(bad).unwrap().faults().into_iter().map(|f| f.key).collect();
-        assert_eq!(keys, ["full_press", "exposure_delay_sigma_s", "half_press_s"]);
+        let keys: Vec<_> = toml::from_str::<ReleaseSection>(bad)
+            .unwrap()
+            .faults()
+            .into_iter()
+            .map(|f| f.key)
+            .collect();
+        assert_eq!(
+            keys,
+            ["full_press", "exposure_delay_sigma_s", "half_press_s"]
+        );
         assert!(toml::from_str::<ReleaseSection>(&good.replace("path", "pth")).is_err());
     }
 
     #[test]
     fn a_measured_delay_makes_the_edge_the_evidence() {
-        let edge = ReleaseEdge { from_s: 5.0, to_s: 5.001 };
+        let edge = ReleaseEdge {
+            from_s: 5.0,
+            to_s: 5.001,
+        };
         let settings = serde_json::Map::new();
         let frame = |exposed| CameraFrame {
             bytes: vec![],
@@ -273,24 +350,47 @@ mod tests {
             settings: settings.clone(),
             exposed,
         };
-        let delay = MeasuredDelay { seconds: 0.05, sigma_s: 0.002 };
+        let delay = MeasuredDelay {
+            seconds: 0.05,
+            sigma_s: 0.002,
+        };
         let dated = with_evidence(frame(None), edge, Some(delay)).exposed;
-        assert_eq!(dated, Some(ExposureEvidence::Edge { from_s: 5.0, to_s: 5.001, delay }));
-        let answered = Some(ExposureEvidence::Between { from_s: 1.0, to_s: 6.0 });
+        assert_eq!(
+            dated,
+            Some(ExposureEvidence::Edge {
+                from_s: 5.0,
+                to_s: 5.001,
+                delay
+            })
+        );
+        let answered = Some(ExposureEvidence::Between {
+            from_s: 1.0,
+            to_s: 6.0,
+        });
         assert_eq!(
             with_evidence(frame(answered), edge, None).exposed,
-            Some(ExposureEvidence::Between { from_s: 5.0, to_s: 6.0 })
+            Some(ExposureEvidence::Between {
+                from_s: 5.0,
+                to_s: 6.0
+            })
         );
-        let stamped = Some(ExposureEvidence::EndOfFrame { at_s: 5.2, exposure_s: None, period_s: 0.1, delay: None });
+        let stamped = Some(ExposureEvidence::EndOfFrame {
+            at_s: 5.2,
+            exposure_s: None,
+            period_s: 0.1,
+            delay: None,
+        });
         assert_eq!(with_evidence(frame(stamped), edge, None).exposed, stamped);
     }
 
     #[test]
     fn a_missing_line_is_refused_with_its_name() {
-        let section =
-            "full_press = { chip = '/dev/no-such-chip', offset = 3 }\n[frames]\nkind = 'folder'\npath = '/'\n";
+        let section = "full_press = { chip = '/dev/no-such-chip', offset = 3 }\n[frames]\nkind = 'folder'\npath = '/'\n";
         let mut camera = ReleaseCamera::new(toml::from_str(section).unwrap(), LastName::default());
         let error = camera.open().unwrap_err();
-        assert!(matches!(&error, CameraError::Refused(why) if why.contains("/dev/no-such-chip")), "{error}");
+        assert!(
+            matches!(&error, CameraError::Refused(why) if why.contains("/dev/no-such-chip")),
+            "{error}"
+        );
     }
 }

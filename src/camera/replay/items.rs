@@ -15,7 +15,10 @@ pub struct ReplayItem {
     /// Image file.
     pub file: PathBuf,
     /// Time from the replay's origin at which this item and others of the same time begin to be delivered in turn.
-    #[serde(default, with = "jiff::fmt::serde::unsigned_duration::friendly::compact::optional")]
+    #[serde(
+        default,
+        with = "jiff::fmt::serde::unsigned_duration::friendly::compact::optional"
+    )]
     pub at: Option<Duration>,
 }
 
@@ -34,18 +37,28 @@ pub fn read_items(config: &ReplayConfig) -> Result<Vec<ReplayItem>, CameraError>
     let (items, source) = match (&config.folder, &config.list) {
         (Some(folder), _) => (list_folder_frames(folder)?, folder),
         (None, Some(list)) => (read_frame_list(list)?, list),
-        (None, None) => return Err(CameraError::Refused("camera: set folder or list".to_owned())),
+        (None, None) => {
+            return Err(CameraError::Refused(
+                "camera: set folder or list".to_owned(),
+            ));
+        }
     };
     if items.is_empty() {
         let problem = "contains no frames; put .jpg, .png, .pgm or .tiff files there";
-        return Err(CameraError::Refused(format!("{}: {problem}", source.display())));
+        return Err(CameraError::Refused(format!(
+            "{}: {problem}",
+            source.display()
+        )));
     }
     Ok(items)
 }
 
 fn list_folder_frames(folder: &Path) -> Result<Vec<ReplayItem>, CameraError> {
     let fault = |error| {
-        let problem = format!("{}: {error}; set [camera] folder to the folder of the frames", folder.display());
+        let problem = format!(
+            "{}: {error}; set [camera] folder to the folder of the frames",
+            folder.display()
+        );
         CameraError::Refused(problem)
     };
     let mut files = Vec::new();
@@ -56,7 +69,10 @@ fn list_folder_frames(folder: &Path) -> Result<Vec<ReplayItem>, CameraError> {
         }
     }
     files.sort();
-    Ok(files.into_iter().map(|file| ReplayItem { file, at: None }).collect())
+    Ok(files
+        .into_iter()
+        .map(|file| ReplayItem { file, at: None })
+        .collect())
 }
 
 fn read_frame_list(path: &Path) -> Result<Vec<ReplayItem>, CameraError> {
@@ -68,7 +84,10 @@ fn read_frame_list(path: &Path) -> Result<Vec<ReplayItem>, CameraError> {
     for item in &mut items {
         item.file = base.join(&item.file);
         if format_from_path(&item.file).is_none() {
-            return Err(refused(format!("{} is not a .jpg, .png, .pgm or .tiff file", item.file.display())));
+            return Err(refused(format!(
+                "{} is not a .jpg, .png, .pgm or .tiff file",
+                item.file.display()
+            )));
         }
         if !item.file.is_file() {
             return Err(refused(format!("{} does not exist", item.file.display())));

@@ -44,12 +44,21 @@ pub fn control_names() -> String {
 }
 
 /// Sets every control and reads it back; returns the values in force, and a warning for each that differs.
-pub fn apply_controls(device: &Device, wanted: &BTreeMap<String, i64>) -> (Map<String, Value>, Vec<String>) {
-    let mut order: Vec<_> = wanted.iter().filter_map(|(name, value)| Some((control_id(name)?, name, *value))).collect();
+pub fn apply_controls(
+    device: &Device,
+    wanted: &BTreeMap<String, i64>,
+) -> (Map<String, Value>, Vec<String>) {
+    let mut order: Vec<_> = wanted
+        .iter()
+        .filter_map(|(name, value)| Some((control_id(name)?, name, *value)))
+        .collect();
     order.sort();
     let mut warnings = Vec::new();
     for ((_, id), name, value) in &order {
-        let control = control::Control { id: *id, value: control::Value::Integer(*value) };
+        let control = control::Control {
+            id: *id,
+            value: control::Value::Integer(*value),
+        };
         if let Err(error) = device.set_control(control) {
             warnings.push(format!("control {name} cannot be set to {value}: {error}"));
         }
@@ -60,7 +69,10 @@ pub fn apply_controls(device: &Device, wanted: &BTreeMap<String, i64>) -> (Map<S
 }
 
 /// Sets the controls again if any differs: a camera may lose its settings, for example by a brown-out.
-pub fn restore_controls(device: &Device, wanted: &BTreeMap<String, i64>) -> (Map<String, Value>, Vec<String>) {
+pub fn restore_controls(
+    device: &Device,
+    wanted: &BTreeMap<String, i64>,
+) -> (Map<String, Value>, Vec<String>) {
     let (settings, mut drift) = read_back(device, wanted);
     if drift.is_empty() {
         return (settings, drift);
@@ -75,7 +87,9 @@ fn read_back(device: &Device, wanted: &BTreeMap<String, i64>) -> (Map<String, Va
     let mut settings = Map::new();
     let mut warnings = Vec::new();
     for (name, value) in wanted {
-        let Some((_, id)) = control_id(name) else { continue };
+        let Some((_, id)) = control_id(name) else {
+            continue;
+        };
         match read_control(device, id) {
             Ok(now) => {
                 if now != *value {
@@ -107,7 +121,10 @@ mod tests {
         assert!(place("auto_exposure") < place("exposure_time_absolute"));
         assert!(place("focus_automatic_continuous") < place("focus_absolute"));
         assert!(place("white_balance_automatic") < place("white_balance_temperature"));
-        assert_eq!(control_id("0x009a0902").map(|(_, id)| id), control_id("exposure_time_absolute").map(|(_, id)| id));
+        assert_eq!(
+            control_id("0x009a0902").map(|(_, id)| id),
+            control_id("exposure_time_absolute").map(|(_, id)| id)
+        );
         assert_eq!(control_id("no_such"), None);
         assert_eq!(control_id("0xzz"), None);
     }

@@ -16,7 +16,9 @@ use v4l::{Device, FourCC};
 
 use crate::camera::deadline::Deadline;
 use crate::camera::delay::delay_fault;
-use crate::camera::{Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection, Format, jpeg};
+use crate::camera::{
+    Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection, Format, jpeg,
+};
 use crate::clock::exposure::{ExposureEvidence, MeasuredDelay};
 use crate::clock::{self, Clock};
 use crate::installation::KeyFault;
@@ -54,20 +56,50 @@ impl DriverSection for V4lSection {
     fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
         if self.device.is_none() && self.serial.is_none() && self.card.is_none() {
-            faults.push(KeyFault::new("device", "no camera is named", "give device, serial or card"));
+            faults.push(KeyFault::new(
+                "device",
+                "no camera is named",
+                "give device, serial or card",
+            ));
         }
         if parse_fourcc(&self.format).is_none() {
             let remedy = "use four letters such as GREY, YUYV, MJPG or RG10";
-            faults.push(KeyFault::new("format", format!("{:?} is not a FourCC", self.format), remedy));
+            faults.push(KeyFault::new(
+                "format",
+                format!("{:?} is not a FourCC", self.format),
+                remedy,
+            ));
         }
         if self.width < 16 || self.height < 16 {
-            let problem = format!("{} x {} px is too small for an image", self.width, self.height);
-            faults.push(KeyFault::new("width", problem, "give the camera's full size"));
+            let problem = format!(
+                "{} x {} px is too small for an image",
+                self.width, self.height
+            );
+            faults.push(KeyFault::new(
+                "width",
+                problem,
+                "give the camera's full size",
+            ));
         }
-        faults.extend(delay_fault("stamp_delay", self.stamp_delay_s, self.stamp_delay_sigma_s));
-        for name in self.controls.keys().filter(|name| controls::control_id(name).is_none()) {
-            let remedy = format!("use 0x followed by the control's id, or one of: {}", controls::control_names());
-            faults.push(KeyFault::new(format!("controls.{name}"), "is not a known control", remedy));
+        faults.extend(delay_fault(
+            "stamp_delay",
+            self.stamp_delay_s,
+            self.stamp_delay_sigma_s,
+        ));
+        for name in self
+            .controls
+            .keys()
+            .filter(|name| controls::control_id(name).is_none())
+        {
+            let remedy = format!(
+                "use 0x followed by the control's id, or one of: {}",
+                controls::control_names()
+            );
+            faults.push(KeyFault::new(
+                format!("controls.{name}"),
+                "is not a known control",
+                remedy,
+            ));
         }
         faults
     }
@@ -82,7 +114,8 @@ impl DriverSection for V4lSection {
 fn parse_fourcc(name: &str) -> Option<FourCC> {
     let mut code = [b' '; 4];
     let bytes = name.as_bytes();
-    (bytes.is_ascii() && (3..=4).contains(&bytes.len())).then(|| code[..bytes.len()].copy_from_slice(bytes))?;
+    (bytes.is_ascii() && (3..=4).contains(&bytes.len()))
+        .then(|| code[..bytes.len()].copy_from_slice(bytes))?;
     Some(FourCC::new(&code))
 }
 
@@ -117,15 +150,23 @@ const CONTROLS_EVERY: u32 = 50;
 impl V4lCamera {
     /// Creates a closed camera; no device is accessed before `open`.
     pub fn new(section: V4lSection) -> Self {
-        Self { section, opened: None }
+        Self {
+            section,
+            opened: None,
+        }
     }
 
     fn open_device(&mut self) -> Result<CameraInfo, CameraError> {
         let path = find::find_device(&self.section)?;
         let node = path.display().to_string();
         let device = Device::with_path(&path).map_err(|e| stream::classify_error(&e, &node))?;
-        let caps = device.query_caps().map_err(|e| stream::classify_error(&e, &node))?;
-        if !caps.capabilities.contains(v4l::capability::Flags::VIDEO_CAPTURE | v4l::capability::Flags::STREAMING) {
+        let caps = device
+            .query_caps()
+            .map_err(|e| stream::classify_error(&e, &node))?;
+        if !caps
+            .capabilities
+            .contains(v4l::capability::Flags::VIDEO_CAPTURE | v4l::capability::Flags::STREAMING)
+        {
             return Err(CameraError::Refused(format!(
                 "{node} ({}) does not stream images; name another node",
                 caps.card
@@ -136,17 +177,32 @@ impl V4lCamera {
         settings.insert("device".to_owned(), node.into());
         settings.insert("bus".to_owned(), caps.bus.clone().into());
         settings.insert("format".to_owned(), json!(format));
-        self.opened = Some(OpenDevice { device, format, min_bytes, live: None });
-        Ok(CameraInfo { name: format!("{} ({}, {})", caps.card, caps.driver, caps.bus), settings, warnings })
+        self.opened = Some(OpenDevice {
+            device,
+            format,
+            min_bytes,
+            live: None,
+        });
+        Ok(CameraInfo {
+            name: format!("{} ({}, {})", caps.card, caps.driver, caps.bus),
+            settings,
+            warnings,
+        })
     }
 
     /// Takes a shot with a stream of its own.
     fn take_shot(&mut self, deadline: &Deadline) -> Result<CameraFrame, CameraError> {
         let opened = self.opened.as_ref().ok_or_else(CameraError::closed)?;
         let (settings, drift) = controls::restore_controls(&opened.device, &self.section.controls);
-        let got = stream::grab_frame(&opened.device, self.section.settle_frames, opened.min_bytes, deadline)?;
+        let got = stream::grab_frame(
+            &opened.device,
+            self.section.settle_frames,
+            opened.min_bytes,
+            deadline,
+        )?;
         if opened.format == Format::Jpeg {
-            jpeg::check_complete(&got.bytes).map_err(|why| CameraError::BadFrame(why.to_string()))?;
+            jpeg::check_complete(&got.bytes)
+                .map_err(|why| CameraError::BadFrame(why.to_string()))?;
         }
         Ok(self.build_frame(opened.format.clone(), settings, drift, got))
     }
@@ -163,7 +219,8 @@ impl V4lCamera {
         };
         let mut drift = Vec::new();
         if live.frames.is_multiple_of(CONTROLS_EVERY) {
-            (live.settings, drift) = controls::restore_controls(&opened.device, &self.section.controls);
+            (live.settings, drift) =
+                controls::restore_controls(&opened.device, &self.section.controls);
         }
         live.frames = live.frames.wrapping_add(1);
         let got = match live.running.next_frame(opened.min_bytes, deadline) {
@@ -195,7 +252,12 @@ impl V4lCamera {
             settings.insert("warnings".to_owned(), drift.into());
         }
         let exposed = self.exposure_evidence(&settings, &got);
-        CameraFrame { bytes: got.bytes, format, settings, exposed }
+        CameraFrame {
+            bytes: got.bytes,
+            format,
+            settings,
+            exposed,
+        }
     }
 
     fn take_or_close_if_gone(
@@ -216,26 +278,58 @@ impl V4lCamera {
     }
 
     /// Returns the evidence from the driver's stamp; `None` if it uses another clock.
-    fn exposure_evidence(&self, settings: &Map<String, Value>, got: &stream::GrabbedFrame) -> Option<ExposureEvidence> {
+    fn exposure_evidence(
+        &self,
+        settings: &Map<String, Value>,
+        got: &stream::GrabbedFrame,
+    ) -> Option<ExposureEvidence> {
         let at_s = clock::since_boot_from_monotonic(got.monotonic.then_some(got.time_s)?);
-        let length = settings.get("exposure_time_absolute").and_then(Value::as_f64);
+        let length = settings
+            .get("exposure_time_absolute")
+            .and_then(Value::as_f64);
         let exposure_s = length.map(|units| units * EXPOSURE_UNIT_S);
-        let (period_s, delay) =
-            (got.period_s, MeasuredDelay::from_config(self.section.stamp_delay_s, self.section.stamp_delay_sigma_s));
+        let (period_s, delay) = (
+            got.period_s,
+            MeasuredDelay::from_config(
+                self.section.stamp_delay_s,
+                self.section.stamp_delay_sigma_s,
+            ),
+        );
         Some(match got.stamped_at_start {
-            true => ExposureEvidence::StartOfExposure { at_s, exposure_s, period_s, delay },
-            false => ExposureEvidence::EndOfFrame { at_s, exposure_s, period_s, delay },
+            true => ExposureEvidence::StartOfExposure {
+                at_s,
+                exposure_s,
+                period_s,
+                delay,
+            },
+            false => ExposureEvidence::EndOfFrame {
+                at_s,
+                exposure_s,
+                period_s,
+                delay,
+            },
         })
     }
 }
 
 /// Sets the video format and checks it: a driver silently chooses another one if it cannot provide it.
-fn negotiate_format(device: &Device, section: &V4lSection, node: &str) -> Result<(Format, usize), CameraError> {
-    let wrong = || CameraError::Refused(format!("format {:?} is not a FourCC; correct camera.format", section.format));
+fn negotiate_format(
+    device: &Device,
+    section: &V4lSection,
+    node: &str,
+) -> Result<(Format, usize), CameraError> {
+    let wrong = || {
+        CameraError::Refused(format!(
+            "format {:?} is not a FourCC; correct camera.format",
+            section.format
+        ))
+    };
     let code = parse_fourcc(&section.format).ok_or_else(wrong)?;
     // A new value with stride and size 0, as the present ones would be kept for the new format.
     let asked = v4l::Format::new(section.width, section.height, code);
-    let got = device.set_format(&asked).map_err(|e| stream::classify_error(&e, &format!("{node}: format {code}")))?;
+    let got = device
+        .set_format(&asked)
+        .map_err(|e| stream::classify_error(&e, &format!("{node}: format {code}")))?;
     if (got.fourcc, got.width, got.height) != (code, section.width, section.height) {
         return Err(CameraError::Refused(format!(
             "{node} gives {} {} x {} px instead of {code} {} x {} px; it offers {}",
@@ -277,8 +371,11 @@ fn describe_formats(device: &Device) -> String {
 /// Converts a panic of the binding to an error of the camera. It panics on some answers of drivers (texts that are not
 /// UTF-8, new colour spaces).
 fn catch_panic<T>(call: impl FnOnce() -> Result<T, CameraError>) -> Result<T, CameraError> {
-    std::panic::catch_unwind(std::panic::AssertUnwindSafe(call))
-        .unwrap_or_else(|_| Err(CameraError::Refused("the driver gave an invalid answer".to_owned())))
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(call)).unwrap_or_else(|_| {
+        Err(CameraError::Refused(
+            "the driver gave an invalid answer".to_owned(),
+        ))
+    })
 }
 
 impl Camera for V4lCamera {
@@ -319,7 +416,12 @@ mod tests {
         assert_eq!(section.faults(), []);
         assert_eq!(section.settle_frames, 4);
         let bad = "format='GREYISH'\nwidth=4000\nheight=0\n[controls]\nexposur=1\n";
-        let keys: Vec<_> = toml::from_str::<V4lSection>(bad).unwrap().faults().into_iter().map(|f| f.key).collect();
+        let keys: Vec<_> = toml::from_str::<V4lSection>(bad)
+            .unwrap()
+            .faults()
+            .into_iter()
+            .map(|f| f.key)
+            .collect();
         assert_eq!(keys, ["device", "format", "width", "controls.exposur"]);
         assert!(toml::from_str::<V4lSection>("format='GREY'\nwidth=1\nheight=1\nwidht=2").is_err());
         assert_eq!(parse_fourcc("Y10").unwrap().repr, *b"Y10 ");
@@ -328,8 +430,15 @@ mod tests {
 
     #[test]
     fn a_missing_camera_is_gone_and_a_panic_stays_inside() {
-        let section: V4lSection = toml::from_str("device='/dev/no-such'\nformat='GREY'\nwidth=16\nheight=16").unwrap();
-        assert!(matches!(find::find_device(&section), Err(CameraError::Gone(_))));
-        assert!(matches!(catch_panic::<()>(|| unreachable!()), Err(CameraError::Refused(_))));
+        let section: V4lSection =
+            toml::from_str("device='/dev/no-such'\nformat='GREY'\nwidth=16\nheight=16").unwrap();
+        assert!(matches!(
+            find::find_device(&section),
+            Err(CameraError::Gone(_))
+        ));
+        assert!(matches!(
+            catch_panic::<()>(|| unreachable!()),
+            Err(CameraError::Refused(_))
+        ));
     }
 }

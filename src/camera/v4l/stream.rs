@@ -57,11 +57,20 @@ impl RunningStream {
     pub fn start(device: &Device, settle: u32) -> Result<Self, CameraError> {
         let stream = Stream::with_buffers(device, Type::VideoCapture, BUFFERS);
         let stream = stream.map_err(|e| streaming_error(&e, "buffers"))?;
-        Ok(Self { stream, period: FramePeriod::default(), settle, taken: false })
+        Ok(Self {
+            stream,
+            period: FramePeriod::default(),
+            settle,
+            taken: false,
+        })
     }
 
     /// Returns the first complete frame that arrives from now on. After an error the stream cannot be used.
-    pub fn next_frame(&mut self, min_bytes: usize, deadline: &Deadline) -> Result<GrabbedFrame, CameraError> {
+    pub fn next_frame(
+        &mut self,
+        min_bytes: usize,
+        deadline: &Deadline,
+    ) -> Result<GrabbedFrame, CameraError> {
         next_whole_frame(self, min_bytes, deadline)
     }
 
@@ -124,7 +133,12 @@ fn next_whole_frame(
 ) -> Result<GrabbedFrame, CameraError> {
     // A frame with an older stamp was taken before the shot.
     let begun_s = crate::clock::monotonic_s();
-    let RunningStream { stream, period, settle, taken } = running;
+    let RunningStream {
+        stream,
+        period,
+        settle,
+        taken,
+    } = running;
     let (mut damaged, mut dropped, mut expected, mut stale) = (0, 0, None, 0);
     loop {
         // At least a millisecond, as 0 would not wait at all.
@@ -134,7 +148,9 @@ fn next_whole_frame(
             io::ErrorKind::TimedOut => deadline.timeout_error("a frame"),
             _ => streaming_error(&error, "a frame"),
         })?;
-        dropped += expected.map_or(0, |expected| meta.sequence.wrapping_sub(expected).min(1 << 16));
+        dropped += expected.map_or(0, |expected| {
+            meta.sequence.wrapping_sub(expected).min(1 << 16)
+        });
         expected = Some(meta.sequence.wrapping_add(1));
         let used = bytes.get(..meta.bytesused as usize).unwrap_or(bytes);
         if meta.flags.contains(Flags::ERROR) || used.len() < min_bytes {
@@ -150,7 +166,11 @@ fn next_whole_frame(
         let time_s = meta.timestamp.sec as f64 + meta.timestamp.usec as f64 * 1e-6;
         period.add_frame_stamp(meta.sequence, time_s);
         let monotonic = meta.flags.contains(Flags::TIMESTAMP_MONOTONIC);
-        let old = if monotonic { time_s < begun_s } else { *taken && asked.elapsed() < IMMEDIATE };
+        let old = if monotonic {
+            time_s < begun_s
+        } else {
+            *taken && asked.elapsed() < IMMEDIATE
+        };
         // At most as many as there are buffers, as a driver's clock may be wrong.
         if stale < BUFFERS && old {
             stale += 1;
@@ -177,14 +197,19 @@ fn next_whole_frame(
 fn damaged_frame_text(meta: &Metadata, min_bytes: usize) -> String {
     match meta.flags.contains(Flags::ERROR) {
         true => "marked as damaged by the driver; check cable and USB bandwidth".to_owned(),
-        false => format!("the last one of {} bytes; {min_bytes} are needed", meta.bytesused),
+        false => format!(
+            "the last one of {} bytes; {min_bytes} are needed",
+            meta.bytesused
+        ),
     }
 }
 
 /// Classifies an error of an open device: a request that was valid before and is invalid now may succeed after reopening.
 fn streaming_error(error: &io::Error, what: &str) -> CameraError {
     match error.raw_os_error() == Some(rustix::io::Errno::INVAL.raw_os_error()) {
-        true => CameraError::Gone(format!("{what}: {error}; the driver lost its buffers, and the camera is reopened")),
+        true => CameraError::Gone(format!(
+            "{what}: {error}; the driver lost its buffers, and the camera is reopened"
+        )),
         false => classify_error(error, what),
     }
 }
@@ -194,15 +219,17 @@ pub fn classify_error(error: &io::Error, what: &str) -> CameraError {
     use rustix::io::Errno;
     let text = format!("{what}: {error}");
     match error.raw_os_error().map(Errno::from_raw_os_error) {
-        Some(Errno::BUSY) => {
-            CameraError::Busy(format!("{text}; another program has the camera (see: fuser -v /dev/video*)"))
-        }
-        Some(Errno::NODEV | Errno::NXIO | Errno::NOENT | Errno::IO | Errno::PIPE | Errno::PROTO) => {
-            CameraError::Gone(format!("{text}; unplugged, or a fault of power supply or cable"))
-        }
-        Some(Errno::ACCESS | Errno::PERM) => {
-            CameraError::Refused(format!("{text}; add the user that runs wingd to the group video"))
-        }
+        Some(Errno::BUSY) => CameraError::Busy(format!(
+            "{text}; another program has the camera (see: fuser -v /dev/video*)"
+        )),
+        Some(
+            Errno::NODEV | Errno::NXIO | Errno::NOENT | Errno::IO | Errno::PIPE | Errno::PROTO,
+        ) => CameraError::Gone(format!(
+            "{text}; unplugged, or a fault of power supply or cable"
+        )),
+        Some(Errno::ACCESS | Errno::PERM) => CameraError::Refused(format!(
+            "{text}; add the user that runs wingd to the group video"
+        )),
         _ => CameraError::Refused(text),
     }
 }

@@ -17,15 +17,25 @@ use crate::report::number::count_text;
 const SHOT_DEADLINE: Duration = Duration::from_secs(20);
 
 /// Takes images until the verdict is good, the camera ends, or the limit is reached.
-pub(super) fn take_images(args: &CalibrateArgs, file: &Path, board: &DescribedBoard) -> TaskResult<Vec<BoardImage>> {
+pub(super) fn take_images(
+    args: &CalibrateArgs,
+    file: &Path,
+    board: &DescribedBoard,
+) -> TaskResult<Vec<BoardImage>> {
     let section = config::load_camera(file)?;
     let mut camera = section.factory(Arc::new(SystemClock::new()), Duration::ZERO)();
     let opened = camera.open().map_err(Failure::from_error)?;
-    eprintln!("{}: show the board in all parts of the image, tilted by 20 to 40 degrees", opened.name);
+    eprintln!(
+        "{}: show the board in all parts of the image, tilted by 20 to 40 degrees",
+        opened.name
+    );
     let mut freshness = Freshness::default();
     let mut taken: Vec<BoardImage> = vec![];
     for shot in 1..=args.shots {
-        let frame = match camera.shoot(SHOT_DEADLINE).and_then(|f| freshness.check(&f.bytes).map(|_| f)) {
+        let frame = match camera
+            .shoot(SHOT_DEADLINE)
+            .and_then(|f| freshness.check(&f.bytes).map(|_| f))
+        {
             Ok(frame) => frame,
             // If a replay ends or the camera is unplugged, the images taken so far are used.
             Err(error) => {
@@ -60,7 +70,10 @@ fn is_good_enough(taken: &mut [BoardImage], board: &DescribedBoard, select: bool
     }
     match calibrate_and_judge(taken, board, select) {
         Ok(judged) => {
-            let missing = judged.reasons.first().map_or(String::new(), |r| format!(": {r}"));
+            let missing = judged
+                .reasons
+                .first()
+                .map_or(String::new(), |r| format!(": {r}"));
             eprintln!("{}{missing}", judged.verdict.name());
             judged.verdict == Verdict::Good
         }

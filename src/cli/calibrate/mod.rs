@@ -8,7 +8,8 @@ use std::path::PathBuf;
 use super::{Completion, Failure, TaskResult, batch, print_line, write_output};
 use crate::desk::CHECK_WRITE_ACCESS;
 use crate::desk::calibration::{
-    BoardImage, JudgedCalibration, board_corners, calibrate_and_judge, calibration_report, exclusion_reason,
+    BoardImage, JudgedCalibration, board_corners, calibrate_and_judge, calibration_report,
+    exclusion_reason,
 };
 use crate::exchange;
 use crate::installation;
@@ -64,7 +65,10 @@ pub(super) fn run(args: &CalibrateArgs) -> TaskResult<Completion> {
         Some(config) if args.live => live::take_images(args, config, &board)?,
         _ => read_images(args, &board.board)?,
     };
-    let corners = args.corners.as_ref().filter(|_| args.live || !args.images.is_empty());
+    let corners = args
+        .corners
+        .as_ref()
+        .filter(|_| args.live || !args.images.is_empty());
     let write_corners = |pictures: &[BoardImage], calibration: Option<&Calibration>| {
         let Some(file) = corners else { return Ok(()) };
         exchange::write_corners(file, &board_corners(pictures, calibration))
@@ -79,12 +83,21 @@ pub(super) fn run(args: &CalibrateArgs) -> TaskResult<Completion> {
 /// Reads the images, or a file of corners.
 fn read_images(args: &CalibrateArgs, board: &Board) -> TaskResult<Vec<BoardImage>> {
     if let (Some(file), true) = (&args.corners, args.images.is_empty()) {
-        return Ok(exchange::read_corners(file)?.into_iter().map(BoardImage::from).collect());
+        return Ok(exchange::read_corners(file)?
+            .into_iter()
+            .map(BoardImage::from)
+            .collect());
     }
     let mut pictures = vec![];
     let files = batch::expand_folders(&args.images)?;
     let detect = |name: &str, bytes: Result<&[u8], Reason>| BoardImage::detect(name, bytes, board);
-    batch::for_each_image(&files, args.jobs, "finding boards", detect, batch::collect_into(&mut pictures))?;
+    batch::for_each_image(
+        &files,
+        args.jobs,
+        "finding boards",
+        detect,
+        batch::collect_into(&mut pictures),
+    )?;
     Ok(pictures)
 }
 
@@ -93,15 +106,23 @@ fn write_and_report(
     pictures: &[BoardImage],
     judged: &JudgedCalibration,
 ) -> TaskResult<Completion> {
-    let JudgedCalibration { calibration, verdict, reasons, .. } = judged;
+    let JudgedCalibration {
+        calibration,
+        verdict,
+        reasons,
+        ..
+    } = judged;
     let accepted = acceptance_reason(args, judged)?;
     let written = calibration_report(calibration, *verdict, accepted.clone());
     if *verdict != Verdict::Refused || accepted.is_some() {
         installation::write_camera(&args.output, &calibration.lens, Some(&written))
             .map_err(|error| Failure::from_write_error(&args.output, &error, CHECK_WRITE_ACCESS))?;
     }
-    let excluded: Vec<Option<String>> =
-        pictures.iter().enumerate().map(|(k, p)| exclusion_reason(calibration, k, p)).collect();
+    let excluded: Vec<Option<String>> = pictures
+        .iter()
+        .enumerate()
+        .map(|(k, p)| exclusion_reason(calibration, k, p))
+        .collect();
     if let Some(file) = &args.report {
         let names: Vec<&str> = pictures.iter().map(|p| p.name.as_str()).collect();
         let page = report::calibration::calibration_page(
@@ -125,7 +146,10 @@ fn write_and_report(
     })?;
     if *verdict == Verdict::Refused && accepted.is_none() {
         let list: String = reasons.iter().map(|r| format!("\n  {r}")).collect();
-        return Err(Failure::Failed(format!("refused, {} is not written:{list}", args.output.display())));
+        return Err(Failure::Failed(format!(
+            "refused, {} is not written:{list}",
+            args.output.display()
+        )));
     }
     if let Some(reason) = &accepted {
         eprintln!("refused, but written and marked as accepted: {reason}");
@@ -137,16 +161,27 @@ fn write_and_report(
 }
 
 /// Returns the reason for writing a refused calibration, or an error if it cannot be accepted.
-fn acceptance_reason(args: &CalibrateArgs, judged: &JudgedCalibration) -> TaskResult<Option<String>> {
-    let Some(reason) = args.accept.as_ref().filter(|_| judged.verdict == Verdict::Refused) else {
+fn acceptance_reason(
+    args: &CalibrateArgs,
+    judged: &JudgedCalibration,
+) -> TaskResult<Option<String>> {
+    let Some(reason) = args
+        .accept
+        .as_ref()
+        .filter(|_| judged.verdict == Verdict::Refused)
+    else {
         return Ok(None);
     };
     let fault = if reason.trim().is_empty() {
         "--accept needs a reason in words".to_owned()
     } else if judged.calibration.projections.is_none() {
-        "a lens model without an inverse over the image cannot be accepted: no command could use it".to_owned()
+        "a lens model without an inverse over the image cannot be accepted: no command could use it"
+            .to_owned()
     } else if judged.refusals > 1 {
-        format!("--accept works only if a single reason refuses the calibration; here there are {}", judged.refusals)
+        format!(
+            "--accept works only if a single reason refuses the calibration; here there are {}",
+            judged.refusals
+        )
     } else {
         return Ok(Some(reason.trim().to_owned()));
     };

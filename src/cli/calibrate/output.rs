@@ -6,7 +6,9 @@ use crate::desk::calibration::{BoardImage, exclusion_reason};
 use crate::installation::CalibrationReport;
 use crate::measure::calibrate::{Calibration, Verdict};
 use crate::measure::geometry::Lens;
-use crate::report::calibration::{FIRST_DISTORTION, SIGNIFICANT_RATIO, parameter_correlation, parameter_values};
+use crate::report::calibration::{
+    FIRST_DISTORTION, SIGNIFICANT_RATIO, parameter_correlation, parameter_values,
+};
 use crate::report::number::format_rounded;
 
 const DENOMINATOR_NAMES: [&str; 3] = ["k4", "k5", "k6"];
@@ -18,7 +20,11 @@ pub(super) fn result_json(
     pictures: &[BoardImage],
 ) -> String {
     let by_name = |values: [Option<f64>; 9]| -> serde_json::Map<String, serde_json::Value> {
-        Lens::PARAMETERS.iter().zip(values).map(|(n, v)| ((*n).to_owned(), v.into())).collect()
+        Lens::PARAMETERS
+            .iter()
+            .zip(values)
+            .map(|(n, v)| ((*n).to_owned(), v.into()))
+            .collect()
     };
     let parameters = parameter_values(calibration).map(Some);
     let mut camera = serde_json::Map::new();
@@ -27,7 +33,11 @@ pub(super) fn result_json(
     camera.extend(by_name(parameters));
     let rational = calibration.lens.denominator != [0.0; 3];
     let denominator = |values: [f64; 3]| -> serde_json::Map<String, serde_json::Value> {
-        DENOMINATOR_NAMES.iter().zip(values).map(|(n, v)| ((*n).to_owned(), v.into())).collect()
+        DENOMINATOR_NAMES
+            .iter()
+            .zip(values)
+            .map(|(n, v)| ((*n).to_owned(), v.into()))
+            .collect()
     };
     let mut parameters = by_name(parameters);
     let mut sigma = by_name(report.sigma);
@@ -77,10 +87,16 @@ pub(super) fn result_json(
 
 /// Returns a distortion term divided by its standard deviation.
 fn t_value(calibration: &Calibration, report: &CalibrationReport, k: usize) -> Option<f64> {
-    report.sigma[k].filter(|s| k >= FIRST_DISTORTION && *s > 0.0).map(|s| parameter_values(calibration)[k] / s)
+    report.sigma[k]
+        .filter(|s| k >= FIRST_DISTORTION && *s > 0.0)
+        .map(|s| parameter_values(calibration)[k] / s)
 }
 
-pub(super) fn result_text(output: &Path, calibration: &Calibration, report: &CalibrationReport) -> String {
+pub(super) fn result_text(
+    output: &Path,
+    calibration: &Calibration,
+    report: &CalibrationReport,
+) -> String {
     let mut text = format!(
         "{}: {}\n{} of {} images, {} points, rms {:.4} px\n",
         output.display(),
@@ -90,8 +106,11 @@ pub(super) fn result_text(output: &Path, calibration: &Calibration, report: &Cal
         report.observations,
         report.rms_px
     );
-    for (k, ((name, value), sigma)) in
-        Lens::PARAMETERS.iter().zip(parameter_values(calibration)).zip(report.sigma).enumerate()
+    for (k, ((name, value), sigma)) in Lens::PARAMETERS
+        .iter()
+        .zip(parameter_values(calibration))
+        .zip(report.sigma)
+        .enumerate()
     {
         let digits = if k < FIRST_DISTORTION { 3 } else { 6 };
         let weak = t_value(calibration, report, k).is_some_and(|t| t.abs() < SIGNIFICANT_RATIO);
@@ -100,18 +119,32 @@ pub(super) fn result_text(output: &Path, calibration: &Calibration, report: &Cal
         text.push_str(&format!("{name:>3} {value:>12.digits$} {sigma}{note}\n"));
     }
     if calibration.lens.denominator != [0.0; 3] {
-        let of = calibration.lens.denominator.iter().zip(calibration.denominator_sigma);
+        let of = calibration
+            .lens
+            .denominator
+            .iter()
+            .zip(calibration.denominator_sigma);
         for (name, (value, sigma)) in DENOMINATOR_NAMES.iter().zip(of) {
-            text.push_str(&format!("{name:>3} {value:>12.6} +- {sigma:.6} (denominator: a rational lens)\n"));
+            text.push_str(&format!(
+                "{name:>3} {value:>12.6} +- {sigma:.6} (denominator: a rational lens)\n"
+            ));
         }
     }
     for (name, bow) in ["along", "across"].iter().zip(calibration.bow) {
-        let flat = if bow.is_significant() { "" } else { " (not significant)" };
+        let flat = if bow.is_significant() {
+            ""
+        } else {
+            " (not significant)"
+        };
         let (value, sigma) = format_rounded(Some(1e3 * bow.value_m), Some(1e3 * bow.sigma_m), 3);
         text.push_str(&format!("board's bow {name} {value} +- {sigma} mm{flat}\n"));
     }
     if let Some(s) = calibration.stretch.filter(|s| s.prior_sigma.is_some()) {
-        let note = if s.is_significant() { "" } else { " (not significant)" };
+        let note = if s.is_significant() {
+            ""
+        } else {
+            " (not significant)"
+        };
         text.push_str(&format!(
             "board's stretch across over along {:.4} +- {:.4} %{note}\n",
             1e2 * s.value,
@@ -120,11 +153,15 @@ pub(super) fn result_text(output: &Path, calibration: &Calibration, report: &Cal
     }
     for p in calibration.projections.iter().flatten() {
         let (distance, sigma) = (p.distance_m, p.sigma_px);
-        text.push_str(&format!("projection at {distance} m +- {sigma:.3} px (rms over the image)\n"));
+        text.push_str(&format!(
+            "projection at {distance} m +- {sigma:.3} px (rms over the image)\n"
+        ));
     }
     if let Some(h) = calibration.halves {
         let (difference, predicted, at) = (h.difference_px, h.predicted_px, h.distance_m);
-        text.push_str(&format!("halves differ by {difference:.3} px at {at} m, predicted {predicted:.3} px\n"));
+        text.push_str(&format!(
+            "halves differ by {difference:.3} px at {at} m, predicted {predicted:.3} px\n"
+        ));
     }
     text.trim_end().to_owned()
 }

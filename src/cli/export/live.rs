@@ -29,10 +29,18 @@ pub(super) fn export_live_results(args: &ExportArgs) -> TaskResult<Completion> {
     let columns = LiveColumns::from_tables(&tables, store_id.clone());
     let bar = byte_progress(bytes, "live results");
     let mut notes = Vec::new();
-    let sink = RowSink::begin(args, columns.empty_columns(), || Ok(live_metadata(&tables, store_id.as_deref())));
+    let sink = RowSink::begin(args, columns.empty_columns(), || {
+        Ok(live_metadata(&tables, store_id.as_deref()))
+    });
     let outcome = sink.and_then(|mut sink| {
         flights.iter().try_for_each(|flight| {
-            notes.extend(write_flight_rows(args, flight, &columns, &mut sink, |bytes| bar.inc(bytes))?);
+            notes.extend(write_flight_rows(
+                args,
+                flight,
+                &columns,
+                &mut sink,
+                |bytes| bar.inc(bytes),
+            )?);
             Ok::<(), ExportEnd>(())
         })?;
         Ok(sink.finish()?)
@@ -85,7 +93,10 @@ fn check_live_options(args: &ExportArgs) -> TaskResult<()> {
         _ if args.inputs.is_some() => {
             Some("--inputs cannot be used with live results, which are never solved again; omit it")
         }
-        _ => args.installation.is_some().then_some("--installation is used only for vtk; omit it"),
+        _ => args
+            .installation
+            .is_some()
+            .then_some("--installation is used only for vtk; omit it"),
     };
     wrong.map_or(Ok(()), |what| Err(Failure::Usage(what.to_owned())))
 }

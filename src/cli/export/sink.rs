@@ -38,7 +38,8 @@ impl From<StoreError> for ExportEnd {
 impl ExportArgs {
     /// Returns the file to write; `None` for standard output.
     fn output_file(&self) -> Option<&Path> {
-        let default = matches!(self.format, FormatName::Parquet).then_some(Path::new("export.parquet"));
+        let default =
+            matches!(self.format, FormatName::Parquet).then_some(Path::new("export.parquet"));
         self.output.as_deref().or(default)
     }
 
@@ -76,14 +77,20 @@ impl Write for ExportOutput {
 
 /// Flushes the output and gives the file its name.
 pub(super) fn end_output(output: BufWriter<ExportOutput>) -> io::Result<()> {
-    match output.into_inner().map_err(io::IntoInnerError::into_error)? {
+    match output
+        .into_inner()
+        .map_err(io::IntoInnerError::into_error)?
+    {
         ExportOutput::Stdout(mut output) => output.flush(),
         ExportOutput::File(file) => file.commit(),
     }
 }
 
 pub(super) fn write_failure(file: &Path, error: &io::Error) -> Failure {
-    Failure::Failed(format!("{}: could not write: {error}; choose another --output", file.display()))
+    Failure::Failed(format!(
+        "{}: could not write: {error}; choose another --output",
+        file.display()
+    ))
 }
 
 /// Names and values for the metadata of a Parquet file.
@@ -114,10 +121,15 @@ impl RowSink {
             #[cfg(not(feature = "parquet"))]
             FormatName::Parquet => {
                 drop(notes);
-                Err(Failure::Usage("this wingd was built without Parquet; use --format csv".into()).into())
+                Err(
+                    Failure::Usage("this wingd was built without Parquet; use --format csv".into())
+                        .into(),
+                )
             }
             FormatName::Csv | FormatName::Vtk | FormatName::Netcdf | FormatName::Npz => {
-                Ok(Self::Csv(Box::new(CsvWriter::begin(args.open_output()?, &columns).map_err(io_error_from_csv)?)))
+                Ok(Self::Csv(Box::new(
+                    CsvWriter::begin(args.open_output()?, &columns).map_err(io_error_from_csv)?,
+                )))
             }
         }
     }
@@ -154,13 +166,21 @@ fn io_error_from_csv(error: csv::Error) -> io::Error {
 }
 
 /// Prints the path of the file, or returns the failure; a closed pipe (`| head`) is not an error.
-pub(super) fn finish_export<T: Default>(args: &ExportArgs, outcome: Result<T, ExportEnd>) -> TaskResult<T> {
+pub(super) fn finish_export<T: Default>(
+    args: &ExportArgs,
+    outcome: Result<T, ExportEnd>,
+) -> TaskResult<T> {
     let file = args.output_file();
     match outcome {
-        Err(ExportEnd::Output(error)) if file.is_none() && error.kind() == io::ErrorKind::BrokenPipe => {
+        Err(ExportEnd::Output(error))
+            if file.is_none() && error.kind() == io::ErrorKind::BrokenPipe =>
+        {
             Ok(T::default())
         }
-        Err(ExportEnd::Output(error)) => Err(write_failure(file.unwrap_or(Path::new("standard output")), &error)),
+        Err(ExportEnd::Output(error)) => Err(write_failure(
+            file.unwrap_or(Path::new("standard output")),
+            &error,
+        )),
         Err(ExportEnd::Failed(failure)) => Err(failure),
         Ok(value) => {
             file.map_or(Ok(()), |file| print_line(&file.display().to_string()))?;

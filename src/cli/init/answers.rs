@@ -36,8 +36,10 @@ pub struct InitAnswers {
 }
 
 fn parse_numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
-    let read: Option<Vec<f64>> =
-        text.split(',').map(|t| t.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    let read: Option<Vec<f64>> = text
+        .split(',')
+        .map(|t| t.trim().parse().ok().filter(|v: &f64| v.is_finite()))
+        .collect();
     let fault = || match N {
         1 => "give a number, with a decimal point".to_owned(),
         _ => format!("give {N} numbers separated by commas"),
@@ -61,7 +63,11 @@ fn parse_number(text: &str) -> Result<f64, String> {
 
 fn parse_side(text: &str) -> Result<String, String> {
     let known = ["left", "right"].contains(&text);
-    if known { Ok(text.to_owned()) } else { Err("answer left or right".to_owned()) }
+    if known {
+        Ok(text.to_owned())
+    } else {
+        Err("answer left or right".to_owned())
+    }
 }
 
 impl InitAnswers {
@@ -73,37 +79,96 @@ impl InitAnswers {
         }
         eprintln!("Press Enter to leave a value blank. installation.svg shows the quantities.");
         let Self {
-            name, side, projection_centre, span_direction, root_offset, temperatures, torsion, stabilised, ..
+            name,
+            side,
+            projection_centre,
+            span_direction,
+            root_offset,
+            temperatures,
+            torsion,
+            stabilised,
+            ..
         } = &mut self;
-        ask_value(name, "name of aircraft and wing", |text| Ok(text.to_owned()));
+        ask_value(
+            name,
+            "name of aircraft and wing",
+            |text| Ok(text.to_owned()),
+        );
         ask_value(side, "which wing (left or right)", parse_side);
-        ask_value(projection_centre, "position of the lens in the survey frame, m (x,y,z)", parse_numbers);
-        ask_value(span_direction, "direction of the span, outboard, in the survey frame (dx,dy)", parse_numbers);
-        ask_value(root_offset, "distance along the span from the lens to the bending root, m", parse_number);
+        ask_value(
+            projection_centre,
+            "position of the lens in the survey frame, m (x,y,z)",
+            parse_numbers,
+        );
+        ask_value(
+            span_direction,
+            "direction of the span, outboard, in the survey frame (dx,dy)",
+            parse_numbers,
+        );
+        ask_value(
+            root_offset,
+            "distance along the span from the lens to the bending root, m",
+            parse_number,
+        );
         let what = "temperature of the wing at the survey and in flight, C (ground,flight)";
         ask_value(temperatures, what, parse_numbers);
-        let what = "shift of the image by stabilisation of lens or sensor, px (0: none, or switched off)";
+        let what =
+            "shift of the image by stabilisation of lens or sensor, px (0: none, or switched off)";
         ask_value(stabilised, what, parse_number);
-        ask_value(torsion, "pair of markers for the torsion (leading,trailing)", parse_pair);
+        ask_value(
+            torsion,
+            "pair of markers for the torsion (leading,trailing)",
+            parse_pair,
+        );
         self
     }
 
     /// Fills the known values into the template.
     pub fn fill_template(&self, template: &str) -> String {
         let mut filled: Vec<(&str, String)> = vec![];
-        filled.extend(self.name.as_ref().map(|t| ("name = \"\"", format!("name = {t:?}"))));
-        filled.extend(self.side.as_ref().map(|t| ("side = \"\"", format!("side = {t:?}"))));
+        filled.extend(
+            self.name
+                .as_ref()
+                .map(|t| ("name = \"\"", format!("name = {t:?}"))),
+        );
+        filled.extend(
+            self.side
+                .as_ref()
+                .map(|t| ("side = \"\"", format!("side = {t:?}"))),
+        );
         let centre = self.projection_centre;
-        filled.extend(centre.map(|p| ("projection_centre_m = []", format!("projection_centre_m = {p:?}"))));
-        filled.extend(self.span_direction.map(|d| ("span_direction = []", format!("span_direction = {d:?}"))));
-        filled.extend(self.root_offset.map(|m| ("root_offset_m = nan", format!("root_offset_m = {m:?}"))));
-        filled.extend(self.stabilised.map(|px| ("# stabilised_px = 0.0  ", format!("stabilised_px = {px:?}    "))));
+        filled.extend(centre.map(|p| {
+            (
+                "projection_centre_m = []",
+                format!("projection_centre_m = {p:?}"),
+            )
+        }));
+        filled.extend(
+            self.span_direction
+                .map(|d| ("span_direction = []", format!("span_direction = {d:?}"))),
+        );
+        filled.extend(
+            self.root_offset
+                .map(|m| ("root_offset_m = nan", format!("root_offset_m = {m:?}"))),
+        );
+        filled.extend(self.stabilised.map(|px| {
+            (
+                "# stabilised_px = 0.0  ",
+                format!("stabilised_px = {px:?}    "),
+            )
+        }));
         if let Some([ground, flight]) = self.temperatures {
             filled.extend([
                 ("#[thermal]", "[thermal]".to_owned()),
                 ("#expansion_per_k =", "expansion_per_k =".to_owned()),
-                ("#ground_temperature_c = 15.0", format!("ground_temperature_c = {ground:?}")),
-                ("#flight_temperature_c = -55.0", format!("flight_temperature_c = {flight:?}")),
+                (
+                    "#ground_temperature_c = 15.0",
+                    format!("ground_temperature_c = {ground:?}"),
+                ),
+                (
+                    "#flight_temperature_c = -55.0",
+                    format!("flight_temperature_c = {flight:?}"),
+                ),
             ]);
         }
         if let Some([leading, trailing]) = &self.torsion {
@@ -114,7 +179,11 @@ impl InitAnswers {
                 ("#trailing = \"M21\"", format!("trailing = {trailing:?}")),
             ]);
         }
-        filled.iter().fold(template.to_owned(), |text, (blank, line)| text.replacen(blank, line, 1))
+        filled
+            .iter()
+            .fold(template.to_owned(), |text, (blank, line)| {
+                text.replacen(blank, line, 1)
+            })
     }
 }
 
@@ -159,12 +228,24 @@ mod tests {
         assert_eq!(table["name"].as_str(), Some("D-ABCD, left wing"));
         assert_eq!(table["wing"]["side"].as_str(), Some("left"));
         assert_eq!(table["wing"]["root_offset_m"].as_float(), Some(0.7));
-        assert_eq!(table["camera"]["projection_centre_m"].as_array().unwrap().len(), 3);
+        assert_eq!(
+            table["camera"]["projection_centre_m"]
+                .as_array()
+                .unwrap()
+                .len(),
+            3
+        );
         assert_eq!(table["camera"]["stabilised_px"].as_float(), Some(20.0));
         assert_eq!(table["wing"]["span_direction"].as_array().unwrap().len(), 2);
-        assert_eq!(table["thermal"]["flight_temperature_c"].as_float(), Some(-50.0));
+        assert_eq!(
+            table["thermal"]["flight_temperature_c"].as_float(),
+            Some(-50.0)
+        );
         assert_eq!(table["torsion"][0]["leading"].as_str(), Some("M18"));
-        let blank: toml::Table = InitAnswers::default().fill_template(TEMPLATE).parse().unwrap();
+        let blank: toml::Table = InitAnswers::default()
+            .fill_template(TEMPLATE)
+            .parse()
+            .unwrap();
         assert!(!blank.contains_key("thermal") && !blank.contains_key("torsion"));
     }
 
@@ -172,8 +253,13 @@ mod tests {
     fn answers_are_read_or_refused() {
         assert_eq!(parse_numbers::<3>("1, -2.5,3"), Ok([1.0, -2.5, 3.0]));
         assert!(
-            parse_numbers::<3>("1,2").is_err() && parse_numbers::<2>("1,nan").is_err() && parse_pair("M20").is_err()
+            parse_numbers::<3>("1,2").is_err()
+                && parse_numbers::<2>("1,nan").is_err()
+                && parse_pair("M20").is_err()
         );
-        assert_eq!(parse_pair("M20, M21"), Ok(["M20".to_owned(), "M21".to_owned()]));
+        assert_eq!(
+            parse_pair("M20, M21"),
+            Ok(["M20".to_owned(), "M21".to_owned()])
+        );
     }
 }

@@ -45,18 +45,40 @@ struct Sensor {
 
 fn parse_sensor(text: &str) -> Result<Sensor, String> {
     let parts: Vec<&str> = text.split(['x', 'X']).collect();
-    let fault =
-        || "give pixels across, pixels down and the pixel pitch in micrometres, for example 4000x3000x1.54".to_owned();
-    let [width, height, pitch] = parts[..] else { return Err(fault()) };
-    let side = |t: &str| t.parse().ok().filter(|n: &u32| (100..=20_000).contains(n)).ok_or_else(fault);
-    let pitch_um = pitch.parse().ok().filter(|p: &f64| (0.3..=50.0).contains(p)).ok_or_else(fault)?;
-    Ok(Sensor { width: side(width)?, height: side(height)?, pitch_um })
+    let fault = || {
+        "give pixels across, pixels down and the pixel pitch in micrometres, for example 4000x3000x1.54".to_owned()
+    };
+    let [width, height, pitch] = parts[..] else {
+        return Err(fault());
+    };
+    let side = |t: &str| {
+        t.parse()
+            .ok()
+            .filter(|n: &u32| (100..=20_000).contains(n))
+            .ok_or_else(fault)
+    };
+    let pitch_um = pitch
+        .parse()
+        .ok()
+        .filter(|p: &f64| (0.3..=50.0).contains(p))
+        .ok_or_else(fault)?;
+    Ok(Sensor {
+        width: side(width)?,
+        height: side(height)?,
+        pitch_um,
+    })
 }
 
 impl DraftArgs {
     /// Returns the side of the wing if it is given.
     pub fn wing_side(&self) -> Option<WingSide> {
-        self.side.as_deref().map(|side| if side == "left" { WingSide::Left } else { WingSide::Right })
+        self.side.as_deref().map(|side| {
+            if side == "left" {
+                WingSide::Left
+            } else {
+                WingSide::Right
+            }
+        })
     }
 
     /// Returns the dimensions.
@@ -67,7 +89,8 @@ impl DraftArgs {
         let (Some(span_m), Some(height_m), Some(chord_m), Some(focal_mm), Some(sensor)) =
             (self.span, self.height, self.chord, self.focal, self.sensor)
         else {
-            let what = "name the installation, or the wing: --span --height --chord --focal --sensor";
+            let what =
+                "name the installation, or the wing: --span --height --chord --focal --sensor";
             return Err(Failure::Usage(what.into()));
         };
         let limited = [
@@ -76,10 +99,13 @@ impl DraftArgs {
             ("--chord", chord_m, (0.1, 30.0), "m"),
             ("--focal", focal_mm, (0.5, 1000.0), "mm"),
         ];
-        if let Some((name, _, (low, high), unit)) =
-            limited.iter().find(|(_, v, (low, high), _)| !(*low..=*high).contains(v))
+        if let Some((name, _, (low, high), unit)) = limited
+            .iter()
+            .find(|(_, v, (low, high), _)| !(*low..=*high).contains(v))
         {
-            return Err(Failure::Usage(format!("{name} must be from {low} to {high} {unit}")));
+            return Err(Failure::Usage(format!(
+                "{name} must be from {low} to {high} {unit}"
+            )));
         }
         let focal_px = 1e3 * focal_mm / sensor.pitch_um;
         let centre = |side: u32| 0.5 * (f64::from(side) - 1.0);
@@ -102,8 +128,22 @@ mod tests {
 
     #[test]
     fn a_sensor_is_read_or_refused() {
-        assert_eq!(parse_sensor("4000x3000x1.54"), Ok(Sensor { width: 4000, height: 3000, pitch_um: 1.54 }));
-        for odd in ["4000x3000", "4000x3000x0", "x3000x1.5", "4000x3000x1.54x2", "99999x3000x1.5", "4000x3000xNaN"] {
+        assert_eq!(
+            parse_sensor("4000x3000x1.54"),
+            Ok(Sensor {
+                width: 4000,
+                height: 3000,
+                pitch_um: 1.54
+            })
+        );
+        for odd in [
+            "4000x3000",
+            "4000x3000x0",
+            "x3000x1.5",
+            "4000x3000x1.54x2",
+            "99999x3000x1.5",
+            "4000x3000xNaN",
+        ] {
             assert!(parse_sensor(odd).is_err(), "{odd}");
         }
     }

@@ -12,7 +12,9 @@ use crate::report::number::{count_text, format_fixed};
 /// Parses a length with its unit and returns it in metres.
 pub fn parse_length(text: &str) -> Result<f64, String> {
     let units = [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)];
-    let read = units.iter().find_map(|(unit, m)| Some(text.strip_suffix(unit)?.trim().parse::<f64>().ok()? * m));
+    let read = units
+        .iter()
+        .find_map(|(unit, m)| Some(text.strip_suffix(unit)?.trim().parse::<f64>().ok()? * m));
     let sound = read.filter(|m| *m > 0.0 && *m <= 100.0);
     sound.ok_or_else(|| "give a length above 0 with its unit, for example 5mm".to_owned())
 }
@@ -37,7 +39,10 @@ pub fn plan_json(
         });
         all.insert("layout".into(), placed.collect());
         let rows = attitude.camera_from_survey.matrix();
-        let rows: Vec<Vec<f64>> = rows.row_iter().map(|r| r.iter().copied().collect()).collect();
+        let rows: Vec<Vec<f64>> = rows
+            .row_iter()
+            .map(|r| r.iter().copied().collect())
+            .collect();
         all.insert("camera_from_survey".into(), json!(rows));
     }
     all.extend(joint.map(|joint| ("flight".to_owned(), json!(joint))));
@@ -57,11 +62,19 @@ pub fn precision_text(
     proposal: Option<&PlanProposal>,
 ) -> String {
     let describe = |p: &FlightPrecision| {
-        let [tip, span] = [p.expected.sigma_tip_deflection_m, p.expected.sigma_mean_deflection_m].map(format_mm);
+        let [tip, span] = [
+            p.expected.sigma_tip_deflection_m,
+            p.expected.sigma_mean_deflection_m,
+        ]
+        .map(format_mm);
         let what = match p.flights {
-            None => format!("{} frames of a flight adjusted together (`wingd solve --flight`)", p.frames),
+            None => format!(
+                "{} frames of a flight adjusted together (`wingd solve --flight`)",
+                p.frames
+            ),
             Some(flights) => {
-                let (frames, flights) = (count_text(p.frames, "frame"), count_text(flights, "flight"));
+                let (frames, flights) =
+                    (count_text(p.frames, "frame"), count_text(flights, "flight"));
                 format!("{frames}, with the prior from {flights} (flight_prior.json)")
             }
         };
@@ -73,34 +86,61 @@ pub fn precision_text(
 }
 
 fn count_frames(n: usize) -> String {
-    if n == 1 { "one frame".to_owned() } else { format!("{n} frames together") }
+    if n == 1 {
+        "one frame".to_owned()
+    } else {
+        format!("{n} frames together")
+    }
 }
 
 /// Returns the answer: whether the required precision is reached, or the predicted one.
-pub fn first_line(plan: &InstallationPlan, joint: Option<&FlightPrecision>, proposal: Option<&PlanProposal>) -> String {
+pub fn first_line(
+    plan: &InstallationPlan,
+    joint: Option<&FlightPrecision>,
+    proposal: Option<&PlanProposal>,
+) -> String {
     let Some((answer, ..)) = proposal else {
-        let alone = plan.prediction.as_ref().map(|p| (p.expected.sigma_tip_deflection_m, 1));
-        let best = joint.map(|j| (j.expected.sigma_tip_deflection_m, j.frames)).or(alone);
+        let alone = plan
+            .prediction
+            .as_ref()
+            .map(|p| (p.expected.sigma_tip_deflection_m, 1));
+        let best = joint
+            .map(|j| (j.expected.sigma_tip_deflection_m, j.frames))
+            .or(alone);
         let seen = plan.markers.iter().filter(|m| m.visible).count();
         let markers = format!("{seen} of {} markers can be measured", plan.markers.len());
         return match best {
             Some((sigma_m, frames)) => {
-                format!("Tip deflection: {} with {}; {markers}\n", format_mm(sigma_m), count_frames(frames))
+                format!(
+                    "Tip deflection: {} with {}; {markers}\n",
+                    format_mm(sigma_m),
+                    count_frames(frames)
+                )
             }
             None => format!("No precision can be predicted; {markers}\n"),
         };
     };
-    let predicted =
-        format!("{} at the tip with {}", format_mm(answer.sigma_tip_deflection_m), count_frames(answer.frames));
+    let predicted = format!(
+        "{} at the tip with {}",
+        format_mm(answer.sigma_tip_deflection_m),
+        count_frames(answer.frames)
+    );
     let required = format!("{} required", format_mm(answer.want_m));
     match (&answer.obstacle, answer.reached) {
         (Some(obstacle), _) => format!("NO: {obstacle} ({required})\n"),
         (None, true) => format!("YES: {predicted}, {required}\n"),
         (None, false) if answer.proposal_reached => {
-            let (sigma, frames) = (format_mm(answer.proposal_sigma_m), count_frames(answer.proposal_frames));
-            format!("NO: {predicted}, {required}; the proposal below reaches {sigma} with {frames}\n")
+            let (sigma, frames) = (
+                format_mm(answer.proposal_sigma_m),
+                count_frames(answer.proposal_frames),
+            );
+            format!(
+                "NO: {predicted}, {required}; the proposal below reaches {sigma} with {frames}\n"
+            )
         }
-        (None, false) => format!("NO: {predicted}, {required}; the proposal below does not reach it either\n"),
+        (None, false) => {
+            format!("NO: {predicted}, {required}; the proposal below does not reach it either\n")
+        }
     }
 }
 
@@ -115,7 +155,9 @@ fn answer_text(answer: &RequirementResult, proposal: &Setup) -> String {
             ])
             .text()
     );
-    let taken = |sigma: Option<f64>| sigma.map_or_else(|| format_fixed(None, 0), |m| format!("{:.1}", 1e3 * m));
+    let taken = |sigma: Option<f64>| {
+        sigma.map_or_else(|| format_fixed(None, 0), |m| format!("{:.1}", 1e3 * m))
+    };
     out.push_str(&format!(
         "\nPossible improvements, cheapest first\n{}",
         Grid::for_rows(&answer.remedies)
@@ -123,13 +165,19 @@ fn answer_text(answer: &RequirementResult, proposal: &Setup) -> String {
                 One("<remedy", &|r| r.remedy.clone()),
                 One("<takes", &|r| r.cost.to_owned()),
                 One("alone / mm", &|r| taken(r.sigma_alone_m)),
-                One("proposed, with those above / mm", &|r| taken(r.sigma_taken_m)),
+                One("proposed, with those above / mm", &|r| taken(
+                    r.sigma_taken_m
+                )),
             ])
             .text()
     ));
     if !answer.reached && answer.obstacle.is_none() {
         let fixed = proposal.markers.iter().filter(|m| m.fixed).count();
-        let reaches = if answer.proposal_reached { "reaches it" } else { "does not reach it either" };
+        let reaches = if answer.proposal_reached {
+            "reaches it"
+        } else {
+            "does not reach it either"
+        };
         out.push_str(&format!(
             "\nThe proposal {reaches}: {} with {}, {} markers and {fixed} fixed targets; --layout DIR writes it\n",
             format_mm(answer.proposal_sigma_m),

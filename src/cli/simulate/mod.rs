@@ -8,7 +8,8 @@ use nalgebra::Vector2;
 
 use super::{Completion, Failure, TaskResult, print_line, progress_bar};
 use crate::desk::simulation::{
-    FlightMoment, SetFrame, choose_hidden, sample_aircraft, with_default_priors, write_board_images, write_set,
+    FlightMoment, SetFrame, choose_hidden, sample_aircraft, with_default_priors,
+    write_board_images, write_set,
 };
 use crate::installation::{self, Installation};
 use crate::measure::plan::{self, PlanOptions};
@@ -43,7 +44,12 @@ pub struct SimulateArgs {
     #[arg(long, default_value_t = 0, value_name = "N")]
     hide: usize,
     /// Change of the load distribution over the flight, for example 0.05
-    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true, value_name = "SHARE")]
+    #[arg(
+        long,
+        default_value_t = 0.0,
+        allow_hyphen_values = true,
+        value_name = "SHARE"
+    )]
     shape_change: f64,
     /// Remount the camera before this flight frame, counted from 1
     #[arg(long, value_name = "N")]
@@ -141,7 +147,8 @@ struct PictureArgs {
 }
 
 fn parse_light(name: &str) -> Result<Light, String> {
-    Light::from_name(name).ok_or_else(|| format!("one of {}", Light::ALL.map(Light::name).join(", ")))
+    Light::from_name(name)
+        .ok_or_else(|| format!("one of {}", Light::ALL.map(Light::name).join(", ")))
 }
 
 fn parse_side(name: &str) -> Result<SceneSide, String> {
@@ -163,47 +170,80 @@ pub(super) fn run(args: &SimulateArgs) -> TaskResult<Completion> {
     if args.drawn {
         (specified, frames) = sample_aircraft(args.seed, &scene, frames);
     }
-    let name = args.output.file_name().map_or("set".into(), |name| name.to_string_lossy());
+    let name = args
+        .output
+        .file_name()
+        .map_or("set".into(), |name| name.to_string_lossy());
     let bar = progress_bar(frames.len(), "rendering");
-    write_set(&args.output, &name, (&scene, &specified), &frames, || bar.inc(1))
-        .map_err(|e| Failure::Failed(format!("{e:#}")))?;
+    write_set(&args.output, &name, (&scene, &specified), &frames, || {
+        bar.inc(1)
+    })
+    .map_err(|e| Failure::Failed(format!("{e:#}")))?;
     bar.finish_and_clear();
-    print_line(&format!("{} with truth in {}", count_text(frames.len(), "frame"), args.output.display()))?;
+    print_line(&format!(
+        "{} with truth in {}",
+        count_text(frames.len(), "frame"),
+        args.output.display()
+    ))?;
     if let Some(file) = &args.board.board {
-        let (folder, count) = (args.output.join("board"), usize::from(args.board.board_pictures));
+        let (folder, count) = (
+            args.output.join("board"),
+            usize::from(args.board.board_pictures),
+        );
         let bar = progress_bar(count, "rendering the board");
-        write_board_images(&folder, file, &scene.setup.lens, count, args.seed, || bar.inc(1))?;
+        write_board_images(&folder, file, &scene.setup.lens, count, args.seed, || {
+            bar.inc(1)
+        })?;
         bar.finish_and_clear();
-        print_line(&format!("{} of the board in {}", count_text(count, "image"), folder.display()))?;
+        print_line(&format!(
+            "{} of the board in {}",
+            count_text(count, "image"),
+            folder.display()
+        ))?;
     }
     Ok(Completion::All)
 }
 
 fn create_scene(args: &SimulateArgs) -> TaskResult<Scene> {
-    let highest = args.tip_deflections.iter().copied().fold(0.5, f64::max) + args.gusts.max_added_deflection_m();
+    let highest = args.tip_deflections.iter().copied().fold(0.5, f64::max)
+        + args.gusts.max_added_deflection_m();
     let Some(directory) = &args.installation else {
         let options = args.wing.render_options(args.seed, highest);
         check_scene_options(&options)?;
         return Ok(Scene::random(args.seed, &options));
     };
-    let Installation { setup, mut orientation, .. } = installation::load(directory)?;
+    let Installation {
+        setup,
+        mut orientation,
+        ..
+    } = installation::load(directory)?;
     if args.drawn && orientation.is_none() {
         // Planned attitude: only there are targets in the corners of the image visible.
-        let options = PlanOptions { tip_deflection_m: highest, ..PlanOptions::default() };
+        let options = PlanOptions {
+            tip_deflection_m: highest,
+            ..PlanOptions::default()
+        };
         let planned = plan::assumed_attitude(&setup, None, &options);
         orientation = Some(planned.map_err(|e| Failure::from_path_error(directory, e))?);
     }
     let attitude = orientation.map(|orientation| orientation.camera_from_survey);
-    Scene::from_setup(&setup, attitude, args.seed, highest).map_err(|e| Failure::from_path_error(directory, e))
+    Scene::from_setup(&setup, attitude, args.seed, highest)
+        .map_err(|e| Failure::from_path_error(directory, e))
 }
 
 fn check_scene_options(options: &SceneOptions) -> TaskResult<()> {
     let wrong = |what: &str| Err(Failure::Usage(what.into()));
     let positive = |x: f64| x.is_finite() && x > 0.0;
-    if options.lens.width < 64 || options.lens.height < 64 || options.lens.width.max(options.lens.height) > 65_000 {
+    if options.lens.width < 64
+        || options.lens.height < 64
+        || options.lens.width.max(options.lens.height) > 65_000
+    {
         return wrong("--size: give sides between 64 and 65000 px");
     }
-    if !positive(options.lens.fx) || !positive(options.diameter_m) || !positive(options.camera_height_m) {
+    if !positive(options.lens.fx)
+        || !positive(options.diameter_m)
+        || !positive(options.camera_height_m)
+    {
         return wrong("--focal, --diameter and --camera-height must be above 0");
     }
     if !(5.0..=80.0).contains(&options.length_m) {
@@ -220,7 +260,11 @@ fn check_scene_options(options: &SceneOptions) -> TaskResult<()> {
 
 impl WingArgs {
     fn render_options(&self, seed: u64, highest_deflection_m: f64) -> SceneOptions {
-        let by_seed = if seed.is_multiple_of(2) { SceneSide::Right } else { SceneSide::Left };
+        let by_seed = if seed.is_multiple_of(2) {
+            SceneSide::Right
+        } else {
+            SceneSide::Left
+        };
         let mut options = SceneOptions::random(seed, self.side.unwrap_or(by_seed));
         options.tip_deflection_m = 1.03 * highest_deflection_m;
         options.length_m = self.length.unwrap_or(options.length_m);
@@ -256,8 +300,14 @@ fn list_flight_frames(args: &SimulateArgs, scene: &Scene) -> Vec<SetFrame> {
     let seed = |i: usize| args.seed.wrapping_mul(1000).wrapping_add(i as u64);
     let mut frames = vec![args.picture.ground_frame(scene, seed(0))];
     for (i, &deflection) in args.tip_deflections.iter().enumerate() {
-        let light = args.lights.get(i % args.lights.len().max(1)).copied().unwrap_or(Light::Plain);
-        let mut shot = args.picture.apply_to(scene.flight_shot(deflection, light, seed(i + 1)));
+        let light = args
+            .lights
+            .get(i % args.lights.len().max(1))
+            .copied()
+            .unwrap_or(Light::Plain);
+        let mut shot = args
+            .picture
+            .apply_to(scene.flight_shot(deflection, light, seed(i + 1)));
         // Burning fuel changes the load slowly and steadily.
         let progress = i as f64 / count.max(2) as f64 - 0.5;
         shot.state.load.relief += args.shape_change * progress;
@@ -274,12 +324,28 @@ fn list_flight_frames(args: &SimulateArgs, scene: &Scene) -> Vec<SetFrame> {
 impl PictureArgs {
     fn ground_frame(&self, scene: &Scene, seed: u64) -> SetFrame {
         let shot = self.apply_to(scene.ground_shot(seed));
-        SetFrame { image: "ground.jpg".into(), shot, quality: self.quality, moment: None }
+        SetFrame {
+            image: "ground.jpg".into(),
+            shot,
+            quality: self.quality,
+            moment: None,
+        }
     }
 
-    fn flight_frame(&self, number: usize, count: usize, shot: SceneShot, moment: Option<FlightMoment>) -> SetFrame {
+    fn flight_frame(
+        &self,
+        number: usize,
+        count: usize,
+        shot: SceneShot,
+        moment: Option<FlightMoment>,
+    ) -> SetFrame {
         let digits = count.to_string().len();
-        SetFrame { image: format!("flight-{number:0digits$}.jpg"), shot, quality: self.quality, moment }
+        SetFrame {
+            image: format!("flight-{number:0digits$}.jpg"),
+            shot,
+            quality: self.quality,
+            moment,
+        }
     }
 
     fn apply_to(&self, mut shot: SceneShot) -> SceneShot {

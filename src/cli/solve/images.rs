@@ -14,7 +14,9 @@ use crate::record::Reason;
 
 pub(super) fn solve_images(args: &SolveArgs, report: Option<ReportFile>) -> TaskResult<Completion> {
     let directory = resolve_installation(args.installation.as_deref())?;
-    if args.images.is_empty() && (args.adjusts_jointly() || args.mountings.is_some() || args.report.is_some()) {
+    if args.images.is_empty()
+        && (args.adjusts_jointly() || args.mountings.is_some() || args.report.is_some())
+    {
         let what = "--flight, --mountings and --report need images in addition to --observations";
         return Err(Failure::Usage(what.into()));
     }
@@ -25,14 +27,27 @@ pub(super) fn solve_images(args: &SolveArgs, report: Option<ReportFile>) -> Task
     let orientation = installation.require_orientation()?;
     let job = job_from_args(args);
     let mut output = ResultOutput::new(args, args.report.is_some());
-    let manual = args.observations.as_ref().map(|file| ManualPoints::read(file, &files, &installation.setup));
+    let manual = args
+        .observations
+        .as_ref()
+        .map(|file| ManualPoints::read(file, &files, &installation.setup));
     let manual = manual.transpose()?.unwrap_or_default();
     print_notes(&manual.note);
-    let known = SolveInputs { installation: &installation, orientation, mountings, manual };
+    let known = SolveInputs {
+        installation: &installation,
+        orientation,
+        mountings,
+        manual,
+    };
     let outcome = match &args.observations {
         Some(file) if files.is_empty() => {
             let processed = ProcessedFrame::from_manual(&image_name(file), known.manual.iter());
-            output.take_record(pipeline::solve_processed_frame(&processed, &installation, orientation, &job))
+            output.take_record(pipeline::solve_processed_frame(
+                &processed,
+                &installation,
+                orientation,
+                &job,
+            ))
         }
         _ => solve_files(args, &files, &known, &job, &mut output),
     };
@@ -61,44 +76,85 @@ fn solve_files(
     job: &SolveJob,
     output: &mut ResultOutput,
 ) -> TaskResult<()> {
-    let SolveInputs { installation, orientation, mountings, manual } = known;
+    let SolveInputs {
+        installation,
+        orientation,
+        mountings,
+        manual,
+    } = known;
     let process = |name: &str, bytes: Result<&[u8], Reason>| {
         let processed = match bytes {
             Ok(bytes) if args.observations_only => {
                 ProcessedFrame::without_detection(name, bytes, manual.for_image(name))
             }
             Ok(bytes) => {
-                let mut processed = stages::process_frame(name, bytes, None, &installation.setup, Some(*orientation));
+                let mut processed = stages::process_frame(
+                    name,
+                    bytes,
+                    None,
+                    &installation.setup,
+                    Some(*orientation),
+                );
                 processed.add_manual(manual.for_image(name));
                 processed
             }
             Err(reason) => ProcessedFrame::failed(name, reason),
         };
-        ProcessedFrame { mounting: mountings.as_ref().and_then(|m| m.find(name)), ..processed }
+        ProcessedFrame {
+            mounting: mountings.as_ref().and_then(|m| m.find(name)),
+            ..processed
+        }
     };
     if args.adjusts_jointly() {
         let mut processed_frames = Vec::with_capacity(files.len());
-        batch::for_each_image(files, args.jobs, "measuring", process, batch::collect_into(&mut processed_frames))?;
+        batch::for_each_image(
+            files,
+            args.jobs,
+            "measuring",
+            process,
+            batch::collect_into(&mut processed_frames),
+        )?;
         let records = pipeline::solve_flight(&processed_frames, installation, orientation, job);
-        return records.into_iter().try_for_each(|record| output.take_record(record));
+        return records
+            .into_iter()
+            .try_for_each(|record| output.take_record(record));
     }
     let solve = |name: &str, bytes: Result<&[u8], Reason>| {
         pipeline::solve_processed_frame(&process(name, bytes), installation, orientation, job)
     };
-    batch::for_each_image(files, args.jobs, "solving", solve, |record| output.take_record(record))
+    batch::for_each_image(files, args.jobs, "solving", solve, |record| {
+        output.take_record(record)
+    })
 }
 
 /// Reads the mountings given by the user; each frame must have one.
 fn read_mountings(args: &SolveArgs, files: &[PathBuf]) -> TaskResult<Option<Mountings>> {
-    let Some(file) = &args.mountings else { return Ok(None) };
+    let Some(file) = &args.mountings else {
+        return Ok(None);
+    };
     let read = installation::read_mountings(file)?;
     let names = image_names(files);
-    let missing: Vec<&str> = names.iter().map(String::as_str).filter(|n| read.find(n).is_none()).collect();
-    let Some(first) = missing.first() else { return Ok(Some(read)) };
+    let missing: Vec<&str> = names
+        .iter()
+        .map(String::as_str)
+        .filter(|n| read.find(n).is_none())
+        .collect();
+    let Some(first) = missing.first() else {
+        return Ok(Some(read));
+    };
     let problem = match missing.len() {
         1 => format!("has no line for {first}, or it matches two files"),
-        n => format!("has no line for {first} and {} other frames, or they match several files", n - 1),
+        n => format!(
+            "has no line for {first} and {} other frames, or they match several files",
+            n - 1
+        ),
     };
     let remedy = "give a line for every frame, with enough of its path to be unique".into();
-    Err(Fault { file: file.clone(), place: "column image".into(), problem, remedy }.into())
+    Err(Fault {
+        file: file.clone(),
+        place: "column image".into(),
+        problem,
+        remedy,
+    }
+    .into())
 }

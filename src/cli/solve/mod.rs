@@ -92,7 +92,10 @@ pub struct SolveArgs {
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     jobs: usize,
     /// Images (JPEG, PNG, PNM or TIFF) or folders of them; or a store, whose frames get results in addition to older ones
-    #[arg(required_unless_present = "observations", value_name = "IMAGE|FOLDER|STORE")]
+    #[arg(
+        required_unless_present = "observations",
+        value_name = "IMAGE|FOLDER|STORE"
+    )]
     images: Vec<PathBuf>,
 }
 
@@ -111,13 +114,17 @@ impl SolveArgs {
 /// Solves image files or the frames of a store, prints the results, and writes a report if requested.
 pub(super) fn run(args: &SolveArgs, reports: Option<ReportBuilder>) -> TaskResult<Completion> {
     if args.adjusts_jointly() && matches!(args.method, MethodName::Profile) {
-        return Err(Failure::Usage("--flight needs the spatial method; omit --method profile".into()));
+        return Err(Failure::Usage(
+            "--flight needs the spatial method; omit --method profile".into(),
+        ));
     }
     let report = ReportFile::from_option(args.report.as_deref(), reports)?;
     if let [store] = args.images.as_slice()
         && is_store(store)
     {
-        if !store.join(layout::STORE_FILE).exists() && std::fs::read_dir(store).is_ok_and(|mut d| d.next().is_none()) {
+        if !store.join(layout::STORE_FILE).exists()
+            && std::fs::read_dir(store).is_ok_and(|mut d| d.next().is_none())
+        {
             let what = format!(
                 "{}: is empty; name images, a folder of images, or a store (`wingd import` creates one from images)",
                 store.display()
@@ -125,19 +132,24 @@ pub(super) fn run(args: &SolveArgs, reports: Option<ReportBuilder>) -> TaskResul
             return Err(Failure::Failed(what));
         }
         if args.observations.is_some() {
-            return Err(Failure::Usage("--observations is only for images, not for a store".into()));
+            return Err(Failure::Usage(
+                "--observations is only for images, not for a store".into(),
+            ));
         }
         return store::solve_store(args, store, report);
     }
     if let Some(flight) = args.flight_name() {
-        return Err(Failure::Usage(format!("--flight {flight} names a flight of a store; give the store too")));
+        return Err(Failure::Usage(format!(
+            "--flight {flight} names a flight of a store; give the store too"
+        )));
     }
     images::solve_images(args, report)
 }
 
 /// Returns whether a folder is to be treated as a store because it is one, or has no images.
 fn is_store(folder: &Path) -> bool {
-    folder.is_dir() && (folder.join(layout::STORE_FILE).exists() || !image_files::contains_images(folder))
+    folder.is_dir()
+        && (folder.join(layout::STORE_FILE).exists() || !image_files::contains_images(folder))
 }
 
 fn job_from_args(args: &SolveArgs) -> SolveJob {
@@ -151,8 +163,12 @@ fn job_from_args(args: &SolveArgs) -> SolveJob {
         MethodName::Spatial => AdjustmentMethod::Spatial,
     };
     let curvature_terms = args.curvature_terms.map(usize::from);
-    let options =
-        Options { sigma, curvature_terms, variance_components: args.variance_components, ..Options::default() };
+    let options = Options {
+        sigma,
+        curvature_terms,
+        variance_components: args.variance_components,
+        ..Options::default()
+    };
     SolveJob { method, options }
 }
 
@@ -168,7 +184,12 @@ struct ResultOutput<'a> {
 
 impl<'a> ResultOutput<'a> {
     fn new(args: &'a SolveArgs, keep_records: bool) -> Self {
-        Self { args, records: vec![], kept: keep_records.then(Vec::new), all_solved: true }
+        Self {
+            args,
+            records: vec![],
+            kept: keep_records.then(Vec::new),
+            all_solved: true,
+        }
     }
 
     fn take_record(&mut self, record: ImageRecord) -> TaskResult<()> {
@@ -184,7 +205,12 @@ impl<'a> ResultOutput<'a> {
         }
         // Fields that the table does not show are dropped: a store has thousands of records.
         let (model, quality) = Default::default();
-        self.records.push(ImageRecord { model, quality, curve: Vec::new(), ..record });
+        self.records.push(ImageRecord {
+            model,
+            quality,
+            curve: Vec::new(),
+            ..record
+        });
         Ok(())
     }
 

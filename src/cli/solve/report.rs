@@ -28,7 +28,10 @@ impl<'a> ReportFile<'a> {
     ///
     /// # Errors
     /// Returns an error if this program builds no reports.
-    pub(super) fn from_option(file: Option<&'a Path>, reports: Option<ReportBuilder>) -> TaskResult<Option<Self>> {
+    pub(super) fn from_option(
+        file: Option<&'a Path>,
+        reports: Option<ReportBuilder>,
+    ) -> TaskResult<Option<Self>> {
         let Some(file) = file else { return Ok(None) };
         let builder = reports.ok_or_else(|| not_on_board("`wingd solve --report`"))?;
         Ok(Some(Self { file, builder }))
@@ -42,7 +45,10 @@ pub(super) fn write_store_report(
     flight: Option<&str>,
     directory: Option<&Path>,
 ) -> TaskResult<()> {
-    let choice = ResultChoice { flight, inputs: None };
+    let choice = ResultChoice {
+        flight,
+        inputs: None,
+    };
     let data = source::read_flight(store.root(), choice, load_setup(directory)?.as_ref())?;
     print_notes(data.warnings.iter().chain(&data.notes));
     write_page(page, &data)
@@ -56,13 +62,21 @@ pub(super) fn write_image_report(
     installation: &Installation,
 ) -> TaskResult<()> {
     let names: BTreeMap<&PathBuf, String> = files.iter().zip(image_names(files)).collect();
-    let mut of_name: BTreeMap<String, ImageRecord> =
-        records.into_iter().map(|record| (record.image.clone(), record)).collect();
+    let mut of_name: BTreeMap<String, ImageRecord> = records
+        .into_iter()
+        .map(|record| (record.image.clone(), record))
+        .collect();
     let card = batch::read_collection(files, &DatingOptions::default())?;
     let name = |picture: &DatedImage| names.get(&picture.file).cloned().unwrap_or_default();
     let series = card.series.iter().enumerate().map(|(k, pictures)| {
-        let records = pictures.iter().filter_map(|p| of_name.remove(&name(p))).collect();
-        let shots: Vec<ShotData> = (1..).zip(pictures).map(|(number, p)| shot_data(number, p, name(p))).collect();
+        let records = pictures
+            .iter()
+            .filter_map(|p| of_name.remove(&name(p)))
+            .collect();
+        let shots: Vec<ShotData> = (1..)
+            .zip(pictures)
+            .map(|(number, p)| shot_data(number, p, name(p)))
+            .collect();
         SeriesData {
             flight: PICTURES_FLIGHT.to_owned(),
             name: (k + 1).to_string(),
@@ -78,17 +92,28 @@ pub(super) fn write_image_report(
         let file = names.iter().find(|(_, name)| **name == image)?.0;
         let bytes = std::fs::read(file).ok()?;
         let format = shot.format.clone();
-        Some(FramePicture { series: series.name.clone(), image, bytes, format, fault: None })
+        Some(FramePicture {
+            series: series.name.clone(),
+            image,
+            bytes,
+            format,
+            fault: None,
+        })
     };
     let mut data = source::pictures_report(series.collect(), &installation.setup, of_shot);
-    data.warnings.extend(card.remarks.into_iter().map(|(what, _)| what));
+    data.warnings
+        .extend(card.remarks.into_iter().map(|(what, _)| what));
     write_page(page, &data)
 }
 
 fn shot_data(number: u32, picture: &DatedImage, name: String) -> ShotData {
     let digest = &picture.digest;
-    let stamp =
-        picture.utc.map(|utc| Stamp { utc, utc_synchronised: false, boot_id: digest.clone(), since_boot_s: 0.0 });
+    let stamp = picture.utc.map(|utc| Stamp {
+        utc,
+        utc_synchronised: false,
+        boot_id: digest.clone(),
+        since_boot_s: 0.0,
+    });
     ShotData {
         number,
         image: Some(name),

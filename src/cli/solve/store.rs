@@ -16,24 +16,41 @@ use crate::pipeline::{self, SolveJob};
 use crate::record::{ImageRecord, Reason};
 use crate::store::{FlightRef, FrameRef, Inputs, Store, result_sets};
 
-pub(super) fn solve_store(args: &SolveArgs, root: &Path, report: Option<ReportFile>) -> TaskResult<Completion> {
+pub(super) fn solve_store(
+    args: &SolveArgs,
+    root: &Path,
+    report: Option<ReportFile>,
+) -> TaskResult<Completion> {
     // Checked first, because opening would create a missing store.
     let flights = stored_flights::select_flights(root, args.flight_name())?;
     let (store, recovery) = stored_flights::open_store(root)?;
     print_notes(&recovery.remarks);
     let mut output = ResultOutput::new(args, false);
-    let solved = flights.iter().try_for_each(|flight| solve_flight(args, &store, flight, &mut output));
+    let solved = flights
+        .iter()
+        .try_for_each(|flight| solve_flight(args, &store, flight, &mut output));
     store.seal();
     let done = output.finish();
     solved?;
     if let Some(page) = &report {
-        report::write_store_report(page, &store, args.flight_name(), args.installation.as_deref())?;
+        report::write_store_report(
+            page,
+            &store,
+            args.flight_name(),
+            args.installation.as_deref(),
+        )?;
     }
     done
 }
 
-fn solve_flight(args: &SolveArgs, store: &Store, flight: &FlightRef, output: &mut ResultOutput) -> TaskResult<()> {
-    let directory = stored_flights::flight_installation(args.installation.as_deref(), store.root(), flight)?;
+fn solve_flight(
+    args: &SolveArgs,
+    store: &Store,
+    flight: &FlightRef,
+    output: &mut ResultOutput,
+) -> TaskResult<()> {
+    let directory =
+        stored_flights::flight_installation(args.installation.as_deref(), store.root(), flight)?;
     let installation = installation::load(&directory)?;
     store.keep_installation(&installation.files()?)?;
     print_flight_prior(&installation);
@@ -53,10 +70,29 @@ fn solve_flight(args: &SolveArgs, store: &Store, flight: &FlightRef, output: &mu
         true => stored_frames::frame_mountings(store.disk(), flight)?,
         false => BTreeMap::new(),
     };
-    let known = FlightInputs { installation: &installation, orientation, aircraft, marks, mountings };
-    let work = FlightSolver { args, store, flight, job: &job, known };
-    if args.adjusts_jointly() { work.solve_jointly(output) } else { work.solve_frames_singly(output) }?;
-    print_notes(result_sets::flight_result_sets(store.disk(), flight)?.mixed_inputs_warning(&flight.id, None));
+    let known = FlightInputs {
+        installation: &installation,
+        orientation,
+        aircraft,
+        marks,
+        mountings,
+    };
+    let work = FlightSolver {
+        args,
+        store,
+        flight,
+        job: &job,
+        known,
+    };
+    if args.adjusts_jointly() {
+        work.solve_jointly(output)
+    } else {
+        work.solve_frames_singly(output)
+    }?;
+    print_notes(
+        result_sets::flight_result_sets(store.disk(), flight)?
+            .mixed_inputs_warning(&flight.id, None),
+    );
     Ok(())
 }
 
@@ -70,11 +106,18 @@ struct FlightSolver<'a> {
 
 impl FlightSolver<'_> {
     fn solve_frames_singly(&self, output: &mut ResultOutput) -> TaskResult<()> {
-        let FlightInputs { installation, orientation, .. } = self.known;
+        let FlightInputs {
+            installation,
+            orientation,
+            ..
+        } = self.known;
         let (inputs, frames) = self.unsolved_frames(self.known.provenance(self.job, None))?;
         let solve = |frame: &FrameRef, bytes: Result<&[u8], Reason>| {
             let processed = self.known.process_frame(frame, bytes);
-            (frame.clone(), pipeline::solve_processed_frame(&processed, installation, orientation, self.job))
+            (
+                frame.clone(),
+                pipeline::solve_processed_frame(&processed, installation, orientation, self.job),
+            )
         };
         let take = |(frame, record)| self.add_result(&frame, &inputs, record, output);
         batch::for_each_stored_frame(&frames, self.args.jobs, "solving", solve, take)
@@ -82,24 +125,38 @@ impl FlightSolver<'_> {
 
     /// Solves all frames of the flight together. Each result depends on all frames: their digests are part of its inputs.
     fn solve_jointly(&self, output: &mut ResultOutput) -> TaskResult<()> {
-        let FlightInputs { installation, orientation, .. } = self.known;
+        let FlightInputs {
+            installation,
+            orientation,
+            ..
+        } = self.known;
         let frames = stored_flights::flight_frames(self.store.disk(), self.flight, None)?;
-        let job = SolveJob { method: AdjustmentMethod::Spatial, ..self.job.clone() };
+        let job = SolveJob {
+            method: AdjustmentMethod::Spatial,
+            ..self.job.clone()
+        };
         let (inputs, left) = self.unsolved_frames(self.known.provenance(&job, Some(&frames)))?;
         if left.is_empty() {
             return Ok(());
         }
         let mut processed = Vec::with_capacity(frames.len());
-        let process = |frame: &FrameRef, bytes: Result<&[u8], Reason>| self.known.process_frame(frame, bytes);
+        let process =
+            |frame: &FrameRef, bytes: Result<&[u8], Reason>| self.known.process_frame(frame, bytes);
         let take = batch::collect_into(&mut processed);
         batch::for_each_stored_frame(&frames, self.args.jobs, "solving", process, take)?;
         let records = pipeline::solve_flight(&processed, installation, orientation, self.job);
-        let mut pairs = frames.iter().zip(records).filter(|(frame, _)| left.contains(frame));
+        let mut pairs = frames
+            .iter()
+            .zip(records)
+            .filter(|(frame, _)| left.contains(frame));
         pairs.try_for_each(|(frame, record)| self.add_result(frame, &inputs, record, output))
     }
 
     /// Finds the frames without a result from these inputs.
-    fn unsolved_frames(&self, provenance: Map<String, Value>) -> TaskResult<(Inputs, Vec<FrameRef>)> {
+    fn unsolved_frames(
+        &self,
+        provenance: Map<String, Value>,
+    ) -> TaskResult<(Inputs, Vec<FrameRef>)> {
         let inputs = Inputs::new(provenance);
         let frames = self.store.unsolved_in_flight(self.flight, &inputs)?;
         let flight = &self.flight.id;
@@ -118,9 +175,16 @@ impl FlightSolver<'_> {
         record: ImageRecord,
         output: &mut ResultOutput,
     ) -> TaskResult<()> {
-        let written = ImageRecord { image: frame.entry.file.clone(), ..record.clone() };
-        let value: Value = serde_json::to_value(&written)
-            .map_err(|e| Failure::Failed(format!("{}: result cannot be written as JSON: {e}", record.image)))?;
+        let written = ImageRecord {
+            image: frame.entry.file.clone(),
+            ..record.clone()
+        };
+        let value: Value = serde_json::to_value(&written).map_err(|e| {
+            Failure::Failed(format!(
+                "{}: result cannot be written as JSON: {e}",
+                record.image
+            ))
+        })?;
         self.store.add_result(frame, inputs, value)?;
         output.take_record(record)
     }

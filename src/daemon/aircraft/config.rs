@@ -22,7 +22,10 @@ pub struct AircraftConfig {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tcp: Option<Servers>,
     /// Time without a line after which the feed counts as dead and the next server is called.
-    #[serde(default = "default_idle", with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    #[serde(
+        default = "default_idle",
+        with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required"
+    )]
     pub idle: Duration,
     /// Lines to send to the server after connecting.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -65,7 +68,9 @@ impl Servers {
 
     fn have_host_and_port(&self) -> bool {
         let is_place = |place: &String| {
-            place.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
+            place
+                .rsplit_once(':')
+                .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
         };
         !self.addresses().is_empty() && self.addresses().iter().all(is_place)
     }
@@ -89,36 +94,78 @@ impl AircraftConfig {
     pub fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
         let mut fault = |key: &str, problem: &str, remedy: &str| {
-            faults.push(KeyFault::new(format!("live.aircraft_data.{key}"), problem, remedy));
+            faults.push(KeyFault::new(
+                format!("live.aircraft_data.{key}"),
+                problem,
+                remedy,
+            ));
         };
         match (&self.udp, &self.tcp) {
-            (Some(_), Some(_)) => fault("tcp", "is given together with udp", "remove one of the two"),
-            (None, None) => fault("udp", "is missing", "give udp = \"0.0.0.0:7071\" or tcp = \"host:port\""),
+            (Some(_), Some(_)) => {
+                fault("tcp", "is given together with udp", "remove one of the two")
+            }
+            (None, None) => fault(
+                "udp",
+                "is missing",
+                "give udp = \"0.0.0.0:7071\" or tcp = \"host:port\"",
+            ),
             (None, Some(servers)) if !servers.have_host_and_port() => {
-                fault("tcp", "is not host:port", "write it as \"192.168.1.20:4711\"");
+                fault(
+                    "tcp",
+                    "is not host:port",
+                    "write it as \"192.168.1.20:4711\"",
+                );
             }
             _ => {}
         }
         if self.tcp.is_none() && !self.subscribe.is_empty() {
-            fault("subscribe", "is only for tcp", "remove it, or give tcp instead of udp");
+            fault(
+                "subscribe",
+                "is only for tcp",
+                "remove it, or give tcp instead of udp",
+            );
         }
         if self.udp.is_none() && !self.senders.is_empty() {
-            fault("senders", "is only for udp", "remove it, or give udp instead of tcp");
+            fault(
+                "senders",
+                "is only for udp",
+                "remove it, or give udp instead of tcp",
+            );
         }
         if self.idle.is_zero() {
             fault("idle", "must be longer than 0", "give for example \"20s\"");
         }
         if self.time_field == 0 || self.column.iter().any(|c| c.field == 0) {
-            fault("column", "or time_field has a field number 0", "count fields from 1");
+            fault(
+                "column",
+                "or time_field has a field number 0",
+                "count fields from 1",
+            );
         }
         if self.format == LineFormat::Text && self.column.is_empty() {
-            fault("column", "is missing", "give the quantity of each field of the text");
+            fault(
+                "column",
+                "is missing",
+                "give the quantity of each field of the text",
+            );
         }
         if self.format == LineFormat::Iwg1 && self.column.iter().any(|c| c.field <= 2) {
-            fault("column", "uses IWG1's keyword or time field", "use the platform's own fields, from 34");
+            fault(
+                "column",
+                "uses IWG1's keyword or time field",
+                "use the platform's own fields, from 34",
+            );
         }
-        if self.column.iter().any(|c| !(c.scale.is_finite() && c.scale != 0.0 && c.offset.is_finite())) {
-            fault("column", "has a scale of 0, or a scale or offset that is not finite", "correct it");
+        if self
+            .column
+            .iter()
+            .any(|c| !(c.scale.is_finite() && c.scale != 0.0 && c.offset.is_finite()))
+        {
+            fault(
+                "column",
+                "has a scale of 0, or a scale or offset that is not finite",
+                "correct it",
+            );
         }
         faults
     }
@@ -150,11 +197,22 @@ mod tests {
         let bad = "udp = '0.0.0.0:7071'\ntcp = 'nowhere'\nsubscribe = []\nformat = 'text'\ntime_field = 0\n";
         let faults = read(bad).unwrap().faults();
         let keys: Vec<&str> = faults.iter().map(|f| f.key.as_str()).collect();
-        let expected = ["live.aircraft_data.tcp", "live.aircraft_data.column", "live.aircraft_data.column"];
+        let expected = [
+            "live.aircraft_data.tcp",
+            "live.aircraft_data.column",
+            "live.aircraft_data.column",
+        ];
         assert_eq!(keys, expected, "{faults:?}");
         assert!(read("udp = '0.0.0.0:7071'\nprot = 1\n").is_err());
         let two = read("tcp = ['a:4711', 'a:4712']\nidle = '60s'\n").unwrap();
-        assert_eq!((two.faults(), two.tcp.unwrap().addresses().len(), two.idle.as_secs()), (vec![], 2, 60));
+        assert_eq!(
+            (
+                two.faults(),
+                two.tcp.unwrap().addresses().len(),
+                two.idle.as_secs()
+            ),
+            (vec![], 2, 60)
+        );
         assert_eq!(read("tcp = []\nidle = '0s'\n").unwrap().faults().len(), 2);
     }
 }

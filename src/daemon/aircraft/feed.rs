@@ -45,7 +45,9 @@ impl FeedContext {
 
     /// Changes the aircraft data's part of the status.
     pub fn update<T>(&self, f: impl FnOnce(&mut AircraftStatus) -> T) -> T {
-        self.core.board.update(|status| f(status.aircraft.get_or_insert_default()))
+        self.core
+            .board
+            .update(|status| f(status.aircraft.get_or_insert_default()))
     }
 
     /// Sets or clears the feed's fault in the status.
@@ -60,7 +62,9 @@ impl FeedContext {
             return Ok(());
         }
         let silent = format_span(self.config.idle.as_secs_f64());
-        Err(std::io::Error::other(format!("no line for {silent}; check the sender")))
+        Err(std::io::Error::other(format!(
+            "no line for {silent}; check the sender"
+        )))
     }
 }
 
@@ -76,7 +80,12 @@ impl LineIntake {
     /// Creates a receiver that passes lines on to `lines`.
     pub fn new(shared: FeedContext, lines: SyncSender<AircraftLine>) -> Self {
         let layout = shared.config.layout();
-        Self { shared, lines, layout, budget: RateBudget::new(MAX_BYTES_PER_S, MAX_BURST_BYTES) }
+        Self {
+            shared,
+            lines,
+            layout,
+            budget: RateBudget::new(MAX_BYTES_PER_S, MAX_BURST_BYTES),
+        }
     }
 
     /// Receives lines until the daemon ends. A lost feed is called again; of several servers, the next one.
@@ -90,7 +99,12 @@ impl LineIntake {
                 pause_after_end(&shared, &address.to_string(), ended);
             }
         }
-        let servers = shared.config.tcp.iter().flat_map(Servers::addresses).cycle();
+        let servers = shared
+            .config
+            .tcp
+            .iter()
+            .flat_map(Servers::addresses)
+            .cycle();
         for server in servers.take_while(|_| !shared.is_ending()) {
             let ended = self.receive_from_server(server);
             pause_after_end(&shared, server, ended);
@@ -134,7 +148,11 @@ impl LineIntake {
         let (mut pending, mut bytes, mut last) = (Vec::new(), [0; 4096], Instant::now());
         while !self.shared.is_ending() {
             match stream.read(&mut bytes) {
-                Ok(0) => return Err(std::io::Error::other("the server closed the connection; connecting again")),
+                Ok(0) => {
+                    return Err(std::io::Error::other(
+                        "the server closed the connection; connecting again",
+                    ));
+                }
                 Ok(length) => {
                     pending.extend_from_slice(bytes.get(..length).unwrap_or_default());
                     let end = pending.iter().rposition(|b| *b == b'\n').map(|at| at + 1);
@@ -164,9 +182,22 @@ impl LineIntake {
                 continue;
             }
             any = true;
-            let floor = if self.layout.read(text).is_some() { 0.0 } else { SHARE_FOR_READABLE };
-            let sent = self.budget.take((text.len() + LINE_OVERHEAD_BYTES) as f64, floor, at.since_boot_s)
-                && self.lines.try_send(AircraftLine { at: Some(at.clone()), line: text.to_owned() }).is_ok();
+            let floor = if self.layout.read(text).is_some() {
+                0.0
+            } else {
+                SHARE_FOR_READABLE
+            };
+            let sent = self.budget.take(
+                (text.len() + LINE_OVERHEAD_BYTES) as f64,
+                floor,
+                at.since_boot_s,
+            ) && self
+                .lines
+                .try_send(AircraftLine {
+                    at: Some(at.clone()),
+                    line: text.to_owned(),
+                })
+                .is_ok();
             lost += u64::from(!sent);
         }
         if any {

@@ -19,7 +19,10 @@ const DRAIN_TIMEOUT: Duration = Duration::from_secs(3);
 /// Starts the threads that receive and record lines until the daemon ends. If a thread cannot be started, the status
 /// reports it.
 pub(crate) fn start_feed(core: &Core, config: &AircraftConfig) -> DrainedThreads {
-    let shared = FeedContext { core: core.clone(), config: config.clone() };
+    let shared = FeedContext {
+        core: core.clone(),
+        config: config.clone(),
+    };
     let (lines, inbox) = sync_channel(recording::MAX_WAITING);
     let intake = LineIntake::new(shared.clone(), lines);
     let recorder = LineRecorder::new(shared.clone());
@@ -27,7 +30,9 @@ pub(crate) fn start_feed(core: &Core, config: &AircraftConfig) -> DrainedThreads
     let receiving = Core::spawn_thread("aircraft-feed", move || intake.run());
     let recording = threads.spawn("aircraft-store", move || recorder.run(&inbox));
     if let Err(error) = receiving.map(drop).and(recording) {
-        shared.set_fault(Some(format!("no thread can be started to receive lines: {error}; restart wingd")));
+        shared.set_fault(Some(format!(
+            "no thread can be started to receive lines: {error}; restart wingd"
+        )));
     }
     threads
 }
@@ -54,16 +59,38 @@ mod tests {
     /// A store with a flight, which keeps `reserve_mb` free.
     fn bench(reserve_mb: u64) -> Bench {
         let dir = tempfile::tempdir().unwrap();
-        let config = |reserve_mb| StoreConfig { reserve_mb, ..StoreConfig::new(dir.path()) };
+        let config = |reserve_mb| StoreConfig {
+            reserve_mb,
+            ..StoreConfig::new(dir.path())
+        };
         let clock: Arc<dyn Clock> = Arc::new(SystemClock::new());
         let (store, _) = Store::open(Arc::new(RealDisk), config(0)).unwrap();
-        let (series, _) =
-            store.begin_series(SeriesPlan { cause: SeriesCause::Scheduled, shots: 1 }, &clock.stamp()).unwrap();
-        store.close_series(series, SeriesState::Interrupted, &clock.stamp(), vec![]).unwrap();
+        let (series, _) = store
+            .begin_series(
+                SeriesPlan {
+                    cause: SeriesCause::Scheduled,
+                    shots: 1,
+                },
+                &clock.stamp(),
+            )
+            .unwrap();
+        store
+            .close_series(series, SeriesState::Interrupted, &clock.stamp(), vec![])
+            .unwrap();
         drop(store);
-        let store = Arc::new(Store::open(Arc::new(RealDisk), config(reserve_mb)).unwrap().0);
+        let store = Arc::new(
+            Store::open(Arc::new(RealDisk), config(reserve_mb))
+                .unwrap()
+                .0,
+        );
         let board = StatusBoard::new(clock.clone());
-        let core = Core { store, clock, board, halt: Halt::default(), observer: Arc::new(|_| ()) };
+        let core = Core {
+            store,
+            clock,
+            board,
+            halt: Halt::default(),
+            observer: Arc::new(|_| ()),
+        };
         Bench { dir, core }
     }
 
@@ -98,15 +125,24 @@ mod tests {
 
     /// An unused port.
     fn free_port() -> u16 {
-        UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+        UdpSocket::bind("127.0.0.1:0")
+            .unwrap()
+            .local_addr()
+            .unwrap()
+            .port()
     }
 
     fn send(port: u16, count: usize) {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         for _ in 0..count {
             let now = now_utc();
-            let line = format!("IWG1,{},1,2\r\nnoise\r\n", now.to_string().trim_end_matches('Z'));
-            socket.send_to(line.as_bytes(), ("127.0.0.1", port)).unwrap();
+            let line = format!(
+                "IWG1,{},1,2\r\nnoise\r\n",
+                now.to_string().trim_end_matches('Z')
+            );
+            socket
+                .send_to(line.as_bytes(), ("127.0.0.1", port))
+                .unwrap();
         }
     }
 
@@ -120,12 +156,25 @@ mod tests {
             send(port, 5);
             status.recorded >= 20
         });
-        assert!(status.recorded >= 20 && status.lost == 0 && status.fault.is_none(), "{status:?}");
+        assert!(
+            status.recorded >= 20 && status.lost == 0 && status.fault.is_none(),
+            "{status:?}"
+        );
         // Every other line is noise, and kept; the last one may still wait.
-        assert!((status.read * 2).abs_diff(status.recorded) <= 1, "{status:?}");
+        assert!(
+            (status.read * 2).abs_diff(status.recorded) <= 1,
+            "{status:?}"
+        );
         bench.end(feed);
-        let flight = catalogue::list_flights(&RealDisk, bench.dir.path()).unwrap().remove(0);
-        assert_eq!(crate::store::aircraft::closed_files(&RealDisk, &flight).unwrap().len(), 1);
+        let flight = catalogue::list_flights(&RealDisk, bench.dir.path())
+            .unwrap()
+            .remove(0);
+        assert_eq!(
+            crate::store::aircraft::closed_files(&RealDisk, &flight)
+                .unwrap()
+                .len(),
+            1
+        );
         assert!(verify::verify_path(&RealDisk, bench.dir.path()).is_sound());
     }
 
@@ -155,13 +204,19 @@ mod tests {
         // It says nothing, then goes.
         drop(first);
         let status = bench.until(|status| status.fault.is_some());
-        assert!(status.fault.is_some_and(|fault| fault.contains(&port.to_string())));
+        assert!(
+            status
+                .fault
+                .is_some_and(|fault| fault.contains(&port.to_string()))
+        );
         let (mut second, _) = server.accept().unwrap();
         let mut asked = [0; 10];
         second.read_exact(&mut asked).unwrap();
         assert_eq!(&asked, b"add,mach\r\n");
         let now = now_utc();
-        second.write_all(format!("{now},0.78\n{now},0.").as_bytes()).unwrap();
+        second
+            .write_all(format!("{now},0.78\n{now},0.").as_bytes())
+            .unwrap();
         second.write_all(b"79\n").unwrap();
         let status = bench.until(|status| status.read == 2);
         assert_eq!((status.recorded, status.read, status.fault), (2, 2, None));
@@ -174,7 +229,9 @@ mod tests {
     fn a_silent_server_is_reconnected_at_the_next_address() {
         let bench = bench(0);
         let servers = [(); 2].map(|()| std::net::TcpListener::bind("127.0.0.1:0").unwrap());
-        let [one, other] = servers.each_ref().map(|server| server.local_addr().unwrap().port());
+        let [one, other] = servers
+            .each_ref()
+            .map(|server| server.local_addr().unwrap().port());
         let text = format!(
             "tcp = ['127.0.0.1:{one}', '127.0.0.1:{other}']\nidle = '500ms'\nformat = 'text'\n[[column]]\nfield = 2\nquantity = 'mach'\n"
         );
@@ -183,7 +240,10 @@ mod tests {
         let _silent = servers[0].accept().unwrap();
         let (mut second, _) = servers[1].accept().unwrap();
         let fault = bench.until(|status| status.fault.is_some()).fault.unwrap();
-        assert!(fault.contains("no line for 0.5 s") && fault.contains(&one.to_string()), "{fault}");
+        assert!(
+            fault.contains("no line for 0.5 s") && fault.contains(&one.to_string()),
+            "{fault}"
+        );
         writeln!(second, "{},0.78", now_utc()).unwrap();
         let status = bench.until(|status| status.read == 1);
         assert_eq!((status.read, status.fault), (1, None));
@@ -213,15 +273,24 @@ mod tests {
     fn datagrams_of_other_senders_are_not_recorded() {
         let bench = bench(0);
         let port = free_port();
-        let feed = bench.listen(&format!("udp = '127.0.0.1:{port}'\nsenders = ['127.0.0.2']"));
+        let feed = bench.listen(&format!(
+            "udp = '127.0.0.1:{port}'\nsenders = ['127.0.0.2']"
+        ));
         let named = UdpSocket::bind("127.0.0.2:0").unwrap();
         let status = bench.until(|status| {
             send(port, 5);
-            let line = format!("IWG1,{},1,2\r\n", now_utc().to_string().trim_end_matches('Z'));
+            let line = format!(
+                "IWG1,{},1,2\r\n",
+                now_utc().to_string().trim_end_matches('Z')
+            );
             named.send_to(line.as_bytes(), ("127.0.0.1", port)).unwrap();
             status.recorded > 0
         });
-        assert_eq!((status.recorded, status.lost), (status.read, 0), "no noise: {status:?}");
+        assert_eq!(
+            (status.recorded, status.lost),
+            (status.read, 0),
+            "no noise: {status:?}"
+        );
         bench.end(feed);
     }
 
@@ -236,7 +305,13 @@ mod tests {
         let ahead = |seconds: f64, synchronised| {
             crate::aircraft::impossible_delay_s(1_772_344_800.0 + seconds, &at(synchronised))
         };
-        assert_eq!((ahead(40.0, true), ahead(40.0, false), ahead(1.0, true)), (Some(-40.0), None, None));
-        assert_eq!((ahead(-30.0, true), ahead(-3600.0, true)), (None, Some(3600.0)));
+        assert_eq!(
+            (ahead(40.0, true), ahead(40.0, false), ahead(1.0, true)),
+            (Some(-40.0), None, None)
+        );
+        assert_eq!(
+            (ahead(-30.0, true), ahead(-3600.0, true)),
+            (None, Some(3600.0))
+        );
     }
 }

@@ -34,7 +34,14 @@ impl LineRecorder {
         let layout = shared.config.layout();
         let (udp, tcp) = (&shared.config.udp, &shared.config.tcp);
         let source = serde_json::json!({"udp": udp, "tcp": tcp, "layout": layout});
-        Self { shared, layout, source, waiting: Vec::new(), share: DiskShare::new(DISK_SHARE), reported_lost: 0 }
+        Self {
+            shared,
+            layout,
+            source,
+            waiting: Vec::new(),
+            share: DiskShare::new(DISK_SHARE),
+            reported_lost: 0,
+        }
     }
 
     /// Stores the received lines every two seconds, and the remaining ones at the end.
@@ -48,7 +55,8 @@ impl LineRecorder {
             self.drop_excess();
             let ending = gone || self.shared.is_ending();
             // The power may be about to fail.
-            if ending || self.shared.core.halt.is_requested() || flushed.elapsed() >= FLUSH_INTERVAL {
+            if ending || self.shared.core.halt.is_requested() || flushed.elapsed() >= FLUSH_INTERVAL
+            {
                 self.store_lines();
                 flushed = Instant::now();
             }
@@ -77,7 +85,10 @@ impl LineRecorder {
         let core = &self.shared.core;
         let bytes: usize = self.waiting.iter().map(|line| line.line.len()).sum();
         let stored = match self.share.take(&core.store, bytes as u64) {
-            Ok(()) => core.store.add_aircraft_lines(&self.source, &self.waiting).map_err(|error| error.to_string()),
+            Ok(()) => core
+                .store
+                .add_aircraft_lines(&self.source, &self.waiting)
+                .map_err(|error| error.to_string()),
             Err(why) => Err(format!("not recorded: {why}")),
         };
         let count = self.waiting.len() as u64;
@@ -95,7 +106,8 @@ impl LineRecorder {
         self.waiting.clear();
         let lost = self.shared.update(|status| status.lost);
         let lost = lost - std::mem::replace(&mut self.reported_lost, lost);
-        self.shared.set_fault(stored.err().or_else(|| statistics.fault(lost)));
+        self.shared
+            .set_fault(stored.err().or_else(|| statistics.fault(lost)));
     }
 }
 
@@ -112,9 +124,15 @@ impl LineStatistics {
     fn from_lines(layout: &Layout, lines: &[AircraftLine]) -> Self {
         let mut statistics = Self::default();
         for line in lines {
-            let Some(sample) = layout.read(&line.line) else { continue };
+            let Some(sample) = layout.read(&line.line) else {
+                continue;
+            };
             statistics.read += 1;
-            if let Some(delay_s) = line.at.as_ref().and_then(|at| aircraft::impossible_delay_s(sample.time_s, at)) {
+            if let Some(delay_s) = line
+                .at
+                .as_ref()
+                .and_then(|at| aircraft::impossible_delay_s(sample.time_s, at))
+            {
                 statistics.impossible += 1;
                 statistics.delay_s = delay_s;
             }
@@ -129,9 +147,15 @@ impl LineStatistics {
         }
         if lost > 0 {
             let remedy = "check the sender, or name it in senders";
-            return Some(format!("lines are lost, because more arrive than are recorded; {remedy}"));
+            return Some(format!(
+                "lines are lost, because more arrive than are recorded; {remedy}"
+            ));
         }
-        let direction = if self.delay_s < 0.0 { "ahead of" } else { "behind" };
+        let direction = if self.delay_s < 0.0 {
+            "ahead of"
+        } else {
+            "behind"
+        };
         (self.impossible > 0).then(|| {
             let apart = format_span(self.delay_s.abs().round());
             format!("impossible time tags, {apart} {direction} their receipt, are not used; check both clocks")

@@ -20,7 +20,10 @@ pub(super) struct FrameChecker {
 impl FrameChecker {
     /// Creates a checker that compares each frame with the preceding `stale_window` frames.
     pub fn new(stale_window: usize) -> Self {
-        Self { freshness: Freshness::with_capacity(stale_window), camera_clock_offset_s: None }
+        Self {
+            freshness: Freshness::with_capacity(stale_window),
+            camera_clock_offset_s: None,
+        }
     }
 
     /// Returns a failure if the frame, although delivered without an error, is incomplete or old.
@@ -32,12 +35,20 @@ impl FrameChecker {
         };
         whole.map_err(|reason| shot_failure(&CameraError::BadFrame(reason)))?;
         let fresh = self.freshness.check(&frame.bytes);
-        fresh.map_err(|error| ShotFailure { kind: STALE.to_owned(), ..shot_failure(&error) })
+        fresh.map_err(|error| ShotFailure {
+            kind: STALE.to_owned(),
+            ..shot_failure(&error)
+        })
     }
 
     /// Determines the time of exposure of a frame just delivered, and adds a warning to its settings if the camera's own
     /// clock disagrees.
-    pub fn determine_exposure(&mut self, frame: &mut CameraFrame, asked: &Stamp, clock: &dyn Clock) -> Exposure {
+    pub fn determine_exposure(
+        &mut self,
+        frame: &mut CameraFrame,
+        asked: &Stamp,
+        clock: &dyn Clock,
+    ) -> Exposure {
         let (now, quality) = (clock.stamp(), clock.quality());
         let mut exposure = match &frame.exposed {
             Some(evidence) => Exposure::new(&exposure::exposure_instant(evidence), &now, quality),
@@ -46,15 +57,24 @@ impl FrameChecker {
         if frame.format != Format::Jpeg {
             return exposure;
         }
-        exposure.camera_clock_offset_s = exif::camera_clock_offset_s(&frame.bytes, exposure.exposure_time);
-        let last = std::mem::replace(&mut self.camera_clock_offset_s, exposure.camera_clock_offset_s);
-        let jump_s = exposure.camera_clock_offset_s.zip(last).map(|(now, last)| now - last);
+        exposure.camera_clock_offset_s =
+            exif::camera_clock_offset_s(&frame.bytes, exposure.exposure_time);
+        let last = std::mem::replace(
+            &mut self.camera_clock_offset_s,
+            exposure.camera_clock_offset_s,
+        );
+        let jump_s = exposure
+            .camera_clock_offset_s
+            .zip(last)
+            .map(|(now, last)| now - last);
         if let Some(jump_s) = jump_s.filter(|jump| jump.abs() > MAX_CAMERA_CLOCK_JUMP_S) {
             let what = format!(
                 "the camera's clock jumped by {jump_s:.0} s since the previous frame: an old frame, or a clock was set"
             );
             tracing::warn!(what);
-            frame.settings.insert("clock_warning".to_owned(), what.into());
+            frame
+                .settings
+                .insert("clock_warning".to_owned(), what.into());
         }
         exposure
     }
@@ -72,5 +92,9 @@ pub(super) fn shot_failure(error: &CameraError) -> ShotFailure {
         CameraError::Refused(_) => "refused",
         CameraError::BadFrame(_) => "bad_frame",
     };
-    ShotFailure { kind: kind.to_owned(), reason: error.to_string(), kept_as: None }
+    ShotFailure {
+        kind: kind.to_owned(),
+        reason: error.to_string(),
+        kept_as: None,
+    }
 }

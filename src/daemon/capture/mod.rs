@@ -78,8 +78,15 @@ pub(crate) struct FailedAttempt {
 
 impl From<CameraError> for FailedAttempt {
     fn from(error: CameraError) -> Self {
-        let again = matches!(error, CameraError::Busy(_) | CameraError::Gone(_) | CameraError::BadFrame(_));
-        Self { failure: shot_failure(&error), retry: again, delivered: None }
+        let again = matches!(
+            error,
+            CameraError::Busy(_) | CameraError::Gone(_) | CameraError::BadFrame(_)
+        );
+        Self {
+            failure: shot_failure(&error),
+            retry: again,
+            delivered: None,
+        }
     }
 }
 
@@ -131,8 +138,9 @@ impl Capture {
         if self.open {
             return Ok(false);
         }
-        let opened =
-            self.call(self.open_limit, "opening", |camera| camera.open().map(|info| (info, camera.is_stream())));
+        let opened = self.call(self.open_limit, "opening", |camera| {
+            camera.open().map(|info| (info, camera.is_stream()))
+        });
         let (info, is_stream) = opened??;
         for warning in &info.warnings {
             tracing::warn!(camera = info.name, warning);
@@ -153,44 +161,76 @@ impl Capture {
         (std::mem::replace(noted, self.openings) != self.openings).then(|| {
             let mut camera = Map::new();
             camera.insert("name".to_owned(), Value::from(self.info.name.clone()));
-            camera.insert("settings".to_owned(), Value::Object(self.info.settings.clone()));
-            camera.insert("warnings".to_owned(), Value::from(self.info.warnings.clone()));
+            camera.insert(
+                "settings".to_owned(),
+                Value::Object(self.info.settings.clone()),
+            );
+            camera.insert(
+                "warnings".to_owned(),
+                Value::from(self.info.warnings.clone()),
+            );
             camera
         })
     }
 
     /// Takes a frame of the open camera; `asked` is the time of the request. The camera must deliver within its deadline;
     /// after another 25 % the call is abandoned. A camera that is gone or reports a timeout is closed and replaced.
-    pub fn take_frame(&mut self, mode: CaptureMode, asked: &Stamp) -> Result<CapturedFrame, FailedAttempt> {
+    pub fn take_frame(
+        &mut self,
+        mode: CaptureMode,
+        asked: &Stamp,
+    ) -> Result<CapturedFrame, FailedAttempt> {
         let deadline = self.deadline;
-        let delivered = self.call(hard_limit(deadline), "the frame", move |camera| match mode {
-            CaptureMode::Shot => camera.shoot(deadline),
-            CaptureMode::Stream => camera.live(deadline),
-        })?;
-        if matches!(delivered, Err(CameraError::Gone(_) | CameraError::Timeout { .. })) {
+        let delivered = self.call(
+            hard_limit(deadline),
+            "the frame",
+            move |camera| match mode {
+                CaptureMode::Shot => camera.shoot(deadline),
+                CaptureMode::Stream => camera.live(deadline),
+            },
+        )?;
+        if matches!(
+            delivered,
+            Err(CameraError::Gone(_) | CameraError::Timeout { .. })
+        ) {
             self.close_driver();
             self.worker.dismiss();
         }
         let mut frame = delivered?;
         if let Err(failure) = self.checker.check(&frame) {
-            return Err(FailedAttempt { failure, retry: true, delivered: Some(Box::new(frame)) });
+            return Err(FailedAttempt {
+                failure,
+                retry: true,
+                delivered: Some(Box::new(frame)),
+            });
         }
         let clock = self.core.clock.as_ref();
         let exposure = self.checker.determine_exposure(&mut frame, asked, clock);
         let duration_s = clock.since_boot().as_secs_f64() - asked.since_boot_s;
-        Ok(CapturedFrame { frame, stamp: asked.clone(), duration_s, exposure })
+        Ok(CapturedFrame {
+            frame,
+            stamp: asked.clone(),
+            duration_s,
+            exposure,
+        })
     }
 
     /// Returns the next frame that an interrupted series left on the card of the open camera.
     pub fn take_left_over(&mut self) -> Option<CameraFrame> {
         let deadline = self.deadline;
-        let found = self.call(hard_limit(deadline), "a frame left on its card", move |camera| camera.recover(deadline));
+        let found = self.call(
+            hard_limit(deadline),
+            "a frame left on its card",
+            move |camera| camera.recover(deadline),
+        );
         found.and_then(|frame| frame).ok().flatten()
     }
 
     /// Informs the camera that our copy of its last frame is durable; a failure is ignored.
     pub fn release_last_frame(&mut self) {
-        let _ = self.call(self.open_limit, "releasing the frame", |camera| camera.release_last());
+        let _ = self.call(self.open_limit, "releasing the frame", |camera| {
+            camera.release_last()
+        });
     }
 
     /// Closes the camera until it is opened again.
@@ -214,7 +254,11 @@ impl Capture {
     ) -> Result<T, CameraError> {
         let (factory, board) = (self.factory.clone(), &self.core.board);
         let make = move || Some(Driver(factory()));
-        let answer = self.worker.call(limit, &|| board.beat(), make, move |driver| work(driver.0.as_mut()));
+        let answer = self
+            .worker
+            .call(limit, &|| board.beat(), make, move |driver| {
+                work(driver.0.as_mut())
+            });
         board.update(|status| {
             status.counts.hangs = self.worker.given_up();
             status.camera.hanging_calls = self.worker.hanging();
@@ -233,7 +277,9 @@ fn camera_error_from_call(why: CallError, limit: Duration, what: &str) -> Camera
             return CameraError::Gone(reason);
         }
         CallError::NoThread(error) => {
-            return CameraError::Busy(format!("no thread can be started for it: {error}; restart wingd"));
+            return CameraError::Busy(format!(
+                "no thread can be started for it: {error}; restart wingd"
+            ));
         }
         CallError::Broken => {
             return CameraError::Gone("its driver crashed; it will be opened again".to_owned());
@@ -241,7 +287,10 @@ fn camera_error_from_call(why: CallError, limit: Duration, what: &str) -> Camera
         CallError::TimedOut => (limit, "the call hangs and is abandoned"),
         CallError::Halted(after) => (after, "abandoned because wingd stops or the power fails"),
     };
-    CameraError::Timeout { after_s: after.as_secs_f64(), what: format!("{what}; {why}") }
+    CameraError::Timeout {
+        after_s: after.as_secs_f64(),
+        what: format!("{what}; {why}"),
+    }
 }
 
 /// Returns the time limit of a call to a camera with this deadline.

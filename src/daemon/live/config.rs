@@ -107,21 +107,41 @@ impl LiveConfig {
     /// Returns every invalid setting, with its key in the whole file.
     pub fn faults(&self) -> Vec<KeyFault> {
         let port = |text: &str| {
-            text.rsplit_once(':')
-                .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0))
+            text.rsplit_once(':').is_some_and(|(host, port)| {
+                !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0)
+            })
         };
-        let rate = self.rate_hz.is_none_or(|hz| (0.1..=MAX_RATE_HZ).contains(&hz));
+        let rate = self
+            .rate_hz
+            .is_none_or(|hz| (0.1..=MAX_RATE_HZ).contains(&hz));
         let address = self.udp.as_deref().is_none_or(port);
-        let temperature = self.max_temperature_c.is_none_or(|c| (30.0..=120.0).contains(&c));
+        let temperature = self
+            .max_temperature_c
+            .is_none_or(|c| (30.0..=120.0).contains(&c));
         let give = "give frames per second, for example 10";
         let no_results = "is missing, so there are no results to publish";
         let nothing = "is false and rate_hz is missing, so nothing is recorded";
         let sheet = "use the limit in the processor's data sheet";
         let rules = [
             (rate, "rate_hz", "must be 0.1 to 100", give),
-            (self.is_enabled() || !self.has_output(), "rate_hz", no_results, give),
-            (self.series || self.is_enabled(), "series", nothing, "give rate_hz, or remove series"),
-            (address, "udp", "is not host:port", "write it as \"192.168.1.20:7072\""),
+            (
+                self.is_enabled() || !self.has_output(),
+                "rate_hz",
+                no_results,
+                give,
+            ),
+            (
+                self.series || self.is_enabled(),
+                "series",
+                nothing,
+                "give rate_hz, or remove series",
+            ),
+            (
+                address,
+                "udp",
+                "is not host:port",
+                "write it as \"192.168.1.20:7072\"",
+            ),
             (temperature, "max_temperature_c", "must be 30 to 120", sheet),
         ];
         let mut faults = KeyFault::from_rules("live", &rules);
@@ -143,10 +163,25 @@ impl KeepConfig {
         let waits = "lower it: the frames of an event stay in memory until they are saved";
         let (above, no_event) = ("must be above 0", "remove it to turn this event off");
         let rules = [
-            (self.ring_mb <= MAX_RING_MB, "ring_mb", "is more than 4000", waits),
-            (short, "before", "(or after) is longer than 10 min", "give for example \"5s\""),
+            (
+                self.ring_mb <= MAX_RING_MB,
+                "ring_mb",
+                "is more than 4000",
+                waits,
+            ),
+            (
+                short,
+                "before",
+                "(or after) is longer than 10 min",
+                "give for example \"5s\"",
+            ),
             (positive(self.tip_rate_m_s), "tip_rate_m_s", above, no_event),
-            (positive(self.tip_departure_m), "tip_departure_m", above, no_event),
+            (
+                positive(self.tip_departure_m),
+                "tip_departure_m",
+                above,
+                no_event,
+            ),
         ];
         KeyFault::from_rules("live.keep", &rules)
     }
@@ -165,8 +200,13 @@ mod tests {
         let bad = "rate_hz = 0\nudp = \"7072\"\nmax_temperature_c = 1\n[keep]\nring_mb = 9999\ntip_rate_m_s = -1\n";
         let bad: LiveConfig = toml::from_str(bad).unwrap();
         let keys: Vec<String> = bad.faults().into_iter().map(|f| f.key).collect();
-        let expected =
-            ["live.rate_hz", "live.udp", "live.max_temperature_c", "live.keep.ring_mb", "live.keep.tip_rate_m_s"];
+        let expected = [
+            "live.rate_hz",
+            "live.udp",
+            "live.max_temperature_c",
+            "live.keep.ring_mb",
+            "live.keep.tip_rate_m_s",
+        ];
         assert_eq!(keys, expected);
         let idle: LiveConfig = toml::from_str("series = false\nsocket = \"live.sock\"").unwrap();
         assert_eq!(idle.faults().len(), 2);

@@ -18,7 +18,11 @@ pub(crate) struct LiveContext {
 impl LiveContext {
     /// Creates the shared context of the live threads.
     pub fn new(core: &Core, config: &LiveConfig) -> Self {
-        Self { core: core.clone(), config: config.clone(), skipped: Arc::default() }
+        Self {
+            core: core.clone(),
+            config: config.clone(),
+            skipped: Arc::default(),
+        }
     }
 
     /// Changes the live part of the status.
@@ -39,7 +43,9 @@ impl LiveContext {
 
     /// Sets the fault of a part until it is cleared.
     pub fn set_fault(&self, part: &'static str, what: &str) {
-        self.core.board.set_fault((LIVE_PARTS, part), Some(what.to_owned()));
+        self.core
+            .board
+            .set_fault((LIVE_PARTS, part), Some(what.to_owned()));
     }
 
     /// Removes the fault of a part.

@@ -22,13 +22,20 @@ pub(crate) struct EventDetector {
 impl EventDetector {
     /// Creates a detector of events without a history.
     pub fn new(keep: KeepConfig) -> Self {
-        Self { keep, last: None, mean_m: 0.0, since_s: 0.0 }
+        Self {
+            keep,
+            last: None,
+            mean_m: 0.0,
+            since_s: 0.0,
+        }
     }
 
     /// Returns the reason if this result is an event.
     pub fn detect(&mut self, result: &LiveResult) -> Option<String> {
         let at_s = result.exposure.exposure_since_boot_s;
-        let gust = result.tip_deflection_m().and_then(|deflection_m| self.detect_gust(at_s, deflection_m));
+        let gust = result
+            .tip_deflection_m()
+            .and_then(|deflection_m| self.detect_gust(at_s, deflection_m));
         if result.tracked.mount_disturbed && self.keep.mount_disturbed {
             return Some("the camera mount was disturbed".to_owned());
         }
@@ -50,8 +57,10 @@ impl EventDetector {
         }
         let rate = (deflection_m - before_m) / elapsed_s;
         let departure = deflection_m - self.mean_m;
-        self.mean_m += departure * (1.0 - (-elapsed_s / MEAN_TIME_S.min(at_s - self.since_s)).exp());
-        let beyond = |value: f64, limit: Option<f64>| limit.is_some_and(|limit| value.abs() > limit);
+        self.mean_m +=
+            departure * (1.0 - (-elapsed_s / MEAN_TIME_S.min(at_s - self.since_s)).exp());
+        let beyond =
+            |value: f64, limit: Option<f64>| limit.is_some_and(|limit| value.abs() > limit);
         if elapsed_s <= MAX_RATE_GAP_S && beyond(rate, self.keep.tip_rate_m_s) {
             return Some(format!("the tip moved at {rate:.2} m/s"));
         }
@@ -65,7 +74,11 @@ mod tests {
     use super::*;
 
     fn watch(rate: Option<f64>, departure: Option<f64>) -> EventDetector {
-        EventDetector::new(KeepConfig { tip_rate_m_s: rate, tip_departure_m: departure, ..KeepConfig::default() })
+        EventDetector::new(KeepConfig {
+            tip_rate_m_s: rate,
+            tip_departure_m: departure,
+            ..KeepConfig::default()
+        })
     }
 
     #[test]
@@ -75,11 +88,29 @@ mod tests {
         let level = |k: u32| 2.0 + 0.01 * f64::from(k % 2);
         for k in 0..300 {
             let at = f64::from(k) * 0.1;
-            assert_eq!((fast.detect_gust(at, level(k)), far.detect_gust(at, level(k))), (None, None), "{k}");
+            assert_eq!(
+                (
+                    fast.detect_gust(at, level(k)),
+                    far.detect_gust(at, level(k))
+                ),
+                (None, None),
+                "{k}"
+            );
         }
-        assert!(fast.detect_gust(30.0, 2.2).is_some_and(|why| why.contains("m/s")));
+        assert!(
+            fast.detect_gust(30.0, 2.2)
+                .is_some_and(|why| why.contains("m/s"))
+        );
         assert!(far.detect_gust(30.0, 2.2).is_none());
-        assert!(far.detect_gust(30.1, 2.4).is_some_and(|why| why.contains("+0.39 m")), "{}", far.mean_m);
-        assert!(fast.detect_gust(60.0, 0.0).is_none(), "no rate across a gap");
+        assert!(
+            far.detect_gust(30.1, 2.4)
+                .is_some_and(|why| why.contains("+0.39 m")),
+            "{}",
+            far.mean_m
+        );
+        assert!(
+            fast.detect_gust(60.0, 0.0).is_none(),
+            "no rate across a gap"
+        );
     }
 }

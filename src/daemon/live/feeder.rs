@@ -56,7 +56,11 @@ impl Drop for Feeder {
 
 impl Feeder {
     /// Creates a feeder that puts frames into the mailbox and the raw frame buffer.
-    pub fn new(shared: LiveContext, mailbox: Arc<Mailbox<Arc<LiveFrame>>>, raw: Arc<RawFrameBuffer>) -> Self {
+    pub fn new(
+        shared: LiveContext,
+        mailbox: Arc<Mailbox<Arc<LiveFrame>>>,
+        raw: Arc<RawFrameBuffer>,
+    ) -> Self {
         let config = &shared.config;
         let governor = Governor::new(config.rate_hz.unwrap_or(1.0), config.max_temperature_c);
         let (next_frame, next_check) = (Duration::ZERO, Duration::ZERO);
@@ -87,7 +91,12 @@ impl Feeder {
     /// Saves the raw frames of the last seconds from memory, and those of the next seconds.
     pub fn save_recent_frames(&self) {
         let now_s = self.shared.core.clock.since_boot().as_secs_f64();
-        self.raw.add_event(&self.shared, "requested by wingd trigger".to_owned(), now_s, true);
+        self.raw.add_event(
+            &self.shared,
+            "requested by wingd trigger".to_owned(),
+            now_s,
+            true,
+        );
     }
 
     /// Forwards a good frame; a frame that still waits for the solver is skipped, and so is one older than the newest.
@@ -100,7 +109,10 @@ impl Feeder {
             self.raw.set_camera(camera);
         }
         self.number += 1;
-        let frame = Arc::new(LiveFrame { number: self.number, taken });
+        let frame = Arc::new(LiveFrame {
+            number: self.number,
+            taken,
+        });
         let lost = self.raw.push(&frame);
         if self.mailbox.put(frame) {
             self.shared.count_skipped();
@@ -153,7 +165,9 @@ impl Feeder {
         capture: &'scope mut Capture,
     ) {
         let feed = move || self.take_frames_while(&storing, capture);
-        let _ = Builder::new().name("live-feed".to_owned()).spawn_scoped(scope, feed);
+        let _ = Builder::new()
+            .name("live-feed".to_owned())
+            .spawn_scoped(scope, feed);
     }
 
     /// Takes frames while the recorder's thread waits for the disk. The first one is due after one period, so that a fast disk
@@ -164,9 +178,16 @@ impl Feeder {
         self.next_frame = self.next_frame.max(begun + self.period());
         loop {
             let now = core.clock.since_boot();
-            let wait = self.next_due(now, capture.hanging_calls()).saturating_sub(now);
-            let ended = storing.recv_timeout(core.clock.machine_time(wait)) != Err(RecvTimeoutError::Timeout);
-            if ended || now > begun + MAX_STORAGE || core.halt.is_requested() || !capture.is_streaming() {
+            let wait = self
+                .next_due(now, capture.hanging_calls())
+                .saturating_sub(now);
+            let ended = storing.recv_timeout(core.clock.machine_time(wait))
+                != Err(RecvTimeoutError::Timeout);
+            if ended
+                || now > begun + MAX_STORAGE
+                || core.halt.is_requested()
+                || !capture.is_streaming()
+            {
                 return;
             }
             if wait.is_zero() {
@@ -178,7 +199,8 @@ impl Feeder {
     /// Sets the interval at which results are expected; `pause`: additional time between two frames of a series.
     pub fn expect_results(&self, pause: Duration) {
         let allowed_hz = self.governor.allowed_hz();
-        let interval = (allowed_hz > 0.0).then(|| Duration::from_secs_f64(1.0 / allowed_hz) + pause);
+        let interval =
+            (allowed_hz > 0.0).then(|| Duration::from_secs_f64(1.0 / allowed_hz) + pause);
         self.shared.core.board.expect_results(interval);
     }
 
@@ -197,7 +219,10 @@ impl Feeder {
             return;
         }
         self.next_check = now + TEMPERATURE_INTERVAL;
-        let hottest = machine::read_temperatures_c(Path::new(machine::SYSFS)).into_iter().map(|t| t.1).reduce(f64::max);
+        let hottest = machine::read_temperatures_c(Path::new(machine::SYSFS))
+            .into_iter()
+            .map(|t| t.1)
+            .reduce(f64::max);
         let changed = self.governor.update(now.as_secs_f64(), hottest);
         let allowed_hz = self.governor.allowed_hz();
         if changed {
@@ -208,14 +233,18 @@ impl Feeder {
             );
             self.expect_results(Duration::ZERO);
         }
-        self.shared.update(|live| (live.temperature_c, live.allowed_hz) = (hottest, allowed_hz));
+        self.shared
+            .update(|live| (live.temperature_c, live.allowed_hz) = (hottest, allowed_hz));
     }
 
     fn pause_after_failure(&mut self, reason: &str) {
-        let pause = INITIAL_PAUSE.saturating_mul(1 << self.failures.min(10)).min(MAX_PAUSE);
+        let pause = INITIAL_PAUSE
+            .saturating_mul(1 << self.failures.min(10))
+            .min(MAX_PAUSE);
         self.failures = self.failures.saturating_add(1);
         self.next_frame = self.shared.core.clock.since_boot() + pause;
         self.shared.update(|live| live.failed_shots += 1);
-        self.shared.set_fault("camera", &format!("no live frame: {reason}"));
+        self.shared
+            .set_fault("camera", &format!("no live frame: {reason}"));
     }
 }

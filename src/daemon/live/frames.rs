@@ -71,7 +71,12 @@ enum WriterJob {
 impl RawFrameBuffer {
     /// Creates an empty buffer.
     pub fn new(keep: KeepConfig) -> Self {
-        Self { keep, state: Mutex::default(), changed: Condvar::new(), unsolved: AtomicBool::new(false) }
+        Self {
+            keep,
+            state: Mutex::default(),
+            changed: Condvar::new(),
+            unsolved: AtomicBool::new(false),
+        }
     }
 
     fn lock_state(&self) -> MutexGuard<'_, BufferState> {
@@ -97,7 +102,10 @@ impl RawFrameBuffer {
         if self.keep.ring_mb > 0 {
             state.bytes += frame.taken.frame.bytes.len();
             state.ring.push_back(frame.clone());
-            lost += state.make_room(self.keep.ring_mb as usize * 1_000_000, self.keep.before.as_secs_f64());
+            lost += state.make_room(
+                self.keep.ring_mb as usize * 1_000_000,
+                self.keep.before.as_secs_f64(),
+            );
         }
         drop(state);
         self.changed.notify_all();
@@ -107,12 +115,18 @@ impl RawFrameBuffer {
     /// Begins or prolongs an event at the time `at_s` since boot, s; `requested`: it was requested by `wingd trigger`.
     pub fn add_event(&self, shared: &LiveContext, reason: String, at_s: f64, requested: bool) {
         let mut state = self.lock_state();
-        if self.keep.ring_mb == 0 || state.event.is_none() && !requested && at_s < state.quiet_until_s {
+        if self.keep.ring_mb == 0
+            || state.event.is_none() && !requested && at_s < state.quiet_until_s
+        {
             return;
         }
         let after_s = self.keep.after.as_secs_f64();
-        let latest_s =
-            state.event.as_ref().map_or(at_s + f64::from(MAX_PROLONGATION) * after_s, |event| event.latest_s);
+        let latest_s = state
+            .event
+            .as_ref()
+            .map_or(at_s + f64::from(MAX_PROLONGATION) * after_s, |event| {
+                event.latest_s
+            });
         let until_s = (at_s + after_s).min(latest_s);
         state.quiet_until_s = until_s + self.keep.pause.as_secs_f64();
         match &mut state.event {
@@ -126,7 +140,13 @@ impl RawFrameBuffer {
                 tracing::info!(reason, "event");
                 shared.update(|live| live.events += 1);
                 let from_s = at_s - self.keep.before.as_secs_f64();
-                *none = Some(EventWindow { from_s, until_s, latest_s, reasons: vec![reason], frames: 0 });
+                *none = Some(EventWindow {
+                    from_s,
+                    until_s,
+                    latest_s,
+                    reasons: vec![reason],
+                    frames: 0,
+                });
             }
         }
         drop(state);
@@ -152,7 +172,10 @@ impl BufferState {
         let mut lost = 0;
         while let Some(front) = self.ring.front() {
             let at_s = front.exposed_at_s();
-            let in_event = self.event.as_ref().is_some_and(|e| (e.from_s..=e.until_s).contains(&at_s));
+            let in_event = self
+                .event
+                .as_ref()
+                .is_some_and(|e| (e.from_s..=e.until_s).contains(&at_s));
             let old = !in_event && newest_s - at_s > before_s;
             // The newest stays, however large.
             if self.ring.len() < 2 || !(old || self.bytes > max_bytes) {
@@ -179,7 +202,9 @@ impl BufferState {
             let (from_s, until_s) = (event.from_s, event.until_s);
             let over = at_s.is_some_and(|at| at > until_s) || event.frames >= MAX_EVENT_FRAMES;
             if over || (at_s.is_none() && self.closed) {
-                return WriterJob::EndEvent(self.event.take().map(|e| e.reasons).unwrap_or_default());
+                return WriterJob::EndEvent(
+                    self.event.take().map(|e| e.reasons).unwrap_or_default(),
+                );
             }
             match at_s {
                 None => return WriterJob::Wait,
@@ -192,7 +217,11 @@ impl BufferState {
                 }
             }
         }
-        if self.closed { WriterJob::End } else { WriterJob::Wait }
+        if self.closed {
+            WriterJob::End
+        } else {
+            WriterJob::Wait
+        }
     }
 }
 
@@ -206,7 +235,11 @@ pub(super) struct RawFrameWriter {
 impl RawFrameWriter {
     /// Creates the writer of a buffer's frames.
     pub fn new(shared: LiveContext, raw: Arc<RawFrameBuffer>) -> Self {
-        Self { shared, raw, share: DiskShare::new(DISK_SHARE) }
+        Self {
+            shared,
+            raw,
+            share: DiskShare::new(DISK_SHARE),
+        }
     }
 
     /// Writes frames until the buffer is closed and empty.
@@ -217,11 +250,15 @@ impl RawFrameWriter {
             match job {
                 WriterJob::Nth(frame) => {
                     self.store_within_budget(&mut nth, SeriesCause::Live, &frame);
-                    if nth.as_ref().is_some_and(|series: &OpenSeries| series.shots().len() >= NTH_SERIES_FRAMES) {
+                    if nth.as_ref().is_some_and(|series: &OpenSeries| {
+                        series.shots().len() >= NTH_SERIES_FRAMES
+                    }) {
                         self.close_series(&mut nth, vec![self.nth_frame_series_remark()]);
                     }
                 }
-                WriterJob::OfEvent(frame) => self.store_within_budget(&mut event, SeriesCause::Event, &frame),
+                WriterJob::OfEvent(frame) => {
+                    self.store_within_budget(&mut event, SeriesCause::Event, &frame)
+                }
                 WriterJob::EndEvent(reasons) => self.close_series(&mut event, reasons),
                 WriterJob::Wait => self.raw.wait_for_change(),
                 WriterJob::End => break,
@@ -234,11 +271,21 @@ impl RawFrameWriter {
         format!("every {}th frame of live mode", self.raw.keep.every)
     }
 
-    fn store_within_budget(&mut self, series: &mut Option<OpenSeries>, cause: SeriesCause, frame: &LiveFrame) {
-        let allowed = self.share.take(&self.shared.core.store, frame.taken.frame.bytes.len() as u64);
+    fn store_within_budget(
+        &mut self,
+        series: &mut Option<OpenSeries>,
+        cause: SeriesCause,
+        frame: &LiveFrame,
+    ) {
+        let allowed = self.share.take(
+            &self.shared.core.store,
+            frame.taken.frame.bytes.len() as u64,
+        );
         let stored = allowed.and_then(|()| {
             // A series with a failed call is recovered before the next one begins.
-            self.write_frame(series, cause, frame).inspect_err(|_| *series = None).map_err(|error| error.to_string())
+            self.write_frame(series, cause, frame)
+                .inspect_err(|_| *series = None)
+                .map_err(|error| error.to_string())
         });
         match stored {
             Ok(()) => {
@@ -247,33 +294,58 @@ impl RawFrameWriter {
             }
             Err(error) => {
                 self.shared.update(|live| live.lost_frames += 1);
-                self.shared.set_fault("frames", &format!("raw frames cannot be kept: {error}"));
+                self.shared
+                    .set_fault("frames", &format!("raw frames cannot be kept: {error}"));
             }
         }
     }
 
-    fn write_frame(&self, series: &mut Option<OpenSeries>, cause: SeriesCause, frame: &LiveFrame) -> StoreResult<()> {
+    fn write_frame(
+        &self,
+        series: &mut Option<OpenSeries>,
+        cause: SeriesCause,
+        frame: &LiveFrame,
+    ) -> StoreResult<()> {
         let open = match series {
             Some(open) => open,
             none => {
-                let mut begun = frame_storage::begin_series(&self.shared.core, SeriesPlan { cause, shots: 0 })?;
+                let mut begun =
+                    frame_storage::begin_series(&self.shared.core, SeriesPlan { cause, shots: 0 })?;
                 begun.note_camera(self.raw.lock_state().camera.clone())?;
                 none.insert(begun)
             }
         };
-        let number = u32::try_from(open.shots().len()).unwrap_or(u32::MAX).saturating_add(1);
-        frame_storage::add_shot(open, frame.taken.to_shot(number, Vec::new()), Some(&frame.taken.frame)).map(drop)
+        let number = u32::try_from(open.shots().len())
+            .unwrap_or(u32::MAX)
+            .saturating_add(1);
+        frame_storage::add_shot(
+            open,
+            frame.taken.to_shot(number, Vec::new()),
+            Some(&frame.taken.frame),
+        )
+        .map(drop)
     }
 
     fn close_series(&self, series: &mut Option<OpenSeries>, remarks: Vec<String>) {
         let Some(series) = series.take() else { return };
         let id = series.id().to_owned();
         let core = &self.shared.core;
-        match core.store.close_series(series, SeriesState::Complete, &core.clock.stamp(), remarks.clone()) {
+        match core.store.close_series(
+            series,
+            SeriesState::Complete,
+            &core.clock.stamp(),
+            remarks.clone(),
+        ) {
             Ok(()) => {
-                tracing::info!(series = id, why = remarks.join("; "), "stored a series of raw frames of live mode")
+                tracing::info!(
+                    series = id,
+                    why = remarks.join("; "),
+                    "stored a series of raw frames of live mode"
+                )
             }
-            Err(error) => self.shared.set_fault("frames", &format!("raw frames cannot be kept: {error}")),
+            Err(error) => self
+                .shared
+                .set_fault("frames", &format!("raw frames cannot be kept: {error}")),
         }
         self.raw.unsolved.store(true, Ordering::Relaxed);
     }
@@ -292,10 +364,26 @@ mod tests {
     #[test]
     fn an_event_that_others_prolong_ends_and_a_pause_follows() {
         let dir = tempfile::tempdir().unwrap();
-        let clock: Arc<dyn Clock> = Arc::new(SimulatedClock::new("b", "2026-03-01T06:00:00Z".parse().unwrap(), None));
-        let store = Store::open(Arc::new(RealDisk), StoreConfig { reserve_mb: 0, ..StoreConfig::new(dir.path()) });
+        let clock: Arc<dyn Clock> = Arc::new(SimulatedClock::new(
+            "b",
+            "2026-03-01T06:00:00Z".parse().unwrap(),
+            None,
+        ));
+        let store = Store::open(
+            Arc::new(RealDisk),
+            StoreConfig {
+                reserve_mb: 0,
+                ..StoreConfig::new(dir.path())
+            },
+        );
         let (store, board) = (Arc::new(store.unwrap().0), StatusBoard::new(clock.clone()));
-        let core = Core { store, clock, board, halt: Halt::default(), observer: Arc::new(|_| ()) };
+        let core = Core {
+            store,
+            clock,
+            board,
+            halt: Halt::default(),
+            observer: Arc::new(|_| ()),
+        };
         let shared = LiveContext::new(&core, &LiveConfig::default());
         let buffer = RawFrameBuffer::new(KeepConfig::default());
         // A jolt in each frame at 10 Hz, for half an hour.
@@ -305,7 +393,10 @@ mod tests {
             buffer.add_event(&shared, "jolt".to_owned(), at_s, false);
             let mut state = buffer.lock_state();
             if let Some(event) = &state.event {
-                assert!(event.until_s - event.from_s <= 20.0 + 1e-9, "before and three times after");
+                assert!(
+                    event.until_s - event.from_s <= 20.0 + 1e-9,
+                    "before and three times after"
+                );
                 kept += 1;
                 if at_s >= event.until_s {
                     state.event = None;
@@ -315,6 +406,9 @@ mod tests {
         let share = f64::from(kept) / 18_000.0;
         assert!((0.15..0.25).contains(&share), "15 s of 75 s: {share}");
         buffer.add_event(&shared, "request".to_owned(), 1790.0, true);
-        assert!(buffer.lock_state().event.is_some(), "wingd trigger begins one at any time");
+        assert!(
+            buffer.lock_state().event.is_some(),
+            "wingd trigger begins one at any time"
+        );
     }
 }

@@ -24,7 +24,13 @@ pub(crate) enum Delivery<T> {
 
 impl<T> Default for Mailbox<T> {
     fn default() -> Self {
-        Self { slot: Mutex::new(Slot { item: None, closed: false }), changed: Condvar::new() }
+        Self {
+            slot: Mutex::new(Slot {
+                item: None,
+                closed: false,
+            }),
+            changed: Condvar::new(),
+        }
     }
 }
 

@@ -21,13 +21,23 @@ impl Meter {
     pub fn add_result(&mut self, now_s: f64, latency_ms: f64) {
         self.last.push_back((now_s, latency_ms));
         let old = |entry: &&(f64, f64)| now_s - entry.0 > LATENCY_WINDOW_S;
-        let gone = self.last.iter().take_while(old).count().max(self.last.len().saturating_sub(MAX_RESULTS));
+        let gone = self
+            .last
+            .iter()
+            .take_while(old)
+            .count()
+            .max(self.last.len().saturating_sub(MAX_RESULTS));
         self.last.drain(..gone);
     }
 
     /// Returns the results per second.
     pub fn rate_hz(&self, now_s: f64) -> f64 {
-        let recent: Vec<f64> = self.last.iter().map(|e| e.0).filter(|at| now_s - at <= RATE_WINDOW_S).collect();
+        let recent: Vec<f64> = self
+            .last
+            .iter()
+            .map(|e| e.0)
+            .filter(|at| now_s - at <= RATE_WINDOW_S)
+            .collect();
         match (recent.first(), recent.len()) {
             (Some(first), 2..) => (recent.len() - 1) as f64 / (now_s - first).max(1e-3),
             _ => 0.0,
@@ -54,9 +64,19 @@ mod tests {
         for k in 0..1000 {
             meter.add_result(f64::from(k) * 0.1, f64::from(k % 100));
         }
-        assert!((meter.rate_hz(99.9) - 10.0).abs() < 0.2, "{}", meter.rate_hz(99.9));
+        assert!(
+            (meter.rate_hz(99.9) - 10.0).abs() < 0.2,
+            "{}",
+            meter.rate_hz(99.9)
+        );
         assert_eq!(meter.last.len(), 601);
-        assert!(meter.latency_ms(0.95).is_some_and(|ms| (93.0..=96.0).contains(&ms)), "{:?}", meter.latency_ms(0.95));
+        assert!(
+            meter
+                .latency_ms(0.95)
+                .is_some_and(|ms| (93.0..=96.0).contains(&ms)),
+            "{:?}",
+            meter.latency_ms(0.95)
+        );
         assert_eq!(meter.rate_hz(200.0), 0.0);
     }
 }

@@ -68,21 +68,29 @@ pub(crate) fn start_live(
     let shared = LiveContext::new(core, &config);
     if config.keep.ring_mb < wanted_mb {
         let used_mb = config.keep.ring_mb;
-        let problem =
-            format!("[live.keep] ring_mb = {wanted_mb} does not fit into the service's limit of {limit_mb} MB");
+        let problem = format!(
+            "[live.keep] ring_mb = {wanted_mb} does not fit into the service's limit of {limit_mb} MB"
+        );
         shared.set_fault("memory", &format!("{problem}; {used_mb} MB are used"));
     }
     shared.update(|live| (live.wanted_hz, live.allowed_hz) = (rate_hz, rate_hz));
-    core.board.expect_results(Some(Duration::from_secs_f64(1.0 / rate_hz)));
+    core.board
+        .expect_results(Some(Duration::from_secs_f64(1.0 / rate_hz)));
     if current.get().is_none() {
-        shared
-            .set_fault("solver", "live frames are not solved: no installation with an orientation; run `wingd check`");
+        shared.set_fault(
+            "solver",
+            "live frames are not solved: no installation with an orientation; run `wingd check`",
+        );
     }
     let mailbox = Arc::new(Mailbox::default());
     let raw = Arc::new(RawFrameBuffer::new(shared.config.keep.clone()));
     let preview = Arc::new(Preview::default());
     let (messages, _) = tokio::sync::broadcast::channel(publisher::MAX_WAITING);
-    let publisher = ResultPublisher { messages, preview, shared: shared.clone() };
+    let publisher = ResultPublisher {
+        messages,
+        preview,
+        shared: shared.clone(),
+    };
     let (rows, inbox) = sync_channel(storing::MAX_WAITING);
     let solving = LiveSolver {
         shared: shared.clone(),
@@ -94,7 +102,9 @@ pub(crate) fn start_live(
         rows,
         worker: Worker::new("live-solver", solving::MAX_HANGING, core.halt.clone()),
     };
-    let storing = LiveResultWriter { shared: shared.clone() };
+    let storing = LiveResultWriter {
+        shared: shared.clone(),
+    };
     let keeper = RawFrameWriter::new(shared.clone(), raw.clone());
     let mut threads = DrainedThreads::new(DRAIN_TIMEOUT);
     let started = threads
@@ -102,7 +112,10 @@ pub(crate) fn start_live(
         .and(threads.spawn("live-store", move || storing.run(&inbox)))
         .and(threads.spawn("live-frames", move || keeper.run()));
     if let Err(error) = started {
-        shared.set_fault("threads", &format!("a thread of live mode cannot be started: {error}; restart wingd"));
+        shared.set_fault(
+            "threads",
+            &format!("a thread of live mode cannot be started: {error}; restart wingd"),
+        );
     }
     Some((Feeder::new(shared, mailbox, raw), threads, publisher))
 }

@@ -44,7 +44,10 @@ pub(crate) struct Preview {
 impl Preview {
     /// Sets the newest frame with a result, solved or not.
     pub fn set_frame(&self, frame: &Arc<LiveFrame>) {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner).frame = Some(frame.clone());
+        self.state
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .frame = Some(frame.clone());
     }
 
     /// Returns a preview that is at most one second old, or a new one; `None` before the first frame.
@@ -53,11 +56,15 @@ impl Preview {
         let frame = {
             let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
             match &state.made {
-                Some((when, preview)) if when.elapsed() < MIN_INTERVAL => return Some(preview.clone()),
+                Some((when, preview)) if when.elapsed() < MIN_INTERVAL => {
+                    return Some(preview.clone());
+                }
                 _ => state.frame.clone()?,
             }
         };
-        let preview = Arc::new(at_low_priority(|| catch_panic(|| make_preview(&frame)).flatten())?);
+        let preview = Arc::new(at_low_priority(|| {
+            catch_panic(|| make_preview(&frame)).flatten()
+        })?);
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         state.made = Some((Instant::now(), preview.clone()));
         Some(preview)
@@ -79,5 +86,9 @@ fn at_low_priority<T: Send>(work: impl FnOnce() -> Option<T> + Send) -> Option<T
 fn make_preview(frame: &LiveFrame) -> Option<PreviewImage> {
     let raster = decode_image(&frame.taken.frame.bytes, Some(&frame.taken.frame.format)).ok()?;
     let jpeg = small_jpeg(&raster, LONGER_SIDE_PX, JPEG_QUALITY)?;
-    Some(PreviewImage { number: frame.number, size: (raster.width(), raster.height()), jpeg })
+    Some(PreviewImage {
+        number: frame.number,
+        size: (raster.width(), raster.height()),
+        jpeg,
+    })
 }

@@ -42,11 +42,17 @@ pub(crate) struct ResultPublisher {
 impl ResultPublisher {
     /// Serves the socket and sends the datagrams, forever.
     pub async fn serve(self) {
-        let (socket, udp) = (self.shared.config.socket.clone(), self.shared.config.udp.clone());
+        let (socket, udp) = (
+            self.shared.config.socket.clone(),
+            self.shared.config.udp.clone(),
+        );
         if let Some(to) = udp {
             tokio::spawn(send_datagrams(self.clone(), to));
         }
-        tokio::spawn(state::publish_state(self.shared.clone(), self.messages.clone()));
+        tokio::spawn(state::publish_state(
+            self.shared.clone(),
+            self.messages.clone(),
+        ));
         let Some(path) = socket else { return };
         let report = |fault: Option<String>| match fault {
             Some(what) => self.shared.set_fault("socket", &what),
@@ -64,7 +70,11 @@ impl ResultPublisher {
     }
 
     /// Sends result lines until the listener disconnects, the preview on request, and the state from the first request on.
-    async fn serve_listener(&self, stream: UnixStream, mut results: Receiver<Arc<LiveMessage>>) -> io::Result<()> {
+    async fn serve_listener(
+        &self,
+        stream: UnixStream,
+        mut results: Receiver<Arc<LiveMessage>>,
+    ) -> io::Result<()> {
         let (read, mut write) = stream.into_split();
         let (sender, mut requests) = tokio::sync::mpsc::channel(1);
         let reading = tokio::spawn(read_requests(read, sender));
@@ -130,7 +140,9 @@ impl ResultPublisher {
 
     async fn preview_line(&self) -> Option<String> {
         let source = self.preview.clone();
-        let preview = tokio::task::spawn_blocking(move || source.image()).await.ok()??;
+        let preview = tokio::task::spawn_blocking(move || source.image())
+            .await
+            .ok()??;
         let jpeg = base64::engine::general_purpose::STANDARD.encode(&preview.jpeg);
         let (width, height) = preview.size;
         Some(serde_json::json!({ "frame": preview.number, "width": width, "height": height, "jpeg": jpeg }).to_string())
@@ -174,18 +186,29 @@ async fn send_datagrams(publisher: ResultPublisher, to: String) {
                 loop {
                     match results.recv().await {
                         Ok(message) => {
-                            let sent = socket.send_to(message.datagram.as_bytes(), address).await.is_ok();
+                            let sent = socket
+                                .send_to(message.datagram.as_bytes(), address)
+                                .await
+                                .is_ok();
                             publisher.shared.update(|live| {
-                                *(if sent { &mut live.datagrams } else { &mut live.datagrams_lost }) += 1;
+                                *(if sent {
+                                    &mut live.datagrams
+                                } else {
+                                    &mut live.datagrams_lost
+                                }) += 1;
                             });
                         }
-                        Err(RecvError::Lagged(lost)) => publisher.shared.update(|live| live.datagrams_lost += lost),
+                        Err(RecvError::Lagged(lost)) => {
+                            publisher.shared.update(|live| live.datagrams_lost += lost)
+                        }
                         Err(RecvError::Closed) => return,
                     }
                 }
             }
             Err(error) => {
-                publisher.shared.set_fault("udp", &format!("live.udp = \"{to}\": {error}"));
+                publisher
+                    .shared
+                    .set_fault("udp", &format!("live.udp = \"{to}\": {error}"));
                 tokio::time::sleep(RETRY_PAUSE).await;
             }
         }
@@ -195,8 +218,13 @@ async fn send_datagrams(publisher: ResultPublisher, to: String) {
 /// Resolves `host:port` and opens a UDP socket for it. The network may not know the name yet.
 async fn resolve_address(to: &str) -> io::Result<(UdpSocket, std::net::SocketAddr)> {
     let found = tokio::net::lookup_host(to).await?.next();
-    let address = found.ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, "the host name has no address"))?;
-    let own = if address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
+    let address = found
+        .ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, "the host name has no address"))?;
+    let own = if address.is_ipv4() {
+        "0.0.0.0:0"
+    } else {
+        "[::]:0"
+    };
     let socket = UdpSocket::bind(own).await?;
     socket.set_broadcast(true)?;
     Ok((socket, address))

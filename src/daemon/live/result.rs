@@ -18,7 +18,12 @@ pub(crate) struct LiveFrame {
 impl LiveFrame {
     /// Returns the frame's name in its result.
     pub fn name(&self) -> String {
-        let source = self.taken.frame.settings.get("source").and_then(|name| name.as_str());
+        let source = self
+            .taken
+            .frame
+            .settings
+            .get("source")
+            .and_then(|name| name.as_str());
         source.map_or_else(|| format!("live {}", self.number), str::to_owned)
     }
 
@@ -32,13 +37,29 @@ impl LiveFrame {
 pub const DATAGRAM_POINTS: usize = 11;
 
 impl LiveResult {
-    pub(crate) fn new(frame: &LiveFrame, tracked: TrackedFrame, latency_ms: f64, skipped: u64) -> Self {
-        Self { number: frame.number, exposure: frame.taken.exposure.clone(), latency_ms, skipped, tracked }
+    pub(crate) fn new(
+        frame: &LiveFrame,
+        tracked: TrackedFrame,
+        latency_ms: f64,
+        skipped: u64,
+    ) -> Self {
+        Self {
+            number: frame.number,
+            exposure: frame.taken.exposure.clone(),
+            latency_ms,
+            skipped,
+            tracked,
+        }
     }
 
     /// Returns the deflection of the outermost marker, m.
     pub fn tip_deflection_m(&self) -> Option<f64> {
-        self.tracked.record.tip.as_ref().filter(|_| self.is_solved()).map(|tip| tip.deflection_m)
+        self.tracked
+            .record
+            .tip
+            .as_ref()
+            .filter(|_| self.is_solved())
+            .map(|tip| tip.deflection_m)
     }
 
     /// Returns the result as one JSON object without a line end.
@@ -51,7 +72,12 @@ impl LiveResult {
     /// Returns the result as a datagram: ASCII, fields separated by commas, empty if a number is missing; at most 1400
     /// bytes. docs/live.md lists the fields.
     pub fn datagram(&self, health: Health) -> String {
-        let mut text = format!("WINGD1,{}", self.exposure.exposure_time.strftime("%Y-%m-%dT%H:%M:%S%.3f"));
+        let mut text = format!(
+            "WINGD1,{}",
+            self.exposure
+                .exposure_time
+                .strftime("%Y-%m-%dT%H:%M:%S%.3f")
+        );
         let mut field = |value: Option<f64>, digits: usize| {
             text.push(',');
             if let Some(value) = value.filter(|value| value.is_finite()) {
@@ -70,11 +96,18 @@ impl LiveResult {
         field(Some(self.latency_ms), 1);
         field(record.variance_factor, 3);
         field(self.tip_deflection_m(), 4);
-        field(record.tip.as_ref().and_then(|tip| tip.sigma_deflection_m), 4);
+        field(
+            record.tip.as_ref().and_then(|tip| tip.sigma_deflection_m),
+            4,
+        );
         let twist = record.torsion.first();
         field(twist.and_then(|t| t.twist_deg), 3);
         field(twist.and_then(|t| t.sigma_twist_deg), 3);
-        let points = if record.curve.is_empty() { 0 } else { DATAGRAM_POINTS };
+        let points = if record.curve.is_empty() {
+            0
+        } else {
+            DATAGRAM_POINTS
+        };
         field(Some(points as f64), 0);
         for k in 0..points {
             let at = (record.curve.len() - 1) * k / (DATAGRAM_POINTS - 1);

@@ -109,7 +109,10 @@ impl LiveSolver {
         let hangs = self.worker.given_up();
         self.shared.update(|live| live.solver_hangs = hangs);
         let method = Some(AdjustmentMethod::Spatial);
-        Some(TrackedFrame::failed(ImageRecord { method, ..ImageRecord::failed(&frame.name(), why) }))
+        Some(TrackedFrame::failed(ImageRecord {
+            method,
+            ..ImageRecord::failed(&frame.name(), why)
+        }))
     }
 
     fn publish_result(
@@ -123,14 +126,18 @@ impl LiveSolver {
         let skipped = self.shared.skipped();
         let result = Arc::new(LiveResult::new(frame, tracked, latency_ms, skipped));
         if let Some(reason) = watch.detect(&result) {
-            self.raw.add_event(&self.shared, reason, frame.exposed_at_s(), false);
+            self.raw
+                .add_event(&self.shared, reason, frame.exposed_at_s(), false);
         }
         self.publisher.preview.set_frame(frame);
         if result.is_solved() {
             self.shared.clear_fault("solver");
         }
         let outcome = (result.is_solved(), result.is_rejected());
-        self.shared.core.board.add_live_result(frame.exposed_at_s(), outcome, skipped);
+        self.shared
+            .core
+            .board
+            .add_live_result(frame.exposed_at_s(), outcome, skipped);
         // Without a listener this fails, which is no error.
         if self.publisher.messages.receiver_count() > 0 {
             let datagram = result.datagram(self.shared.core.board.health());
@@ -140,8 +147,13 @@ impl LiveSolver {
                 datagram,
             }));
         }
-        let lost =
-            matches!(self.rows.try_send(WaitingResult { result: result.clone(), solver }), Err(TrySendError::Full(_)));
+        let lost = matches!(
+            self.rows.try_send(WaitingResult {
+                result: result.clone(),
+                solver
+            }),
+            Err(TrySendError::Full(_))
+        );
         meter.add_result(now_s, latency_ms);
         self.shared.update(|live| {
             live.results += 1;

@@ -30,14 +30,39 @@ pub(super) fn state_line(status: &DaemonStatus) -> String {
 /// Returns the datagram of the state: ASCII, fields separated by commas; docs/live.md lists the fields.
 fn state_datagram(status: &DaemonStatus) -> String {
     let live = status.live.clone().unwrap_or_default();
-    let utc = status.now.as_ref().map(|now| now.utc.strftime("%Y-%m-%dT%H:%M:%S%.3f").to_string());
-    let mut text = format!("WINGDH,{},{}", utc.unwrap_or_default(), variant_name(status.health));
-    let numbers = [status.age_s, live.interval_s, live.recent.solved, live.recent.rejected, live.recent.skipped];
+    let utc = status
+        .now
+        .as_ref()
+        .map(|now| now.utc.strftime("%Y-%m-%dT%H:%M:%S%.3f").to_string());
+    let mut text = format!(
+        "WINGDH,{},{}",
+        utc.unwrap_or_default(),
+        variant_name(status.health)
+    );
+    let numbers = [
+        status.age_s,
+        live.interval_s,
+        live.recent.solved,
+        live.recent.rejected,
+        live.recent.skipped,
+    ];
     for value in numbers {
         text.push_str(&value.map_or(",".to_owned(), |value| format!(",{value:.3}")));
     }
-    let plain = |c: char| if c == ',' || !(' '..='~').contains(&c) { ' ' } else { c };
-    let reasons: String = status.reasons.join("; ").chars().map(plain).take(MAX_REASON_BYTES).collect();
+    let plain = |c: char| {
+        if c == ',' || !(' '..='~').contains(&c) {
+            ' '
+        } else {
+            c
+        }
+    };
+    let reasons: String = status
+        .reasons
+        .join("; ")
+        .chars()
+        .map(plain)
+        .take(MAX_REASON_BYTES)
+        .collect();
     text + "," + &reasons + "\r\n"
 }
 
@@ -49,7 +74,11 @@ pub(super) async fn publish_state(shared: LiveContext, to: Sender<Arc<LiveMessag
         checks += 1;
         if status.health != last || checks >= MAX_CHECKS {
             (last, checks) = (status.health, 0);
-            let message = LiveMessage { is_state: true, line: state_line(&status), datagram: state_datagram(&status) };
+            let message = LiveMessage {
+                is_state: true,
+                line: state_line(&status),
+                datagram: state_datagram(&status),
+            };
             // Without a listener this fails, which is no error.
             let _ = to.send(Arc::new(message));
         }
@@ -63,13 +92,21 @@ mod tests {
 
     #[test]
     fn a_state_is_one_line_and_one_datagram_of_nine_fields() {
-        let mut status = DaemonStatus { health: Health::Failed, age_s: Some(31.0), ..DaemonStatus::default() };
-        status.reasons = vec!["the last live result is 31 s old, one every 0.1 s is expected".to_owned()];
+        let mut status = DaemonStatus {
+            health: Health::Failed,
+            age_s: Some(31.0),
+            ..DaemonStatus::default()
+        };
+        status.reasons =
+            vec!["the last live result is 31 s old, one every 0.1 s is expected".to_owned()];
         let live = status.live.get_or_insert_default();
         (live.interval_s, live.recent.solved) = (Some(0.1), Some(0.5));
-        assert!(state_line(&status).starts_with("{\"state\":{\"health\":\"failed\""), "{}", state_line(&status));
-        let expected =
-            "WINGDH,,failed,31.000,0.100,0.500,,,the last live result is 31 s old  one every 0.1 s is expected\r\n";
+        assert!(
+            state_line(&status).starts_with("{\"state\":{\"health\":\"failed\""),
+            "{}",
+            state_line(&status)
+        );
+        let expected = "WINGDH,,failed,31.000,0.100,0.500,,,the last live result is 31 s old  one every 0.1 s is expected\r\n";
         assert_eq!(state_datagram(&status), expected);
         status.reasons = vec!["x".repeat(2000)];
         assert!(state_datagram(&status).len() < 1400);

@@ -37,15 +37,36 @@ impl SolverRows {
     /// Adapts the layout to results of one solver; returns it unless none of them has had numbers yet.
     fn adapt(&mut self, waiting: &[WaitingResult]) -> Option<&RowLayout> {
         let solver = &waiting.first()?.solver;
-        if self.solver.as_ref().is_none_or(|before| !Arc::ptr_eq(before, solver)) {
-            *self = Self { solver: Some(solver.clone()), ..Self::default() };
+        if self
+            .solver
+            .as_ref()
+            .is_none_or(|before| !Arc::ptr_eq(before, solver))
+        {
+            *self = Self {
+                solver: Some(solver.clone()),
+                ..Self::default()
+            };
         }
         let mut changed = self.layout.is_none();
-        waiting.iter().for_each(|one| changed |= self.reasons.register(&one.result));
+        waiting
+            .iter()
+            .for_each(|one| changed |= self.reasons.register(&one.result));
         if changed {
-            let solved = || waiting.iter().map(|one| &one.result).find(|result| result.is_solved()).cloned();
-            let first = self.layout.take().map(|layout| layout.first).or_else(solved);
-            self.layout = first.map(|first| RowLayout::from_result(first, &solver.inputs.provenance, &self.reasons));
+            let solved = || {
+                waiting
+                    .iter()
+                    .map(|one| &one.result)
+                    .find(|result| result.is_solved())
+                    .cloned()
+            };
+            let first = self
+                .layout
+                .take()
+                .map(|layout| layout.first)
+                .or_else(solved);
+            self.layout = first.map(|first| {
+                RowLayout::from_result(first, &solver.inputs.provenance, &self.reasons)
+            });
         }
         self.layout.as_ref()
     }
@@ -68,7 +89,10 @@ impl LiveResultWriter {
     /// Stores the waiting results of the first solver; if that fails, up to [`MAX_WAITING`] are kept for the next attempt.
     /// Returns whether others of another solver wait.
     fn flush(&self, rows: &mut SolverRows, waiting: &mut Vec<WaitingResult>) -> bool {
-        let same = waiting.chunk_by(|a, b| Arc::ptr_eq(&a.solver, &b.solver)).next().unwrap_or_default();
+        let same = waiting
+            .chunk_by(|a, b| Arc::ptr_eq(&a.solver, &b.solver))
+            .next()
+            .unwrap_or_default();
         let (count, more) = (same.len(), same.len() < waiting.len());
         let stored = match rows.adapt(same) {
             Some(layout) => self.store_rows(layout, same),
@@ -100,10 +124,19 @@ impl LiveResultWriter {
         rows.retain(|row| layout.table.accepts(row));
         let refused = waiting.len() - rows.len();
         if refused > 0 {
-            self.shared.set_fault("rows", &format!("{refused} live results have a value that the store cannot hold"));
+            self.shared.set_fault(
+                "rows",
+                &format!("{refused} live results have a value that the store cannot hold"),
+            );
         }
-        if let Err(error) = core.store.append_live_rows(&layout.table, &rows, &core.clock.stamp()) {
-            self.shared.set_fault("results", &format!("live results cannot be stored: {error}"));
+        if let Err(error) = core
+            .store
+            .append_live_rows(&layout.table, &rows, &core.clock.stamp())
+        {
+            self.shared.set_fault(
+                "results",
+                &format!("live results cannot be stored: {error}"),
+            );
             return None;
         }
         core.board.note_live_storage(false);

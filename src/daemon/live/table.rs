@@ -6,7 +6,9 @@ use serde_json::{Map, Value};
 
 use crate::clock::Stamp;
 use crate::pipeline::live::LiveResult;
-use crate::quantities::{LiveSource, REASON, ResultQuantity, ResultRow, Subject, stored_quantities};
+use crate::quantities::{
+    LiveSource, REASON, ResultQuantity, ResultRow, Subject, stored_quantities,
+};
 use crate::store::columns::{LiveColumn, LiveRow, LiveTable, WORD};
 
 /// Layout of the rows, taken from one result.
@@ -37,10 +39,16 @@ const OTHER_REASON: &str = "one of more than 32 reasons; see the recorder's log"
 impl ReasonWords {
     /// Registers the reason of a result; returns whether it is new.
     pub fn register(&mut self, result: &LiveResult) -> bool {
-        let Some(reason) = &result.tracked.record.reason else { return false };
+        let Some(reason) = &result.tracked.record.reason else {
+            return false;
+        };
         let known = self.0.contains(reason) || self.0.len() > MAX_REASONS;
         if !known {
-            let one = if self.0.len() == MAX_REASONS { OTHER_REASON } else { reason.as_str() };
+            let one = if self.0.len() == MAX_REASONS {
+                OTHER_REASON
+            } else {
+                reason.as_str()
+            };
             self.0.push(one.to_owned());
         }
         !known
@@ -50,11 +58,17 @@ impl ReasonWords {
 impl RowLayout {
     /// Creates the layout from the first result with numbers; `provenance` is that of all results, `reasons` are those
     /// registered so far. A table with other reasons begins a new file.
-    pub fn from_result(first: Arc<LiveResult>, provenance: &Map<String, Value>, reasons: &ReasonWords) -> Self {
+    pub fn from_result(
+        first: Arc<LiveResult>,
+        provenance: &Map<String, Value>,
+        reasons: &ReasonWords,
+    ) -> Self {
         let (record, terms) = (&first.tracked.record, first.curvature_terms());
         let (mut columns, mut described) = (vec![], vec![]);
         // The reasons come first in the file.
-        let mut words: Map<String, Value> = [(REASON.name.to_owned(), reasons.0.clone().into())].into_iter().collect();
+        let mut words: Map<String, Value> = [(REASON.name.to_owned(), reasons.0.clone().into())]
+            .into_iter()
+            .collect();
         for (subject, form, quantity) in stored_quantities() {
             let width = match subject {
                 Subject::Marker => record.markers.len(),
@@ -64,27 +78,62 @@ impl RowLayout {
                 Subject::CurvatureTermPair => terms * (terms + 1) / 2,
                 Subject::Row | Subject::Aircraft => 1,
             };
-            let (name, unit) = (quantity.stored_name(subject), quantity.stored_unit().to_owned());
-            let own = if quantity.name == REASON.name { reasons.0.clone() } else { (form.words)() };
+            let (name, unit) = (
+                quantity.stored_name(subject),
+                quantity.stored_unit().to_owned(),
+            );
+            let own = if quantity.name == REASON.name {
+                reasons.0.clone()
+            } else {
+                (form.words)()
+            };
             if unit == WORD {
                 words.insert(name.clone(), own.clone().into());
             }
             if width > 0 {
-                described.push(LiveColumn { name, unit, kind: form.kind, width });
-                columns.push(StoredColumn { quantity, width, words: own });
+                described.push(LiveColumn {
+                    name,
+                    unit,
+                    kind: form.kind,
+                    width,
+                });
+                columns.push(StoredColumn {
+                    quantity,
+                    width,
+                    words: own,
+                });
             }
         }
         let source = LiveSource {
             provenance: provenance.clone(),
             method: Some("live".to_owned()),
             words,
-            markers: record.markers.iter().map(|marker| marker.id.clone().into()).collect(),
-            stations: record.curve.iter().map(|station| station.arc_length_m.into()).collect(),
-            torsion: record.torsion.iter().map(|pair| pair.name.clone().into()).collect(),
+            markers: record
+                .markers
+                .iter()
+                .map(|marker| marker.id.clone().into())
+                .collect(),
+            stations: record
+                .curve
+                .iter()
+                .map(|station| station.arc_length_m.into())
+                .collect(),
+            torsion: record
+                .torsion
+                .iter()
+                .map(|pair| pair.name.clone().into())
+                .collect(),
             tip: record.tip.as_ref().map(|tip| tip.marker.clone()),
         };
         let source = serde_json::to_value(source).unwrap_or_default();
-        Self { table: LiveTable { source, columns: described }, first, columns }
+        Self {
+            table: LiveTable {
+                source,
+                columns: described,
+            },
+            first,
+            columns,
+        }
     }
 
     /// Returns the values of a result in the order of the columns.
@@ -109,7 +158,15 @@ impl RowLayout {
             ..ResultRow::default()
         };
         let values = |column: &StoredColumn| {
-            let value = |index| column.quantity.encode(&ResultRow { index: Some(index), ..row }, &column.words);
+            let value = |index| {
+                column.quantity.encode(
+                    &ResultRow {
+                        index: Some(index),
+                        ..row
+                    },
+                    &column.words,
+                )
+            };
             (0..column.width).map(value).collect::<Vec<f64>>()
         };
         self.columns.iter().flat_map(values).collect()

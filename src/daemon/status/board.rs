@@ -31,7 +31,12 @@ struct BoardState {
 
 impl BoardState {
     fn evaluate_health(&self, now_s: f64) -> (Health, Vec<String>) {
-        let monitors = (&self.frames, &self.series, self.live.as_ref(), &self.storage);
+        let monitors = (
+            &self.frames,
+            &self.series,
+            self.live.as_ref(),
+            &self.storage,
+        );
         health::evaluate_health(&self.status, monitors, &self.faults, now_s)
     }
 }
@@ -44,10 +49,26 @@ impl StatusBoard {
             started: Some(clock.stamp()),
             ..DaemonStatus::default()
         };
-        let (frames, series, beats) = (FrameMonitor::default(), RecentResults::for_series(), Beats::default());
+        let (frames, series, beats) = (
+            FrameMonitor::default(),
+            RecentResults::for_series(),
+            Beats::default(),
+        );
         let (storage, faults) = (StorageMonitor::default(), Faults::default());
-        let state = BoardState { status, frames, live: None, series, storage, faults, next_series_at_s: None, beats };
-        Self { clock, state: Arc::new(Mutex::new(state)) }
+        let state = BoardState {
+            status,
+            frames,
+            live: None,
+            series,
+            storage,
+            faults,
+            next_series_at_s: None,
+            beats,
+        };
+        Self {
+            clock,
+            state: Arc::new(Mutex::new(state)),
+        }
     }
 
     /// Returns the current status.
@@ -57,16 +78,28 @@ impl StatusBoard {
         self.with_state(|state| {
             let mut status = state.status.clone();
             (status.health, status.reasons) = state.evaluate_health(now_s);
-            status.age_s = state.live.as_ref().map_or(&state.series, |live| &live.results).age_s(now_s);
-            status.recent = RecentShares { skipped: None, ..state.series.shares() };
+            status.age_s = state
+                .live
+                .as_ref()
+                .map_or(&state.series, |live| &live.results)
+                .age_s(now_s);
+            status.recent = RecentShares {
+                skipped: None,
+                ..state.series.shares()
+            };
             if let (Some(live_status), Some(live)) = (&mut status.live, &state.live) {
-                (live_status.interval_s, live_status.recent) = (live.interval_s, live.results.shares());
+                (live_status.interval_s, live_status.recent) =
+                    (live.interval_s, live.results.shares());
                 live_status.fault = state.faults.first_of(LIVE_PARTS);
             }
             if let Some(aircraft) = &mut status.aircraft {
                 aircraft.fault = state.faults.first_of(AIRCRAFT_PART.0);
             }
-            status.faults = state.faults.current().map(|(part, what)| (faults::name(part), what.to_owned())).collect();
+            status.faults = state
+                .faults
+                .current()
+                .map(|(part, what)| (faults::name(part), what.to_owned()))
+                .collect();
             status.last_frame_age_s = state.frames.age_s(now_s);
             status.next_series_s = state.next_series_at_s.map(|at| (at - now_s).max(0.0));
             status.now = Some(now.clone());
@@ -86,7 +119,10 @@ impl StatusBoard {
 
     /// Sets the interval at which live results are expected from now on; `None` while live frames pause.
     pub(crate) fn expect_results(&self, interval: Option<Duration>) {
-        let (now_s, interval_s) = (self.seconds_since_boot(), interval.map(|interval| interval.as_secs_f64()));
+        let (now_s, interval_s) = (
+            self.seconds_since_boot(),
+            interval.map(|interval| interval.as_secs_f64()),
+        );
         self.with_state(|state| match &mut state.live {
             Some(live) => live.interval_s = interval_s,
             none => *none = Some(LiveMonitor::new(interval_s, now_s)),
@@ -94,7 +130,12 @@ impl StatusBoard {
     }
 
     /// Adds a live result of a frame exposed at `at_s` since boot; `skipped`: frames skipped since the start.
-    pub(crate) fn add_live_result(&self, at_s: f64, (solved, rejected): (bool, bool), skipped: u64) {
+    pub(crate) fn add_live_result(
+        &self,
+        at_s: f64,
+        (solved, rejected): (bool, bool),
+        skipped: u64,
+    ) {
         self.with_state(|state| {
             if let Some(live) = &mut state.live {
                 live.results.add_result(at_s, solved, rejected, skipped);
@@ -162,11 +203,16 @@ impl StatusBoard {
 
     pub(crate) fn set_next_series(&self, wait: Option<Duration>) {
         let now_s = self.seconds_since_boot();
-        self.with_state(|state| state.next_series_at_s = wait.map(|wait| now_s + wait.as_secs_f64()));
+        self.with_state(|state| {
+            state.next_series_at_s = wait.map(|wait| now_s + wait.as_secs_f64())
+        });
     }
 
     pub(crate) fn note_fault(&self, fault: &str) {
-        let note = FaultNote { stamp: self.clock.stamp(), what: fault.to_owned() };
+        let note = FaultNote {
+            stamp: self.clock.stamp(),
+            what: fault.to_owned(),
+        };
         self.update(|status| status.last_fault = Some(note));
     }
 
@@ -201,10 +247,17 @@ mod tests {
 
     #[test]
     fn health_is_the_age_of_the_last_good_frame() {
-        let clock = Arc::new(SimulatedClock::new("b", "2026-03-01T06:00:00Z".parse().unwrap(), None));
+        let clock = Arc::new(SimulatedClock::new(
+            "b",
+            "2026-03-01T06:00:00Z".parse().unwrap(),
+            None,
+        ));
         let board = StatusBoard::new(clock.clone());
         board.expect_frames(Duration::from_secs(3600));
-        assert_eq!((board.snapshot().health, board.snapshot().last_frame_age_s), (Health::Ok, None));
+        assert_eq!(
+            (board.snapshot().health, board.snapshot().last_frame_age_s),
+            (Health::Ok, None)
+        );
         board.note_stored_frame(&clock.stamp());
         clock.sleep(Duration::from_secs(5000));
         assert_eq!(board.snapshot().health, Health::Ok);
@@ -215,7 +268,11 @@ mod tests {
 
     #[test]
     fn without_any_frame_health_turns_failed_too() {
-        let clock = Arc::new(SimulatedClock::new("b", "1970-01-01T00:00:30Z".parse().unwrap(), None));
+        let clock = Arc::new(SimulatedClock::new(
+            "b",
+            "1970-01-01T00:00:30Z".parse().unwrap(),
+            None,
+        ));
         let board = StatusBoard::new(clock.clone());
         board.expect_frames(Duration::from_secs(3600));
         clock.sleep(Duration::from_secs(5500));

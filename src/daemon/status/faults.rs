@@ -57,7 +57,11 @@ impl Faults {
         };
         if now_s >= entry.next_entry_s {
             let quiet = now_s > entry.next_entry_s + MAX_PAUSE_S;
-            entry.pause_s = if quiet { FIRST_PAUSE_S } else { (2.0 * entry.pause_s).clamp(FIRST_PAUSE_S, MAX_PAUSE_S) };
+            entry.pause_s = if quiet {
+                FIRST_PAUSE_S
+            } else {
+                (2.0 * entry.pause_s).clamp(FIRST_PAUSE_S, MAX_PAUSE_S)
+            };
             entry.next_entry_s = now_s + entry.pause_s;
             tracing::warn!(part = name(part), what = %printable_text(what));
         }
@@ -66,12 +70,16 @@ impl Faults {
 
     /// Returns the current faults, with the group and name of their parts.
     pub fn current(&self) -> impl Iterator<Item = (Part, &str)> {
-        self.0.iter().filter_map(|(part, fault)| Some((*part, fault.what.as_deref()?)))
+        self.0
+            .iter()
+            .filter_map(|(part, fault)| Some((*part, fault.what.as_deref()?)))
     }
 
     /// Returns the first current fault of a group.
     pub fn first_of(&self, group: &str) -> Option<String> {
-        self.current().find(|((of, _), _)| *of == group).map(|(_, what)| what.to_owned())
+        self.current()
+            .find(|((of, _), _)| *of == group)
+            .map(|(_, what)| what.to_owned())
     }
 }
 
@@ -87,15 +95,24 @@ mod tests {
     #[test]
     fn a_lasting_fault_is_logged_at_growing_intervals_and_ends() {
         let mut faults = Faults::default();
-        let set = |faults: &mut Faults, what: &str, at: f64| faults.set(PAGE_PART, Some(what.to_owned()), at);
-        assert!(set(&mut faults, "lost", 0.0) && !set(&mut faults, "lost", 5.0) && set(&mut faults, "empty", 6.0));
+        let set = |faults: &mut Faults, what: &str, at: f64| {
+            faults.set(PAGE_PART, Some(what.to_owned()), at)
+        };
+        assert!(
+            set(&mut faults, "lost", 0.0)
+                && !set(&mut faults, "lost", 5.0)
+                && set(&mut faults, "empty", 6.0)
+        );
         let pauses: Vec<f64> = (0..2000)
             .map(|k| {
                 set(&mut faults, "empty", 10.0 * f64::from(k));
                 faults.0[&PAGE_PART].pause_s
             })
             .collect();
-        assert_eq!((pauses[0], pauses[1], pauses[3], pauses[1999]), (10.0, 20.0, 40.0, MAX_PAUSE_S));
+        assert_eq!(
+            (pauses[0], pauses[1], pauses[3], pauses[1999]),
+            (10.0, 20.0, 40.0, MAX_PAUSE_S)
+        );
         assert_eq!(faults.first_of("web page").as_deref(), Some("empty"));
         assert!(!faults.set(PAGE_PART, None, 3e4) && faults.current().next().is_none());
     }

@@ -70,10 +70,14 @@ impl FrameMonitor {
 
     fn add_reasons(&self, now_s: f64, reasons: &mut HealthReasons) {
         if self.due_s.is_some_and(|due_s| now_s > due_s) {
-            let since = self.age_s(now_s).map_or("since the start".to_owned(), |s| format!("for {}", format_span(s)));
+            let since = self.age_s(now_s).map_or("since the start".to_owned(), |s| {
+                format!("for {}", format_span(s))
+            });
             let every = format_span(self.interval_s);
             let remedy = "check the camera: power, cable, lens cap, card";
-            reasons.add_failed(format!("no good frame {since}, one every {every} is expected; {remedy}"));
+            reasons.add_failed(format!(
+                "no good frame {since}, one every {every} is expected; {remedy}"
+            ));
         }
     }
 }
@@ -90,7 +94,9 @@ impl WaitMonitor {
 
     /// Returns the time for which something has waited, if that is longer than `limit_s`.
     fn exceeds(&self, limit_s: f64, now_s: f64) -> Option<f64> {
-        self.0.map(|since_s| now_s - since_s).filter(|waited_s| *waited_s > limit_s)
+        self.0
+            .map(|since_s| now_s - since_s)
+            .filter(|waited_s| *waited_s > limit_s)
     }
 }
 
@@ -104,11 +110,19 @@ pub(super) struct StorageMonitor {
 }
 
 impl StorageMonitor {
-    fn add_reasons(&self, status: &DaemonStatus, interval_s: f64, now_s: f64, reasons: &mut HealthReasons) {
+    fn add_reasons(
+        &self,
+        status: &DaemonStatus,
+        interval_s: f64,
+        now_s: f64,
+        reasons: &mut HealthReasons,
+    ) {
         let series_s = SERIES_STORAGE_S.max(OVERDUE_INTERVALS * interval_s);
         let store = &status.store;
         if let Some(why) = &store.unclosed {
-            reasons.add_failed(format!("the last series could not be stored completely: {why}"));
+            reasons.add_failed(format!(
+                "the last series could not be stored completely: {why}"
+            ));
         }
         if store.stranded > 0 {
             let remedy = "see the log and run `wingd verify`";
@@ -118,12 +132,17 @@ impl StorageMonitor {
             ));
         }
         if let Some(waited_s) = self.live.exceeds(LIVE_STORAGE_S, now_s) {
-            reasons
-                .add_failed(format!("no live result was stored for {}; check the disk", format_span(waited_s.round())));
+            reasons.add_failed(format!(
+                "no live result was stored for {}; check the disk",
+                format_span(waited_s.round())
+            ));
         }
         if let Some(waited_s) = self.series.exceeds(series_s, now_s) {
             let waited = format_span(waited_s.round());
-            reasons.add_degraded(format!("{} frames wait to be solved, none was for {waited}", status.to_solve));
+            reasons.add_degraded(format!(
+                "{} frames wait to be solved, none was for {waited}",
+                status.to_solve
+            ));
         }
     }
 }
@@ -140,13 +159,18 @@ pub(super) struct LiveMonitor {
 impl LiveMonitor {
     /// Expects one result per interval from now on.
     pub fn new(interval_s: Option<f64>, now_s: f64) -> Self {
-        Self { results: RecentResults::for_live(), interval_s, since_s: now_s }
+        Self {
+            results: RecentResults::for_live(),
+            interval_s,
+            since_s: now_s,
+        }
     }
 
     fn add_reasons(&self, now_s: f64, reasons: &mut HealthReasons) {
         let Some(interval_s) = self.interval_s else {
-            return reasons
-                .add_degraded("live frames pause: the processor is too hot; cool it, or lower rate_hz".to_owned());
+            return reasons.add_degraded(
+                "live frames pause: the processor is too hot; cool it, or lower rate_hz".to_owned(),
+            );
         };
         let every = format_span(interval_s);
         match self.results.age_s(now_s) {
@@ -155,8 +179,14 @@ impl LiveMonitor {
                     "the last live result is {} old, one every {every} is expected; see the last error",
                     format_span(age_s)
                 );
-                reasons
-                    .add(if age_s > OLD_INTERVALS.1 * interval_s { Health::Failed } else { Health::Degraded }, reason);
+                reasons.add(
+                    if age_s > OLD_INTERVALS.1 * interval_s {
+                        Health::Failed
+                    } else {
+                        Health::Degraded
+                    },
+                    reason,
+                );
             }
             None if now_s > self.since_s + STARTUP_S + OLD_INTERVALS.1 * interval_s => {
                 reasons.add_failed(format!(
@@ -202,13 +232,22 @@ fn add_share_reasons(recent: &RecentShares, kind: &str, reasons: &mut HealthReas
             "{} of the last {results} {kind} have no numbers; check light, dirt and the camera's direction",
             count(Some(unsolved))
         );
-        reasons.add(if unsolved > UNSOLVED_LIMITS.1 { Health::Failed } else { Health::Degraded }, reason);
+        reasons.add(
+            if unsolved > UNSOLVED_LIMITS.1 {
+                Health::Failed
+            } else {
+                Health::Degraded
+            },
+            reason,
+        );
     }
     let rejected = count(recent.rejected);
     // A single one may be chance.
     if rejected > 1.0 && recent.rejected.is_some_and(|share| share > MAX_REJECTED) {
         let share = format!("{rejected} of the last {results} {kind}");
-        reasons.add_degraded(format!("{share} are rejected by their global test; check the camera mounting"));
+        reasons.add_degraded(format!(
+            "{share} are rejected by their global test; check the camera mounting"
+        ));
     }
     if let Some(share) = recent.skipped.filter(|share| *share > MAX_SKIPPED) {
         reasons.add_degraded(format!(
@@ -221,7 +260,12 @@ fn add_share_reasons(recent: &RecentShares, kind: &str, reasons: &mut HealthReas
 /// Returns the health and its reasons, the most severe first. `series`: results of series.
 pub(super) fn evaluate_health(
     status: &DaemonStatus,
-    (frames, series, live, storage): (&FrameMonitor, &RecentResults, Option<&LiveMonitor>, &StorageMonitor),
+    (frames, series, live, storage): (
+        &FrameMonitor,
+        &RecentResults,
+        Option<&LiveMonitor>,
+        &StorageMonitor,
+    ),
     faults: &Faults,
     now_s: f64,
 ) -> (Health, Vec<String>) {
@@ -237,13 +281,27 @@ pub(super) fn evaluate_health(
     add_share_reasons(&series.shares(), "results of series", &mut reasons);
     for (part, what) in faults.current() {
         // Results that are not stored are lost at the next power cut.
-        let health = if part == faults::RESULTS_PART { Health::Failed } else { Health::Degraded };
+        let health = if part == faults::RESULTS_PART {
+            Health::Failed
+        } else {
+            Health::Degraded
+        };
         reasons.add(health, format!("{}: {what}", faults::name(part)));
     }
-    let health = reasons.all.iter().map(|(health, _)| *health).max().unwrap_or_default();
+    let health = reasons
+        .all
+        .iter()
+        .map(|(health, _)| *health)
+        .max()
+        .unwrap_or_default();
     // The sort is stable: equal severities keep their order.
-    reasons.all.sort_by_key(|(health, _)| std::cmp::Reverse(*health));
-    (health, reasons.all.into_iter().map(|(_, reason)| reason).collect())
+    reasons
+        .all
+        .sort_by_key(|(health, _)| std::cmp::Reverse(*health));
+    (
+        health,
+        reasons.all.into_iter().map(|(_, reason)| reason).collect(),
+    )
 }
 
 /// Formats a time span for people, such as `1 min 1 s`.
@@ -270,7 +328,8 @@ mod tests {
         let mut live = LiveMonitor::new(Some(0.1), 0.0);
         for k in 1..=100 {
             let (solved, rejected, skipped) = outcome(k);
-            live.results.add_result(0.1 * k as f64, solved, rejected, skipped);
+            live.results
+                .add_result(0.1 * k as f64, solved, rejected, skipped);
         }
         live
     }
@@ -278,7 +337,12 @@ mod tests {
     fn evaluate(live: &LiveMonitor, now_s: f64) -> (Health, String) {
         let (health, reasons) = evaluate_health(
             &DaemonStatus::default(),
-            (&FrameMonitor::default(), &RecentResults::for_series(), Some(live), &StorageMonitor::default()),
+            (
+                &FrameMonitor::default(),
+                &RecentResults::for_series(),
+                Some(live),
+                &StorageMonitor::default(),
+            ),
             &Faults::default(),
             now_s,
         );
@@ -291,22 +355,48 @@ mod tests {
         assert_eq!(evaluate(&well, 10.25), (Health::Ok, String::new()));
         assert_eq!(evaluate(&well, 10.35).0, Health::Degraded);
         let (health, why) = evaluate(&well, 40.0);
-        assert!(health == Health::Failed && why.contains("the last live result is 30 s old, one every 0.1 s"), "{why}");
+        assert!(
+            health == Health::Failed
+                && why.contains("the last live result is 30 s old, one every 0.1 s"),
+            "{why}"
+        );
         let none = LiveMonitor::new(Some(0.1), 0.0);
-        assert_eq!((evaluate(&none, 5.0).0, evaluate(&none, 20.0).0), (Health::Ok, Health::Failed));
-        assert_eq!(evaluate(&LiveMonitor::new(None, 0.0), 100.0).0, Health::Degraded);
+        assert_eq!(
+            (evaluate(&none, 5.0).0, evaluate(&none, 20.0).0),
+            (Health::Ok, Health::Failed)
+        );
+        assert_eq!(
+            evaluate(&LiveMonitor::new(None, 0.0), 100.0).0,
+            Health::Degraded
+        );
     }
 
     #[test]
     fn results_without_numbers_rejected_or_skipped_degrade_health() {
         let (health, why) = evaluate(&live(|k| (k % 10 < 3, false, 0)), 10.05);
-        assert!(health == Health::Failed && why.starts_with("70 of the last 100 live results have no"), "{why}");
-        assert_eq!(evaluate(&live(|k| (k % 5 > 0, false, 0)), 10.05).0, Health::Degraded);
+        assert!(
+            health == Health::Failed && why.starts_with("70 of the last 100 live results have no"),
+            "{why}"
+        );
+        assert_eq!(
+            evaluate(&live(|k| (k % 5 > 0, false, 0)), 10.05).0,
+            Health::Degraded
+        );
         let (health, why) = evaluate(&live(|_| (true, true, 0)), 10.05);
-        assert!(health == Health::Degraded && why.contains("100 of the last 100 live results are rejected"));
+        assert!(
+            health == Health::Degraded
+                && why.contains("100 of the last 100 live results are rejected")
+        );
         let (health, why) = evaluate(&live(|k| (true, false, k)), 10.05);
-        assert!(health == Health::Degraded && why.contains("50 % of the live frames are skipped"), "{why}");
-        assert_eq!(evaluate(&live(|k| (k % 20 > 0, k % 20 == 1, k / 10)), 10.05).0, Health::Ok, "may be chance");
+        assert!(
+            health == Health::Degraded && why.contains("50 % of the live frames are skipped"),
+            "{why}"
+        );
+        assert_eq!(
+            evaluate(&live(|k| (k % 20 > 0, k % 20 == 1, k / 10)), 10.05).0,
+            Health::Ok,
+            "may be chance"
+        );
     }
 
     #[test]
@@ -314,17 +404,37 @@ mod tests {
         let mut status = DaemonStatus::default();
         status.store.refuses = Some("it is full".to_owned());
         let mut faults = Faults::default();
-        faults.set(faults::AIRCRAFT_PART, Some("no line for 20 s".to_owned()), 0.0);
-        let monitors = (&FrameMonitor::default(), &RecentResults::for_series(), None, &StorageMonitor::default());
+        faults.set(
+            faults::AIRCRAFT_PART,
+            Some("no line for 20 s".to_owned()),
+            0.0,
+        );
+        let monitors = (
+            &FrameMonitor::default(),
+            &RecentResults::for_series(),
+            None,
+            &StorageMonitor::default(),
+        );
         let (health, reasons) = evaluate_health(&status, monitors, &faults, 1.0);
         assert_eq!(health, Health::Failed);
-        assert_eq!(reasons, ["the store accepts no series: it is full", "aircraft data: no line for 20 s"]);
+        assert_eq!(
+            reasons,
+            [
+                "the store accepts no series: it is full",
+                "aircraft data: no line for 20 s"
+            ]
+        );
     }
 
     #[test]
     fn what_does_not_reach_the_disk_fails_health() {
         let evaluate = |status: &DaemonStatus, storage: &StorageMonitor, now_s| {
-            let monitors = (&FrameMonitor::default(), &RecentResults::for_series(), None, storage);
+            let monitors = (
+                &FrameMonitor::default(),
+                &RecentResults::for_series(),
+                None,
+                storage,
+            );
             evaluate_health(status, monitors, &Faults::default(), now_s)
         };
         let (mut status, mut storage) = (DaemonStatus::default(), StorageMonitor::default());
@@ -333,22 +443,37 @@ mod tests {
         storage.series.set_waiting(true, 1.0);
         assert_eq!(evaluate(&status, &storage, 30.0).0, Health::Ok);
         let (health, reasons) = evaluate(&status, &storage, 32.0);
-        assert!(health == Health::Failed && reasons[0].contains("no live result was stored for 31 s"), "{reasons:?}");
+        assert!(
+            health == Health::Failed && reasons[0].contains("no live result was stored for 31 s"),
+            "{reasons:?}"
+        );
         storage.live.set_waiting(false, 33.0);
         assert_eq!(
-            (evaluate(&status, &storage, 34.0).0, evaluate(&status, &storage, 302.0).0),
+            (
+                evaluate(&status, &storage, 34.0).0,
+                evaluate(&status, &storage, 302.0).0
+            ),
             (Health::Ok, Health::Degraded)
         );
         status.store.stranded = 2;
         assert_eq!(evaluate(&status, &storage, 34.0).0, Health::Failed);
-        status.store = super::super::StoreStatus { unclosed: Some("no permission".to_owned()), ..Default::default() };
+        status.store = super::super::StoreStatus {
+            unclosed: Some("no permission".to_owned()),
+            ..Default::default()
+        };
         let (health, reasons) = evaluate(&status, &storage, 34.0);
-        assert!(health == Health::Failed && reasons[0].contains("no permission"), "{reasons:?}");
+        assert!(
+            health == Health::Failed && reasons[0].contains("no permission"),
+            "{reasons:?}"
+        );
     }
 
     #[test]
     fn spans_are_short() {
         let spans = [0.05, 0.2, 5.0, 9.96, 61.0, 3700.0].map(format_span);
-        assert_eq!(spans, ["0.050 s", "0.2 s", "5 s", "10 s", "1 min 1 s", "1 h 1 min"]);
+        assert_eq!(
+            spans,
+            ["0.050 s", "0.2 s", "5 s", "10 s", "1 min 1 s", "1 h 1 min"]
+        );
     }
 }

@@ -14,7 +14,9 @@ use serde::{Deserialize, Serialize};
 use crate::clock::Stamp;
 
 pub use board::StatusBoard;
-pub(crate) use faults::{AIRCRAFT_PART, LIVE_PARTS, PAGE_PART, RESULTS_PART, SIGNING_PART, SOLVER_PART, STATUS_PART};
+pub(crate) use faults::{
+    AIRCRAFT_PART, LIVE_PARTS, PAGE_PART, RESULTS_PART, SIGNING_PART, SOLVER_PART, STATUS_PART,
+};
 pub use health::{Health, format_span};
 pub(crate) use metrics::prometheus_text;
 pub use recent::RecentShares;

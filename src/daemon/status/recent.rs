@@ -45,18 +45,36 @@ pub(super) struct RecentResults {
 impl RecentResults {
     /// Creates the counters of live results, over a window of time.
     pub fn for_live() -> Self {
-        Self { last: VecDeque::new(), over_s: LIVE_WINDOW_S, least: MIN_LIVE_RESULTS }
+        Self {
+            last: VecDeque::new(),
+            over_s: LIVE_WINDOW_S,
+            least: MIN_LIVE_RESULTS,
+        }
     }
 
     /// Creates the counters of series results, over the last series.
     pub fn for_series() -> Self {
-        Self { last: VecDeque::new(), over_s: 0.0, least: MIN_SERIES_RESULTS }
+        Self {
+            last: VecDeque::new(),
+            over_s: 0.0,
+            least: MIN_SERIES_RESULTS,
+        }
     }
 
     /// Adds a result; `skipped`: frames skipped since the start.
     pub fn add_result(&mut self, at_s: f64, solved: bool, rejected: bool, skipped: u64) {
-        self.last.push_back(Outcome { at_s, solved, rejected, skipped });
-        while self.last.len() > self.least && self.last.front().is_some_and(|f| at_s - f.at_s > self.over_s) {
+        self.last.push_back(Outcome {
+            at_s,
+            solved,
+            rejected,
+            skipped,
+        });
+        while self.last.len() > self.least
+            && self
+                .last
+                .front()
+                .is_some_and(|f| at_s - f.at_s > self.over_s)
+        {
             self.last.pop_front();
         }
     }
@@ -70,13 +88,23 @@ impl RecentResults {
     pub fn shares(&self) -> RecentShares {
         let results = self.last.len();
         let share = |of: fn(&Outcome) -> bool| {
-            (results > 0).then(|| self.last.iter().filter(|o| of(o)).count() as f64 / results as f64)
+            (results > 0)
+                .then(|| self.last.iter().filter(|o| of(o)).count() as f64 / results as f64)
         };
-        let between = self.last.back().zip(self.last.front()).map(|(last, first)| last.skipped - first.skipped);
+        let between = self
+            .last
+            .back()
+            .zip(self.last.front())
+            .map(|(last, first)| last.skipped - first.skipped);
         let skipped = between.filter(|_| results > 1).map(|skipped| {
             let skipped = skipped as f64;
             skipped / (skipped + (results - 1) as f64)
         });
-        RecentShares { results: results as u64, solved: share(|o| o.solved), rejected: share(|o| o.rejected), skipped }
+        RecentShares {
+            results: results as u64,
+            solved: share(|o| o.solved),
+            rejected: share(|o| o.rejected),
+            skipped,
+        }
     }
 }

@@ -25,17 +25,36 @@ pub fn write_board_images(
     done: impl Fn(),
 ) -> TaskResult<()> {
     let described = load_board(file)?;
-    let Board::Checkerboard { columns, rows, square_m } = described.board else {
-        return Err(Failure::from_path_error(file, "pattern: only checkerboards are rendered"));
+    let Board::Checkerboard {
+        columns,
+        rows,
+        square_m,
+    } = described.board
+    else {
+        return Err(Failure::from_path_error(
+            file,
+            "pattern: only checkerboards are rendered",
+        ));
     };
     std::fs::create_dir_all(folder).map_err(|e| Failure::from_path_error(folder, e))?;
     let digits = count.to_string().len();
     for k in 0..count {
         let mut random = SeededRandom::new(seed, 1000 + k as u64);
-        let picture = RenderedBoard::calibration_image(lens, (columns, rows), square_m, [0.0, 0.0], k, &mut random);
+        let picture = RenderedBoard::calibration_image(
+            lens,
+            (columns, rows),
+            square_m,
+            [0.0, 0.0],
+            k,
+            &mut random,
+        );
         let path = folder.join(format!("{:0digits$}.jpg", k + 1));
-        let written = picture.render(&mut random).map(|raster| files::write_jpeg(&path, &raster, JPEG_QUALITY));
-        written.transpose().map_err(|e| Failure::Failed(format!("{e:#}")))?;
+        let written = picture
+            .render(&mut random)
+            .map(|raster| files::write_jpeg(&path, &raster, JPEG_QUALITY));
+        written
+            .transpose()
+            .map_err(|e| Failure::Failed(format!("{e:#}")))?;
         done();
     }
     Ok(())

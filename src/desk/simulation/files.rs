@@ -28,7 +28,9 @@ pub fn write_set(
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let mut entries = Vec::new();
     for frame in frames {
-        let raster = scene.render(&frame.shot).ok_or_else(|| anyhow!("the lens has no pixels"))?;
+        let raster = scene
+            .render(&frame.shot)
+            .ok_or_else(|| anyhow!("the lens has no pixels"))?;
         write_jpeg(&folder.join(&frame.image), &raster, frame.quality)?;
         entries.push(frame_truth_json(frame, &scene.truth(&frame.shot)));
         done();
@@ -38,19 +40,36 @@ pub fn write_set(
     }
     let truth = json!({ "set": name, "frames": entries });
     let file = directory.join("truth.json");
-    fs::write(&file, serde_json::to_string_pretty(&truth)?).with_context(|| format!("cannot write {}", file.display()))
+    fs::write(&file, serde_json::to_string_pretty(&truth)?)
+        .with_context(|| format!("cannot write {}", file.display()))
 }
 
 /// Writes `marks.csv`: the places of the points in the ground frame, with the error of a person who marks them; nothing
 /// if there are none.
-fn write_point_marks(folder: &Path, setup: &Setup, frame: &SetFrame, truth: &FrameTruth) -> Result<()> {
+fn write_point_marks(
+    folder: &Path,
+    setup: &Setup,
+    frame: &SetFrame,
+    truth: &FrameTruth,
+) -> Result<()> {
     let mut random = SeededRandom::new(frame.shot.seed, 31);
     let mark = |(marker, truth): (usize, &MarkerTruth)| {
         let error = Vector2::from_fn(|_, _| POINT_SIGMA_PX * random.normal());
-        let pixel = truth.pixel.filter(|_| truth.shape == Shape::Point && truth.visible)? + error;
+        let pixel = truth
+            .pixel
+            .filter(|_| truth.shape == Shape::Point && truth.visible)?
+            + error;
         let covariance_px2 = Matrix2::identity() * POINT_SIGMA_PX.powi(2);
-        let place = Some(ManualPosition { pixel, covariance_px2 });
-        Some(ManualObservation { image: None, marker, place, note: Default::default() })
+        let place = Some(ManualPosition {
+            pixel,
+            covariance_px2,
+        });
+        Some(ManualObservation {
+            image: None,
+            marker,
+            place,
+            note: Default::default(),
+        })
     };
     let marks: Vec<ManualObservation> = truth.markers.iter().enumerate().filter_map(mark).collect();
     if marks.is_empty() {
@@ -63,7 +82,10 @@ fn write_point_marks(folder: &Path, setup: &Setup, frame: &SetFrame, truth: &Fra
 
 /// Writes a raster as a grey JPEG.
 pub fn write_jpeg(path: &Path, raster: &Raster, quality: u8) -> Result<()> {
-    let (width, height) = (u16::try_from(raster.width())?, u16::try_from(raster.height())?);
+    let (width, height) = (
+        u16::try_from(raster.width())?,
+        u16::try_from(raster.height())?,
+    );
     // Into memory, as elsewhere: the encoder is compiled for each kind of writer.
     let mut jpeg = vec![];
     let mut encoder = jpeg_encoder::Encoder::new(&mut jpeg, quality);
@@ -110,5 +132,9 @@ fn marker_truth_json(marker: &MarkerTruth) -> Value {
 }
 
 fn matrix_rows(rotation: &Rotation3<f64>) -> Vec<Vec<f64>> {
-    rotation.matrix().row_iter().map(|row| row.iter().copied().collect()).collect()
+    rotation
+        .matrix()
+        .row_iter()
+        .map(|row| row.iter().copied().collect())
+        .collect()
 }

@@ -33,10 +33,22 @@ pub struct FlightMoment {
 /// of the drawings.
 pub fn with_default_priors(setup: &Setup) -> Setup {
     let skin_height_m = setup.uncertainty[Width::SkinHeight];
-    let uncertainty = SetupUncertainty::default_for(setup.reach_m()).with_width(Width::SkinHeight, skin_height_m);
-    let default_thermal = |thermal: Thermal| Thermal { flight_temperature_sigma_k: None, ..thermal };
-    let mut specified = Setup { uncertainty, thermal: setup.thermal.map(default_thermal), ..setup.clone() };
-    specified.markers.iter_mut().filter(|m| m.fixed).for_each(|m| m.flight_motion_m = fixed_target::FLIGHT_MOTION_M);
+    let uncertainty =
+        SetupUncertainty::default_for(setup.reach_m()).with_width(Width::SkinHeight, skin_height_m);
+    let default_thermal = |thermal: Thermal| Thermal {
+        flight_temperature_sigma_k: None,
+        ..thermal
+    };
+    let mut specified = Setup {
+        uncertainty,
+        thermal: setup.thermal.map(default_thermal),
+        ..setup.clone()
+    };
+    specified
+        .markers
+        .iter_mut()
+        .filter(|m| m.fixed)
+        .for_each(|m| m.flight_motion_m = fixed_target::FLIGHT_MOTION_M);
     specified
 }
 
@@ -52,11 +64,16 @@ pub fn sample_aircraft(seed: u64, scene: &Scene, frames: Vec<SetFrame>) -> (Setu
         };
         SetFrame { shot, ..frame }
     };
-    (specified, frames.into_iter().enumerate().map(shot).collect())
+    (
+        specified,
+        frames.into_iter().enumerate().map(shot).collect(),
+    )
 }
 
 /// Chooses `count` of the first `of` markers at random.
 pub fn choose_hidden(random: &mut SeededRandom, count: usize, of: usize) -> Vec<usize> {
     let mut left: Vec<usize> = (0..of).collect();
-    (0..count.min(of)).map(|_| left.swap_remove(random.integer(0, left.len() - 1))).collect()
+    (0..count.min(of))
+        .map(|_| left.swap_remove(random.integer(0, left.len() - 1)))
+        .collect()
 }

@@ -6,18 +6,28 @@ use nalgebra::{DMatrix, DVector};
 use serde_json::{Map, Value};
 
 use super::BendingLine;
-use crate::quantities::{CURVATURE, CURVATURE_COVARIANCE, LiveSource, NUMBER, StoredTimes, finite_value};
+use crate::quantities::{
+    CURVATURE, CURVATURE_COVARIANCE, LiveSource, NUMBER, StoredTimes, finite_value,
+};
 use crate::report::stress::StressFrame;
 use crate::store::columns::{LiveBlock, LiveFile, LiveHead, LiveTable};
 use crate::store::{FlightRef, RealDisk, StoreError, StoreResult, live};
 
 fn curvature_provenance(table: &LiveTable) -> Option<Map<String, Value>> {
-    let is_there = table.columns.iter().any(|column| column.name == CURVATURE.name);
-    is_there.then(|| LiveSource::from_table(table).provenance).filter(|provenance| !provenance.is_empty())
+    let is_there = table
+        .columns
+        .iter()
+        .any(|column| column.name == CURVATURE.name);
+    is_there
+        .then(|| LiveSource::from_table(table).provenance)
+        .filter(|provenance| !provenance.is_empty())
 }
 
 /// Returns the provenance of the last live results with a curvature; `None` if there are none.
-pub(super) fn last_provenance(store: &Path, flight: &FlightRef) -> StoreResult<Option<Map<String, Value>>> {
+pub(super) fn last_provenance(
+    store: &Path,
+    flight: &FlightRef,
+) -> StoreResult<Option<Map<String, Value>>> {
     let mut last = None;
     live::for_each_live_file(&RealDisk, store, flight, |file| {
         last = curvature_provenance(&file.head.table).or(last.take());
@@ -53,11 +63,15 @@ pub(super) fn live_frames(
     })?;
     let mut excluded = notes;
     if others > 0 {
-        excluded.push(format!("{others} files of live results come from another installation or have no curvature"));
+        excluded.push(format!(
+            "{others} files of live results come from another installation or have no curvature"
+        ));
     }
     if !foreign.is_empty() {
         let rows: usize = foreign.iter().sum();
-        excluded.push(format!("{rows} live results have no time, or a curvature without its covariance"));
+        excluded.push(format!(
+            "{rows} live results have no time, or a curvature without its covariance"
+        ));
     }
     if without > 0 {
         excluded.push(format!("{without} live results were not solved"));
@@ -66,24 +80,41 @@ pub(super) fn live_frames(
 }
 
 /// Returns the solved results of a block; `None` if columns are missing.
-fn block_frames(head: &LiveHead, block: &LiveBlock, line: &BendingLine) -> Option<Vec<StressFrame>> {
+fn block_frames(
+    head: &LiveHead,
+    block: &LiveBlock,
+    line: &BendingLine,
+) -> Option<Vec<StressFrame>> {
     let curvature = block.named_values(CURVATURE.name)?;
     let covariance = block.named_values(CURVATURE_COVARIANCE.name)?;
-    let (times, number) = (StoredTimes::from_block(block)?, block.named_values(NUMBER.name));
-    let (terms, entries) = (curvature.len() / block.len().max(1), covariance.len() / block.len().max(1));
+    let (times, number) = (
+        StoredTimes::from_block(block)?,
+        block.named_values(NUMBER.name),
+    );
+    let (terms, entries) = (
+        curvature.len() / block.len().max(1),
+        covariance.len() / block.len().max(1),
+    );
     if terms == 0 || entries != terms * (terms + 1) / 2 {
         return None;
     }
     let frame = |row: usize| {
         let curvature = curvature.get(row * terms..(row + 1) * terms)?;
         let covariance = covariance.get(row * entries..(row + 1) * entries)?;
-        let known = curvature.iter().chain(covariance).all(|value| value.is_finite());
+        let known = curvature
+            .iter()
+            .chain(covariance)
+            .all(|value| value.is_finite());
         let stamp = times.stamp(&head.began, row).filter(|_| known)?;
         Some(StressFrame {
             series: "live".to_owned(),
-            image: finite_value(&number, row).map_or_else(|| stamp.utc.to_string(), |number| number.to_string()),
+            image: finite_value(&number, row)
+                .map_or_else(|| stamp.utc.to_string(), |number| number.to_string()),
             stamp,
-            curvature: line.with_curvature(DVector::from_column_slice(curvature), symmetric_matrix(terms, covariance)),
+            curvature: line.with_curvature(
+                DVector::from_column_slice(curvature),
+                symmetric_matrix(terms, covariance),
+            ),
         })
     };
     Some((0..block.len()).filter_map(frame).collect())

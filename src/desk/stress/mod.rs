@@ -34,11 +34,17 @@ impl ResultOrigin {
         inputs: Option<&str>,
     ) -> StoreResult<Option<(Self, Option<String>)>> {
         if live {
-            return Ok(live::last_provenance(root, flight)?.map(|provenance| (Self::Live(provenance), None)));
+            return Ok(live::last_provenance(root, flight)?
+                .map(|provenance| (Self::Live(provenance), None)));
         }
         let all = result_sets::flight_result_sets(&RealDisk, flight)?;
         let set = all.choose_set(inputs).cloned();
-        Ok(set.map(|set| (Self::Series(set), all.mixed_inputs_warning(&flight.id, inputs))))
+        Ok(set.map(|set| {
+            (
+                Self::Series(set),
+                all.mixed_inputs_warning(&flight.id, inputs),
+            )
+        }))
     }
 
     /// Reads the bending lines of the solved frames, and the reasons for excluding others.
@@ -78,9 +84,22 @@ pub struct BendingLine {
 }
 
 impl BendingLine {
-    fn with_curvature(&self, coefficients_per_m: DVector<f64>, covariance: DMatrix<f64>) -> BendingCurvature {
-        let Self { length_m, root_sigma_m } = *self;
-        BendingCurvature { coefficients_per_m, covariance, length_m, root_sigma_m, steps: DEFAULT_STEPS }
+    fn with_curvature(
+        &self,
+        coefficients_per_m: DVector<f64>,
+        covariance: DMatrix<f64>,
+    ) -> BendingCurvature {
+        let Self {
+            length_m,
+            root_sigma_m,
+        } = *self;
+        BendingCurvature {
+            coefficients_per_m,
+            covariance,
+            length_m,
+            root_sigma_m,
+            steps: DEFAULT_STEPS,
+        }
     }
 }
 
@@ -112,21 +131,48 @@ impl StressRequest {
             let what = "there is no bending stiffness: give --structure FILE, or [structure] in installation.toml";
             Failure::Usage(what.to_owned())
         })?;
-        if let Some(section) = sections.iter().find(|s| self.goodman && s.ultimate_n_m.is_none()) {
-            let what = format!("--goodman: ultimate_n_m of the station at {} m is missing", section.s_m);
+        if let Some(section) = sections
+            .iter()
+            .find(|s| self.goodman && s.ultimate_n_m.is_none())
+        {
+            let what = format!(
+                "--goodman: ultimate_n_m of the station at {} m is missing",
+                section.s_m
+            );
             return Err(Failure::Usage(what));
         }
         let orientation = installation.require_orientation()?;
         let length_m = bending_length_m(&installation.setup, orientation);
-        let length_m = length_m.map_err(|error| Failure::Failed(format!("{}: {error}", flight.id)))?;
+        let length_m =
+            length_m.map_err(|error| Failure::Failed(format!("{}: {error}", flight.id)))?;
         if let Some(section) = sections.iter().find(|s| s.s_m > length_m) {
-            let what = format!("a station at {} m lies beyond the tip, {length_m:.2} m", section.s_m);
-            return Err(Failure::Failed(format!("{what} from the bending root; remove it from the structure file")));
+            let what = format!(
+                "a station at {} m lies beyond the tip, {length_m:.2} m",
+                section.s_m
+            );
+            return Err(Failure::Failed(format!(
+                "{what} from the bending root; remove it from the structure file"
+            )));
         }
-        let bending_hz = self.bending_hz.or(own.map(|s| s.bending_hz)).unwrap_or(DEFAULT_BENDING_HZ);
+        let bending_hz = self
+            .bending_hz
+            .or(own.map(|s| s.bending_hz))
+            .unwrap_or(DEFAULT_BENDING_HZ);
         let (slopes, goodman, levels) = (self.slopes.clone(), self.goodman, self.levels);
         let root_sigma_m = installation.setup.uncertainty[Width::RootOffset];
-        Ok((StressQuery { sections, bending_hz, slopes, goodman, levels }, BendingLine { length_m, root_sigma_m }))
+        Ok((
+            StressQuery {
+                sections,
+                bending_hz,
+                slopes,
+                goodman,
+                levels,
+            },
+            BendingLine {
+                length_m,
+                root_sigma_m,
+            },
+        ))
     }
 
     fn load_installation(
@@ -140,7 +186,10 @@ impl StressRequest {
             Some(installations::installation_folder(root, &digest)).filter(|folder| folder.is_dir())
         };
         let directory = self.installation.clone().or_else(kept).ok_or_else(|| {
-            let what = format!("the store has no installation for {}; name it with --installation", flight.id);
+            let what = format!(
+                "the store has no installation for {}; name it with --installation",
+                flight.id
+            );
             Failure::from_path_error(root, what)
         })?;
         Ok(installation::load(&directory)?)
@@ -155,9 +204,13 @@ fn series_frames(
 ) -> StoreResult<(Vec<StressFrame>, Vec<String>)> {
     let (mut frames, mut excluded) = (Vec::new(), Vec::new());
     for series in catalogue::list_series(&RealDisk, flight)? {
-        let Some(read) = source::read_series(&RealDisk, &series, Some(set), &mut excluded) else { continue };
+        let Some(read) = source::read_series(&RealDisk, &series, Some(set), &mut excluded) else {
+            continue;
+        };
         for record in &read.records {
-            let Some(stamp) = read.shot_for_record(record).and_then(exposure_stamp) else { continue };
+            let Some(stamp) = read.shot_for_record(record).and_then(exposure_stamp) else {
+                continue;
+            };
             match stress::curvature_coefficients(record) {
                 Err(why) => excluded.push(format!("{}/{}: {why}", series.id, record.image)),
                 Ok((coefficients_per_m, covariance)) => frames.push(StressFrame {

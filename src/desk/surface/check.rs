@@ -36,17 +36,24 @@ pub struct NodeCounts {
 
 impl NodeCounts {
     /// Counts nodes in a unit of length; `outermost_m`: arc length of the outermost marker.
-    fn new(surface: &Surface, unit: LengthUnit, wing: &WingDeformation, outermost_m: f64, step: usize) -> Self {
+    fn new(
+        surface: &Surface,
+        unit: LengthUnit,
+        wing: &WingDeformation,
+        outermost_m: f64,
+        step: usize,
+    ) -> Self {
         let mut counts = Self::default();
         for point in surface.points.iter().step_by(step.max(1)) {
             let foot = wing.find_foot(&(point * unit.metres));
             let is_inboard = foot.arc_m <= 0.0;
-            let is_far =
-                foot.distance_m > FAR_FRACTION * wing.length_m() || foot.arc_m > END_FRACTION * wing.length_m();
+            let is_far = foot.distance_m > FAR_FRACTION * wing.length_m()
+                || foot.arc_m > END_FRACTION * wing.length_m();
             counts.all += 1;
             counts.inboard += usize::from(is_inboard);
             counts.far += usize::from(!is_inboard && is_far);
-            counts.beyond_marker += usize::from(!is_far && foot.arc_m > outermost_m + SAME_STATION_M);
+            counts.beyond_marker +=
+                usize::from(!is_far && foot.arc_m > outermost_m + SAME_STATION_M);
         }
         counts
     }
@@ -57,14 +64,23 @@ impl NodeCounts {
 
     /// Returns warnings about nodes whose motion is less certain than it looks.
     pub fn warnings(&self) -> Vec<String> {
-        let Self { all, beyond_marker, far, .. } = self;
+        let Self {
+            all,
+            beyond_marker,
+            far,
+            ..
+        } = self;
         let beyond = format!(
             "{beyond_marker} of {all} nodes are beyond the outermost marker: their motion is extrapolated by the model of the wing"
         );
         let parts = format!(
             "{far} of {all} nodes are farther from the bending axis than any chord, but moved with its sections; give the wing without other parts"
         );
-        [(*beyond_marker, beyond), (*far, parts)].into_iter().filter(|(n, _)| *n > 0).map(|(_, text)| text).collect()
+        [(*beyond_marker, beyond), (*far, parts)]
+            .into_iter()
+            .filter(|(n, _)| *n > 0)
+            .map(|(_, text)| text)
+            .collect()
     }
 }
 
@@ -91,7 +107,10 @@ pub fn check_nodes(
     let problem = if counts.moved() == 0 {
         "no node is outboard of the bending root".to_owned()
     } else if counts.far as f64 > MAX_FAR_FRACTION * counts.moved() as f64 {
-        format!("{} of {} nodes are farther from the bending axis than any chord", counts.far, counts.all)
+        format!(
+            "{} of {} nodes are farther from the bending axis than any chord",
+            counts.far, counts.all
+        )
     } else {
         return Ok(counts);
     };
@@ -99,11 +118,17 @@ pub fn check_nodes(
     let count_near = |unit: &LengthUnit, wing: &WingDeformation| {
         let tried = NodeCounts::new(surface, *unit, wing, outermost_m, step);
         let is_on_wing = tried.far as f64 <= MAX_STRAY_FRACTION * tried.moved() as f64;
-        if is_on_wing { tried.moved() - tried.far } else { 0 }
+        if is_on_wing {
+            tried.moved() - tried.far
+        } else {
+            0
+        }
     };
     let unit = surface.unit.name;
     let find_unit = |wing: &WingDeformation| {
-        let best = LENGTH_UNITS.iter().max_by_key(|one| count_near(one, wing))?;
+        let best = LENGTH_UNITS
+            .iter()
+            .max_by_key(|one| count_near(one, wing))?;
         (count_near(best, wing) > 0).then_some(best.name)
     };
     let add_unit = |name: &str| {

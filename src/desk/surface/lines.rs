@@ -32,7 +32,12 @@ pub(super) fn open_lines(file: &Path) -> Result<TextLines<BufReader<File>>, KeyF
 impl<R: BufRead> TextLines<R> {
     /// Creates the lines of a reader.
     pub fn new(reader: R) -> Self {
-        Self { reader, bytes: vec![], text: String::new(), number: 0 }
+        Self {
+            reader,
+            bytes: vec![],
+            text: String::new(),
+            number: 0,
+        }
     }
 
     /// Advances to the next line that is neither blank nor a comment; false at the end.
@@ -42,7 +47,9 @@ impl<R: BufRead> TextLines<R> {
             self.bytes.clear();
             self.number += 1;
             let limited = &mut self.reader.by_ref().take(MAX_LINE_BYTES);
-            let length = limited.read_until(b'\n', &mut self.bytes).map_err(|error| unreadable(&error))?;
+            let length = limited
+                .read_until(b'\n', &mut self.bytes)
+                .map_err(|error| unreadable(&error))?;
             if length == 0 {
                 return Ok(false);
             }
@@ -51,7 +58,8 @@ impl<R: BufRead> TextLines<R> {
                 return Err(self.fault("is not text", "export the file as text, UTF-8"));
             };
             let own = line.split(comment).next().unwrap_or_default();
-            self.text.push_str(own.trim_start_matches('\u{feff}').trim());
+            self.text
+                .push_str(own.trim_start_matches('\u{feff}').trim());
         }
         Ok(true)
     }
@@ -59,7 +67,11 @@ impl<R: BufRead> TextLines<R> {
     /// Beginning of the last line, for messages.
     pub fn excerpt(&self) -> String {
         let begin: String = self.text.chars().take(EXCERPT_CHARS).collect();
-        if begin.len() < self.text.len() { format!("\"{begin}...\"") } else { format!("\"{begin}\"") }
+        if begin.len() < self.text.len() {
+            format!("\"{begin}...\"")
+        } else {
+            format!("\"{begin}\"")
+        }
     }
 
     /// Creates the error of the last line.
@@ -69,6 +81,9 @@ impl<R: BufRead> TextLines<R> {
 
     /// Creates the error of a file that ends early.
     pub fn end_fault(&self, missing: &str) -> KeyFault {
-        self.fault(format!("is the end of the file, but {missing}"), "the file is truncated; export or copy it again")
+        self.fault(
+            format!("is the end of the file, but {missing}"),
+            "the file is truncated; export or copy it again",
+        )
     }
 }

@@ -95,28 +95,44 @@ impl Surface {
     pub fn read(name: &Path, unit: Option<LengthUnit>) -> TaskResult<Self> {
         let text = name.to_string_lossy();
         let (file, markers) = match text.rsplit_once(':') {
-            Some((file, markers)) if file.to_lowercase().ends_with(".su2") => (PathBuf::from(file), markers),
+            Some((file, markers)) if file.to_lowercase().ends_with(".su2") => {
+                (PathBuf::from(file), markers)
+            }
             _ => (name.to_owned(), ""),
         };
-        let ending = file.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+        let ending = file
+            .extension()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .to_lowercase();
         let metre = LENGTH_UNITS[0];
         let surface = match ending.as_str() {
             "stl" => stl::read_stl(&file, unit.unwrap_or(metre)),
             "csv" => open_lines(&file).and_then(|lines| nodes::read_nodes(lines, unit)),
             "su2" => open_lines(&file).and_then(|lines| {
-                let tags: Vec<&str> = markers.split(',').map(str::trim).filter(|tag| !tag.is_empty()).collect();
+                let tags: Vec<&str> = markers
+                    .split(',')
+                    .map(str::trim)
+                    .filter(|tag| !tag.is_empty())
+                    .collect();
                 su2::read_su2(lines, &tags, unit.unwrap_or(metre))
             }),
             _ => {
                 let problem = format!("--surface: {text} has no known ending");
-                return Err(Failure::Usage(format!("{problem}; give wing.stl, nodes.csv or mesh.su2:MARKER")));
+                return Err(Failure::Usage(format!(
+                    "{problem}; give wing.stl, nodes.csv or mesh.su2:MARKER"
+                )));
             }
         };
         surface.map_err(|fault| Failure::from(fault.into_fault(&file)))
     }
 
     /// Moves all nodes; standard deviations follow from the samples.
-    pub fn move_nodes(&self, wing: &WingDeformation, samples: &[WingDeformation]) -> Vec<NodeMotion> {
+    pub fn move_nodes(
+        &self,
+        wing: &WingDeformation,
+        samples: &[WingDeformation],
+    ) -> Vec<NodeMotion> {
         let points = self.points.par_iter().map(|point| point * self.unit.metres);
         let motion = |p: Vector3<f64>| NodeMotion {
             displacement_m: wing.move_point(&p) - p,
@@ -127,21 +143,29 @@ impl Surface {
 
     /// Position of each node in flight, in the unit and the axes of the file.
     fn moved_points(&self, motions: &[NodeMotion]) -> Vec<Vector3<f64>> {
-        let moved = |(point, motion): (&Vector3<f64>, &NodeMotion)| point + motion.displacement_m / self.unit.metres;
+        let moved = |(point, motion): (&Vector3<f64>, &NodeMotion)| {
+            point + motion.displacement_m / self.unit.metres
+        };
         self.points.iter().zip(motions).map(moved).collect()
     }
 
     /// Counts the facets that are turned over by the motion: a surface that folds cannot be used.
     pub fn count_folded_facets(&self, motions: &[NodeMotion]) -> usize {
         let moved = self.moved_points(motions);
-        let normal = |points: &[Vector3<f64>], c: &[usize]| facet_normal(c.iter().map(|k| points[*k]));
-        self.facets.iter().filter(|c| normal(&self.points, c).dot(&normal(&moved, c)) < 0.0).count()
+        let normal =
+            |points: &[Vector3<f64>], c: &[usize]| facet_normal(c.iter().map(|k| points[*k]));
+        self.facets
+            .iter()
+            .filter(|c| normal(&self.points, c).dot(&normal(&moved, c)) < 0.0)
+            .count()
     }
 }
 
 /// Normal of a facet, of any length: the sum of the cross products of its fan of triangles.
 fn facet_normal(mut corners: impl Iterator<Item = Vector3<f64>>) -> Vector3<f64> {
-    let (Some(first), Some(mut last)) = (corners.next(), corners.next()) else { return Vector3::zeros() };
+    let (Some(first), Some(mut last)) = (corners.next(), corners.next()) else {
+        return Vector3::zeros();
+    };
     corners.fold(Vector3::zeros(), |sum, next| {
         let area = (last - first).cross(&(next - first));
         last = next;
@@ -170,13 +194,24 @@ impl NodeIndex {
 
 /// Reads finite coordinates; `None` if there are fewer or others.
 fn parse_point<'a>(mut words: impl Iterator<Item = &'a str>) -> Option<Vector3<f64>> {
-    let mut next = || words.next()?.trim().parse::<f64>().ok().filter(|v| v.is_finite());
+    let mut next = || {
+        words
+            .next()?
+            .trim()
+            .parse::<f64>()
+            .ok()
+            .filter(|v| v.is_finite())
+    };
     Some(Vector3::new(next()?, next()?, next()?))
 }
 
 /// Creates the error of a file that cannot be read.
 fn unreadable(error: &std::io::Error) -> KeyFault {
-    KeyFault::new("", format!("cannot be read ({error})"), "name a file that exists and can be read")
+    KeyFault::new(
+        "",
+        format!("cannot be read ({error})"),
+        "name a file that exists and can be read",
+    )
 }
 
 /// Error of the surface as a whole, for the checks of its nodes.

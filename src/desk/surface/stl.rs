@@ -9,7 +9,10 @@ use std::path::Path;
 use nalgebra::Vector3;
 
 use super::lines::TextLines;
-use super::{EXPORT_REMEDY, FacetList, NodeIndex, Surface, SurfaceFormat, facet_normal, parse_point, unreadable};
+use super::{
+    EXPORT_REMEDY, FacetList, NodeIndex, Surface, SurfaceFormat, facet_normal, parse_point,
+    unreadable,
+};
 use crate::installation::{KeyFault, LengthUnit};
 
 /// Length of the header and the count of a binary file, and of each facet, bytes.
@@ -25,21 +28,38 @@ pub(super) fn read_stl(file: &Path, unit: LengthUnit) -> Result<Surface, KeyFaul
 }
 
 /// Parses STL of a known length, bytes.
-fn parse_stl(mut reader: impl BufRead + Seek, length: u64, unit: LengthUnit) -> Result<Surface, KeyFault> {
+fn parse_stl(
+    mut reader: impl BufRead + Seek,
+    length: u64,
+    unit: LengthUnit,
+) -> Result<Surface, KeyFault> {
     let mut header = vec![];
-    reader.by_ref().take(HEADER_BYTES as u64).read_to_end(&mut header).map_err(|error| unreadable(&error))?;
-    let count = header.get(80..).and_then(|bytes| bytes.try_into().ok()).map(u32::from_le_bytes);
+    reader
+        .by_ref()
+        .take(HEADER_BYTES as u64)
+        .read_to_end(&mut header)
+        .map_err(|error| unreadable(&error))?;
+    let count = header
+        .get(80..)
+        .and_then(|bytes| bytes.try_into().ok())
+        .map(u32::from_le_bytes);
     let expected = count.map(|count| HEADER_BYTES as u64 + u64::from(count) * FACET_BYTES as u64);
     let (nodes, facets, format) = if expected == Some(length) {
         let (nodes, facets) = parse_binary(reader)?;
         (nodes, facets, SurfaceFormat::BinaryStl)
-    } else if header.trim_ascii_start().get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid")) {
+    } else if header
+        .trim_ascii_start()
+        .get(..5)
+        .is_some_and(|word| word.eq_ignore_ascii_case(b"solid"))
+    {
         reader.rewind().map_err(|error| unreadable(&error))?;
         parse_text(TextLines::new(reader))?
     } else {
         let problem = match count.zip(expected) {
             Some((count, bytes)) => {
-                format!("has {length} bytes, but a binary STL of {count} facets, as its header says, has {bytes}")
+                format!(
+                    "has {length} bytes, but a binary STL of {count} facets, as its header says, has {bytes}"
+                )
             }
             None => format!("is not STL: it has {length} bytes and does not begin with solid"),
         };
@@ -49,22 +69,36 @@ fn parse_stl(mut reader: impl BufRead + Seek, length: u64, unit: LengthUnit) -> 
         return Err(KeyFault::new("", "has no facet", EXPORT_REMEDY));
     }
     let ids = (1..=nodes.len() as u64).collect();
-    Ok(Surface { points: nodes, ids, facets, unit, format })
+    Ok(Surface {
+        points: nodes,
+        ids,
+        facets,
+        unit,
+        format,
+    })
 }
 
 fn parse_binary(mut reader: impl Read) -> Result<(Vec<Vector3<f64>>, FacetList), KeyFault> {
-    let (mut nodes, mut facets, mut bytes) = (NodeIndex::default(), FacetList::default(), [0; FACET_BYTES]);
+    let (mut nodes, mut facets, mut bytes) =
+        (NodeIndex::default(), FacetList::default(), [0; FACET_BYTES]);
     while reader.read_exact(&mut bytes).is_ok() {
         // After the normal, which follows from the corners.
         let mut numbers = bytes[12..48].chunks_exact(4).map(|part| {
-            let bits = part.iter().rev().fold(0, |bits, byte| bits << 8 | u32::from(*byte));
+            let bits = part
+                .iter()
+                .rev()
+                .fold(0, |bits, byte| bits << 8 | u32::from(*byte));
             f64::from(f32::from_bits(bits))
         });
         let mut corner = || Vector3::from_fn(|_, _| numbers.next().unwrap_or_default());
         let corners = [corner(), corner(), corner()];
         if corners.iter().flatten().any(|v| !v.is_finite()) {
             let place = format!("facet {}", facets.ends.len() + 1);
-            return Err(KeyFault::new(place, "has a coordinate that is not a finite number", EXPORT_REMEDY));
+            return Err(KeyFault::new(
+                place,
+                "has a coordinate that is not a finite number",
+                EXPORT_REMEDY,
+            ));
         }
         facets.add(corners.map(|corner| nodes.find_or_add(corner)));
     }
@@ -82,15 +116,27 @@ fn parse_text<R: BufRead>(mut lines: TextLines<R>) -> Result<TextParts, KeyFault
         match word.as_str() {
             "solid" if !is_open => {
                 is_open = true;
-                solids.push((lines.text[word.len()..].trim().to_owned(), facets.ends.len()));
+                solids.push((
+                    lines.text[word.len()..].trim().to_owned(),
+                    facets.ends.len(),
+                ));
             }
             "facet" | "outer" | "endfacet" if is_open && corners.is_empty() => {}
             "vertex" if is_open && corners.len() < 3 => {
-                let fault = || lines.fault(format!("is not a vertex ({})", lines.excerpt()), EXPORT_REMEDY);
+                let fault = || {
+                    lines.fault(
+                        format!("is not a vertex ({})", lines.excerpt()),
+                        EXPORT_REMEDY,
+                    )
+                };
                 corners.push(parse_point(words).ok_or_else(fault)?);
             }
-            "endloop" if corners.len() == 3 => facets.add(corners.drain(..).map(|corner| nodes.find_or_add(corner))),
-            "vertex" | "endloop" => return Err(lines.fault("has a facet that is no triangle", "triangulate it")),
+            "endloop" if corners.len() == 3 => {
+                facets.add(corners.drain(..).map(|corner| nodes.find_or_add(corner)))
+            }
+            "vertex" | "endloop" => {
+                return Err(lines.fault("has a facet that is no triangle", "triangulate it"));
+            }
             "endsolid" if is_open && corners.is_empty() => is_open = false,
             _ => {
                 let problem = format!("is not what STL has here ({})", lines.excerpt());
@@ -109,11 +155,17 @@ impl Surface {
     /// Quadrilaterals become two triangles.
     pub(super) fn to_stl(&self, points: &[Vector3<f64>]) -> Vec<u8> {
         let triangles = || {
-            let fan = |c: &[usize]| (2..c.len()).map(|k| [c[0], c[k - 1], c[k]].map(|k| points[k])).collect::<Vec<_>>();
+            let fan = |c: &[usize]| {
+                (2..c.len())
+                    .map(|k| [c[0], c[k - 1], c[k]].map(|k| points[k]))
+                    .collect::<Vec<_>>()
+            };
             self.facets.iter().map(fan)
         };
         let normal = |triangle: &[Vector3<f64>; 3]| {
-            facet_normal(triangle.iter().copied()).try_normalize(0.0).unwrap_or_default()
+            facet_normal(triangle.iter().copied())
+                .try_normalize(0.0)
+                .unwrap_or_default()
         };
         let SurfaceFormat::TextStl(solids) = &self.format else {
             let triangles: Vec<_> = triangles().flatten().collect();
@@ -121,18 +173,28 @@ impl Surface {
             bytes.extend((triangles.len() as u32).to_le_bytes());
             for triangle in &triangles {
                 let numbers = [normal(triangle)].into_iter().chain(*triangle);
-                bytes.extend(numbers.flat_map(|v| [v.x, v.y, v.z]).flat_map(|v| (v as f32).to_le_bytes()));
+                bytes.extend(
+                    numbers
+                        .flat_map(|v| [v.x, v.y, v.z])
+                        .flat_map(|v| (v as f32).to_le_bytes()),
+                );
                 bytes.extend([0, 0]);
             }
             return bytes;
         };
         let (mut text, mut all) = (String::new(), triangles());
         for (k, (name, begin)) in solids.iter().enumerate() {
-            let end = solids.get(k + 1).map_or(self.facets.ends.len(), |(_, next)| *next);
+            let end = solids
+                .get(k + 1)
+                .map_or(self.facets.ends.len(), |(_, next)| *next);
             let _ = writeln!(text, "solid {name}");
             for triangle in all.by_ref().take(end - begin).flatten() {
                 let n = normal(&triangle);
-                let _ = writeln!(text, "facet normal {:e} {:e} {:e}\nouter loop", n.x, n.y, n.z);
+                let _ = writeln!(
+                    text,
+                    "facet normal {:e} {:e} {:e}\nouter loop",
+                    n.x, n.y, n.z
+                );
                 for p in triangle {
                     let _ = writeln!(text, "vertex {:e} {:e} {:e}", p.x, p.y, p.z);
                 }

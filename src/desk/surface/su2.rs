@@ -57,9 +57,14 @@ fn read_section<R: BufRead>(
     match key {
         "NDIME" if value != "3" => {
             let problem = format!("is a mesh of {value} dimensions");
-            Err(lines.fault(problem, "give a mesh of three dimensions: a wing's surface has no other"))
+            Err(lines.fault(
+                problem,
+                "give a mesh of three dimensions: a wing's surface has no other",
+            ))
         }
-        "NZONE" if value != "1" => Err(lines.fault("is a mesh of several zones", "give each zone as a file")),
+        "NZONE" if value != "1" => {
+            Err(lines.fault("is a mesh of several zones", "give each zone as a file"))
+        }
         "NELEM" => {
             let count = parse_count(lines, value)?;
             for_each_line(lines, key, count, |_| Ok(()))?;
@@ -69,7 +74,12 @@ fn read_section<R: BufRead>(
         "NPOIN" => {
             let (count, mut points) = (parse_count(lines, value)?, vec![]);
             for_each_line(lines, key, count, |lines| {
-                let fault = || lines.fault(format!("is not a point ({})", lines.excerpt()), EXPORT_REMEDY);
+                let fault = || {
+                    lines.fault(
+                        format!("is not a point ({})", lines.excerpt()),
+                        EXPORT_REMEDY,
+                    )
+                };
                 points.push(parse_point(lines.text.split_whitespace()).ok_or_else(fault)?);
                 Ok(())
             })?;
@@ -78,15 +88,27 @@ fn read_section<R: BufRead>(
         }
         "MARKER_TAG" => {
             if wanted.contains(&value) && mesh.tags.iter().any(|tag| tag == value) {
-                return Err(lines.fault(format!("repeats the marker {value}"), "give each marker one tag"));
+                return Err(lines.fault(
+                    format!("repeats the marker {value}"),
+                    "give each marker one tag",
+                ));
             }
             mesh.tags.push(value.to_owned());
             Ok(false)
         }
         "MARKER_ELEMS" => {
             let count = parse_count(lines, value)?;
-            let is_wanted = mesh.tags.last().is_some_and(|tag| wanted.contains(&tag.as_str()));
-            for_each_line(lines, key, count, |lines| if is_wanted { add_element(mesh, lines) } else { Ok(()) })?;
+            let is_wanted = mesh
+                .tags
+                .last()
+                .is_some_and(|tag| wanted.contains(&tag.as_str()));
+            for_each_line(lines, key, count, |lines| {
+                if is_wanted {
+                    add_element(mesh, lines)
+                } else {
+                    Ok(())
+                }
+            })?;
             Ok(false)
         }
         "NDIME" | "NZONE" | "NMARK" => Ok(false),
@@ -96,13 +118,22 @@ fn read_section<R: BufRead>(
 
 fn add_element<R: BufRead>(mesh: &mut Mesh, lines: &TextLines<R>) -> Result<(), KeyFault> {
     let fault = || {
-        let problem = format!("is not a triangle (5) or quadrilateral (9) with its nodes ({})", lines.excerpt());
+        let problem = format!(
+            "is not a triangle (5) or quadrilateral (9) with its nodes ({})",
+            lines.excerpt()
+        );
         lines.fault(problem, EXPORT_REMEDY)
     };
     let mut words = lines.text.split_whitespace();
     let kind = words.next().unwrap_or_default();
-    let (_, count) = SURFACE_ELEMENTS.into_iter().find(|(name, _)| *name == kind).ok_or_else(fault)?;
-    let corners: Vec<usize> = words.take(count).map_while(|word| word.parse().ok()).collect();
+    let (_, count) = SURFACE_ELEMENTS
+        .into_iter()
+        .find(|(name, _)| *name == kind)
+        .ok_or_else(fault)?;
+    let corners: Vec<usize> = words
+        .take(count)
+        .map_while(|word| word.parse().ok())
+        .collect();
     if corners.len() < count {
         return Err(fault());
     }
@@ -122,12 +153,21 @@ impl Mesh {
         wanted: &[&str],
         unit: LengthUnit,
     ) -> Result<Surface, KeyFault> {
-        let Self { points, facets, tags, last_corner } = self;
+        let Self {
+            points,
+            facets,
+            tags,
+            last_corner,
+        } = self;
         let points = points.ok_or_else(|| lines.end_fault("it has no points (NPOIN)"))?;
-        let missing = wanted.iter().find(|tag| !tags.iter().any(|there| there == *tag));
+        let missing = wanted
+            .iter()
+            .find(|tag| !tags.iter().any(|there| there == *tag));
         if let Some(problem) = match missing {
             Some(tag) => Some(format!("has no marker {tag}")),
-            None => wanted.is_empty().then(|| "needs the markers of the wing".into()),
+            None => wanted
+                .is_empty()
+                .then(|| "needs the markers of the wing".into()),
         } {
             let known: Vec<&str> = tags.iter().take(MAX_NAMED).map(String::as_str).collect();
             let remedy = format!("name some of {}: mesh.su2:MARKER,MARKER", known.join(", "));
@@ -135,11 +175,18 @@ impl Mesh {
         }
         let (largest, line) = last_corner;
         if largest >= points.len() && !facets.ends.is_empty() {
-            let problem = format!("names node {largest}, but the mesh has {} points, from 0", points.len());
+            let problem = format!(
+                "names node {largest}, but the mesh has {} points, from 0",
+                points.len()
+            );
             return Err(KeyFault::on_line(line, "", problem, EXPORT_REMEDY));
         }
         if facets.ends.is_empty() {
-            return Err(KeyFault::new("", format!("has no element of {}", wanted.join(", ")), "name another marker"));
+            return Err(KeyFault::new(
+                "",
+                format!("has no element of {}", wanted.join(", ")),
+                "name another marker",
+            ));
         }
         let used: BTreeMap<usize, ()> = facets.corners.iter().map(|k| (*k, ())).collect();
         let ids: Vec<usize> = used.into_keys().collect();
@@ -149,7 +196,10 @@ impl Mesh {
         Ok(Surface {
             points: ids.iter().map(|k| points[*k]).collect(),
             ids: ids.iter().map(|k| *k as u64).collect(),
-            facets: FacetList { corners, ends: facets.ends },
+            facets: FacetList {
+                corners,
+                ends: facets.ends,
+            },
             unit,
             format: SurfaceFormat::Su2,
         })
@@ -158,7 +208,10 @@ impl Mesh {
 
 /// Reads a number of lines; the first word of a count is the count.
 fn parse_count<R: BufRead>(lines: &TextLines<R>, value: &str) -> Result<u64, KeyFault> {
-    let count = value.split_whitespace().next().and_then(|word| word.parse().ok());
+    let count = value
+        .split_whitespace()
+        .next()
+        .and_then(|word| word.parse().ok());
     count.ok_or_else(|| lines.fault(format!("has no count ({})", lines.excerpt()), EXPORT_REMEDY))
 }
 
@@ -174,7 +227,8 @@ fn for_each_line<R: BufRead>(
             return Err(lines.end_fault(&format!("{key} announces {count} lines and {k} follow")));
         }
         if lines.text.contains('=') {
-            let problem = format!("is another key, but {key} announces {count} lines and {k} follow");
+            let problem =
+                format!("is another key, but {key} announces {count} lines and {k} follow");
             return Err(lines.fault(problem, EXPORT_REMEDY));
         }
         visit(lines)?;

@@ -25,18 +25,33 @@ impl Surface {
     pub fn to_files(&self, motions: &[NodeMotion]) -> Vec<OutputFile> {
         let moved = self.moved_points(motions);
         let mut files = vec![
-            OutputFile { name: "surface.csv", bytes: self.to_csv(&moved, motions).into_bytes() },
-            OutputFile { name: "surface.vtp", bytes: self.to_vtp(&moved, motions).into_bytes() },
+            OutputFile {
+                name: "surface.csv",
+                bytes: self.to_csv(&moved, motions).into_bytes(),
+            },
+            OutputFile {
+                name: "surface.vtp",
+                bytes: self.to_vtp(&moved, motions).into_bytes(),
+            },
         ];
         match self.format {
             SurfaceFormat::BinaryStl | SurfaceFormat::TextStl(_) => {
-                files.push(OutputFile { name: "surface.stl", bytes: self.to_stl(&moved) });
+                files.push(OutputFile {
+                    name: "surface.stl",
+                    bytes: self.to_stl(&moved),
+                });
             }
             SurfaceFormat::Su2 => {
-                files.push(OutputFile { name: "surface_positions.dat", bytes: self.to_positions(&moved).into_bytes() });
+                files.push(OutputFile {
+                    name: "surface_positions.dat",
+                    bytes: self.to_positions(&moved).into_bytes(),
+                });
             }
             SurfaceFormat::Nodes if self.ids.iter().all(|id| (1..=MAX_GRID_ID).contains(id)) => {
-                files.push(OutputFile { name: "surface.bdf", bytes: self.to_grid_points(&moved).into_bytes() });
+                files.push(OutputFile {
+                    name: "surface.bdf",
+                    bytes: self.to_grid_points(&moved).into_bytes(),
+                });
             }
             SurfaceFormat::Nodes => {}
         }
@@ -48,12 +63,18 @@ impl Surface {
     fn to_csv(&self, moved: &[Vector3<f64>], motions: &[NodeMotion]) -> String {
         let unit = self.unit.name;
         let mut text = String::from("id");
-        for name in ["x", "y", "z", "dx", "dy", "dz", "sigma_dx", "sigma_dy", "sigma_dz"] {
+        for name in [
+            "x", "y", "z", "dx", "dy", "dz", "sigma_dx", "sigma_dy", "sigma_dz",
+        ] {
             let _ = write!(text, ",{name}_{unit}");
         }
         for ((id, point), motion) in self.ids.iter().zip(moved).zip(motions) {
             let d = motion.displacement_m / self.unit.metres;
-            let _ = write!(text, "\n{id},{},{},{},{},{},{}", point.x, point.y, point.z, d.x, d.y, d.z);
+            let _ = write!(
+                text,
+                "\n{id},{},{},{},{},{},{}",
+                point.x, point.y, point.z, d.x, d.y, d.z
+            );
             match motion.sigma_m.map(|sigma| sigma / self.unit.metres) {
                 Some(s) => {
                     let _ = write!(text, ",{},{},{}", s.x, s.y, s.z);
@@ -65,9 +86,15 @@ impl Surface {
     }
 
     fn to_vtp(&self, moved: &[Vector3<f64>], motions: &[NodeMotion]) -> String {
-        let mut shape =
-            VtkShape::from_surface(moved.iter().map(|p| (*p).into()), &self.facets.corners, &self.facets.ends);
-        shape.add_vector("displacement_m", motions.iter().map(|m| m.displacement_m.into()).collect());
+        let mut shape = VtkShape::from_surface(
+            moved.iter().map(|p| (*p).into()),
+            &self.facets.corners,
+            &self.facets.ends,
+        );
+        shape.add_vector(
+            "displacement_m",
+            motions.iter().map(|m| m.displacement_m.into()).collect(),
+        );
         let sigma = |m: &NodeMotion| m.sigma_m.map_or([f64::NAN; 3], Into::into);
         shape.add_vector("sigma_displacement_m", motions.iter().map(sigma).collect());
         shape.add_scalar("node", self.ids.iter().map(|id| *id as f64).collect());
@@ -88,7 +115,11 @@ impl Surface {
         let mut text = format!("$ Wing in flight, unit of the input: {}\n", self.unit.name);
         for (id, p) in self.ids.iter().zip(moved) {
             let [x, y, z] = [p.x, p.y, p.z].map(large_field);
-            let _ = writeln!(text, "{:<8}{id:>16}{:16}{x:>16}{y:>16}*\n{:<8}{z:>16}", "GRID*", "", "*");
+            let _ = writeln!(
+                text,
+                "{:<8}{id:>16}{:16}{x:>16}{y:>16}*\n{:<8}{z:>16}",
+                "GRID*", "", "*"
+            );
         }
         text
     }

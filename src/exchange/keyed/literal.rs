@@ -6,7 +6,11 @@ use super::tree::{KeyedEntry, KeyedValue, MAX_DEPTH, MAX_NODES, Node, too_deep, 
 use crate::installation::KeyFault;
 
 pub(super) fn parse_literal(text: &str) -> Result<Node, KeyFault> {
-    let mut scanner = Scanner { rest: text, line: 1, nodes: 0 };
+    let mut scanner = Scanner {
+        rest: text,
+        line: 1,
+        nodes: 0,
+    };
     let node = scanner.value(0)?;
     scanner.skip_blanks();
     match scanner.rest.chars().next() {
@@ -23,12 +27,20 @@ struct Scanner<'a> {
 
 impl<'a> Scanner<'a> {
     fn fault_here(&self, problem: String) -> KeyFault {
-        KeyFault::on_line(self.line, "", problem, "write it as mrcal does: {'key': [ 1.0, 2.0, ], }")
+        KeyFault::on_line(
+            self.line,
+            "",
+            problem,
+            "write it as mrcal does: {'key': [ 1.0, 2.0, ], }",
+        )
     }
 
     /// Consumes the next `length` bytes.
     fn take(&mut self, length: usize) -> &'a str {
-        let (taken, rest) = self.rest.split_at_checked(length).unwrap_or((self.rest, ""));
+        let (taken, rest) = self
+            .rest
+            .split_at_checked(length)
+            .unwrap_or((self.rest, ""));
         self.line += taken.matches('\n').count() as u64;
         self.rest = rest;
         taken
@@ -78,7 +90,11 @@ impl<'a> Scanner<'a> {
             Some(_) => KeyedValue::Text(self.word()?),
             None => return Err(self.fault_here("ends prematurely".into())),
         };
-        Ok(Node { line, tag: None, value })
+        Ok(Node {
+            line,
+            tag: None,
+            value,
+        })
     }
 
     fn map(&mut self, depth: usize) -> Result<KeyedValue, KeyFault> {
@@ -92,7 +108,10 @@ impl<'a> Scanner<'a> {
             if !self.take_sign(':') {
                 return Err(self.fault_here(format!("has no colon after the key \"{key}\"")));
             }
-            entries.push(KeyedEntry { key, node: self.value(depth + 1)? });
+            entries.push(KeyedEntry {
+                key,
+                node: self.value(depth + 1)?,
+            });
             self.expect_comma_or('}')?;
         }
         Ok(KeyedValue::Map(entries))
@@ -139,12 +158,18 @@ impl<'a> Scanner<'a> {
 
     /// Parses a number, or a word of Python.
     fn word(&mut self) -> Result<String, KeyFault> {
-        let end = self.rest.find(|c: char| !(c.is_ascii_alphanumeric() || "+-._".contains(c)));
+        let end = self
+            .rest
+            .find(|c: char| !(c.is_ascii_alphanumeric() || "+-._".contains(c)));
         let word = self.take(end.unwrap_or(self.rest.len()));
         if word.parse::<f64>().is_ok() || ["None", "True", "False"].contains(&word) {
             return Ok(word.to_owned());
         }
-        let shown: String = if word.is_empty() { self.rest.chars().take(1).collect() } else { word.into() };
+        let shown: String = if word.is_empty() {
+            self.rest.chars().take(1).collect()
+        } else {
+            word.into()
+        };
         Err(self.fault_here(format!("has \"{shown}\" where a value is expected")))
     }
 }

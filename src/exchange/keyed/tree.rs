@@ -34,7 +34,11 @@ pub struct KeyedEntry {
 impl Node {
     /// Returns the entries of a map; none of other values.
     pub fn entries(&self) -> &[KeyedEntry] {
-        if let KeyedValue::Map(entries) = &self.value { entries } else { &[] }
+        if let KeyedValue::Map(entries) = &self.value {
+            entries
+        } else {
+            &[]
+        }
     }
 
     /// Returns the value of a key, in upper or lower case: programs have changed it between versions.
@@ -42,7 +46,10 @@ impl Node {
     /// # Errors
     /// Returns an error if two keys differ only in case.
     pub fn get(&self, key: &str) -> Result<Option<&Self>, KeyFault> {
-        let mut found = self.entries().iter().filter(|e| e.key.eq_ignore_ascii_case(key));
+        let mut found = self
+            .entries()
+            .iter()
+            .filter(|e| e.key.eq_ignore_ascii_case(key));
         let first = found.next();
         match found.next() {
             Some(again) => Err(duplicate_key(again)),
@@ -55,12 +62,17 @@ impl Node {
     /// # Errors
     /// Returns an error if the key is missing.
     pub fn require(&self, key: &str, remedy: &str) -> Result<&Self, KeyFault> {
-        self.get(key)?.ok_or_else(|| KeyFault::on_line(self.line, key, "is missing", remedy))
+        self.get(key)?
+            .ok_or_else(|| KeyFault::on_line(self.line, key, "is missing", remedy))
     }
 
     /// Returns a number or text as text.
     pub fn text(&self) -> Option<&str> {
-        if let KeyedValue::Text(text) = &self.value { Some(text.as_str()) } else { None }
+        if let KeyedValue::Text(text) = &self.value {
+            Some(text.as_str())
+        } else {
+            None
+        }
     }
 
     /// Returns the finite numbers of a list, or of a single value.
@@ -71,9 +83,12 @@ impl Node {
         match &self.value {
             KeyedValue::List(items) => items.iter().map(|item| item.number(key)).collect(),
             KeyedValue::Text(_) => Ok(vec![self.number(key)?]),
-            KeyedValue::Map(_) => {
-                Err(KeyFault::on_line(self.line, key, "has keys, not numbers", "give a list of numbers"))
-            }
+            KeyedValue::Map(_) => Err(KeyFault::on_line(
+                self.line,
+                key,
+                "has keys, not numbers",
+                "give a list of numbers",
+            )),
         }
     }
 
@@ -82,9 +97,13 @@ impl Node {
     /// # Errors
     /// Returns an error, with the likely cause, if the value is not a finite number.
     pub fn number(&self, key: &str) -> Result<f64, KeyFault> {
-        let fault = |problem: String, remedy: &str| Err(KeyFault::on_line(self.line, key, problem, remedy));
+        let fault =
+            |problem: String, remedy: &str| Err(KeyFault::on_line(self.line, key, problem, remedy));
         let Some(text) = self.text() else {
-            return fault("has a list or keys where a number is expected".into(), "give a number");
+            return fault(
+                "has a list or keys where a number is expected".into(),
+                "give a number",
+            );
         };
         if let Some(number) = text.parse::<f64>().ok().filter(|n| n.is_finite()) {
             return Ok(number);
@@ -94,13 +113,19 @@ impl Node {
             let problem = format!("has {} numbers without commas between them", words.len());
             return fault(problem, "write commas between the numbers");
         }
-        fault(format!("\"{text}\" is not a finite number"), "give a decimal number with a point")
+        fault(
+            format!("\"{text}\" is not a finite number"),
+            "give a decimal number with a point",
+        )
     }
 
     /// Rejects maps that have a key twice, since it is unknown which of the two is valid.
     pub(super) fn check_duplicate_keys(&self) -> Result<(), KeyFault> {
         for (k, entry) in self.entries().iter().enumerate() {
-            if self.entries()[..k].iter().any(|other| other.key == entry.key) {
+            if self.entries()[..k]
+                .iter()
+                .any(|other| other.key == entry.key)
+            {
                 return Err(duplicate_key(entry));
             }
             entry.node.check_duplicate_keys()?;
@@ -122,7 +147,12 @@ impl Node {
 }
 
 fn duplicate_key(entry: &KeyedEntry) -> KeyFault {
-    KeyFault::on_line(entry.node.line, &entry.key, "occurs twice", "keep the valid one")
+    KeyFault::on_line(
+        entry.node.line,
+        &entry.key,
+        "occurs twice",
+        "keep the valid one",
+    )
 }
 
 /// Largest number of values in a file, and largest depth: a calibration has some hundreds, in five levels. A few lines of
@@ -131,9 +161,19 @@ pub(super) const MAX_NODES: usize = 200_000;
 pub(super) const MAX_DEPTH: usize = 64;
 
 pub(super) fn too_deep(line: u64) -> KeyFault {
-    KeyFault::on_line(line, "", format!("is more than {MAX_DEPTH} levels deep"), "name a camera file")
+    KeyFault::on_line(
+        line,
+        "",
+        format!("is more than {MAX_DEPTH} levels deep"),
+        "name a camera file",
+    )
 }
 
 pub(super) fn too_many(line: u64) -> KeyFault {
-    KeyFault::on_line(line, "", format!("has more than {MAX_NODES} values"), "name a camera file")
+    KeyFault::on_line(
+        line,
+        "",
+        format!("has more than {MAX_NODES} values"),
+        "name a camera file",
+    )
 }

@@ -15,7 +15,9 @@ const MERGE_KEY: &str = "<<";
 
 pub(super) fn parse_yaml(text: &str) -> Result<Node, KeyFault> {
     // As a comment, the line stays, and line numbers do not change.
-    let text = text.strip_prefix(OPENCV_DIRECTIVE).map_or_else(|| text.to_owned(), |rest| format!("#YAML:{rest}"));
+    let text = text
+        .strip_prefix(OPENCV_DIRECTIVE)
+        .map_or_else(|| text.to_owned(), |rest| format!("#YAML:{rest}"));
     let mut builder = TreeBuilder::default();
     for event in Parser::new_from_str(&text) {
         let (event, span) = event.map_err(|error| {
@@ -25,14 +27,24 @@ pub(super) fn parse_yaml(text: &str) -> Result<Node, KeyFault> {
         builder.handle_event(event, span.start.line() as u64)?;
     }
     // `rostopic echo` ends its output with `---`, which begins an empty document.
-    let nothing = |node: &Node| node.tag.is_none() && node.text().is_some_and(|text| ["", "~"].contains(&text));
-    let mut documents = builder.documents.into_iter().filter(|document| !nothing(document));
+    let nothing = |node: &Node| {
+        node.tag.is_none() && node.text().is_some_and(|text| ["", "~"].contains(&text))
+    };
+    let mut documents = builder
+        .documents
+        .into_iter()
+        .filter(|document| !nothing(document));
     match (documents.next(), documents.next()) {
         (Some(document), None) => Ok(document),
         (None, _) => Err(KeyFault::on_line(0, "", "is empty", "export it again")),
         (Some(_), Some(second)) => {
             let problem = "has several documents (---)";
-            Err(KeyFault::on_line(second.line, "", problem, "keep only the document of the camera"))
+            Err(KeyFault::on_line(
+                second.line,
+                "",
+                problem,
+                "keep only the document of the camera",
+            ))
         }
     }
 }
@@ -83,17 +95,30 @@ impl TreeBuilder {
         match event {
             Event::Scalar(text, _, anchor, tag) => {
                 let tag = tag.map(|t| t.suffix.clone());
-                self.add_node(Node { line, tag, value: KeyedValue::Text(text.into_owned()) }, anchor)
+                self.add_node(
+                    Node {
+                        line,
+                        tag,
+                        value: KeyedValue::Text(text.into_owned()),
+                    },
+                    anchor,
+                )
             }
             Event::Alias(anchor) => {
                 let again = self.anchors.get(&anchor).cloned();
                 let remedy = "write the value out";
-                let node = again.ok_or_else(|| KeyFault::on_line(line, "", "refers to an incomplete value", remedy))?;
+                let node = again.ok_or_else(|| {
+                    KeyFault::on_line(line, "", "refers to an incomplete value", remedy)
+                })?;
                 self.nodes += node.size();
                 self.add_node(node, 0)
             }
-            Event::MappingStart(anchor, tag) => self.begin(line, anchor, tag.map(|t| t.suffix.clone()), Some(vec![])),
-            Event::SequenceStart(anchor, tag) => self.begin(line, anchor, tag.map(|t| t.suffix.clone()), None),
+            Event::MappingStart(anchor, tag) => {
+                self.begin(line, anchor, tag.map(|t| t.suffix.clone()), Some(vec![]))
+            }
+            Event::SequenceStart(anchor, tag) => {
+                self.begin(line, anchor, tag.map(|t| t.suffix.clone()), None)
+            }
             Event::MappingEnd | Event::SequenceEnd => self.end(),
             _ => Ok(()),
         }
@@ -109,12 +134,27 @@ impl TreeBuilder {
         if self.open.len() >= MAX_DEPTH {
             return Err(too_deep(line));
         }
-        self.open.push(OpenCollection { line, tag, anchor, entries, items: vec![], key: None });
+        self.open.push(OpenCollection {
+            line,
+            tag,
+            anchor,
+            entries,
+            items: vec![],
+            key: None,
+        });
         Ok(())
     }
 
     fn end(&mut self) -> Result<(), KeyFault> {
-        let Some(OpenCollection { line, tag, anchor, entries, items, .. }) = self.open.pop() else {
+        let Some(OpenCollection {
+            line,
+            tag,
+            anchor,
+            entries,
+            items,
+            ..
+        }) = self.open.pop()
+        else {
             return Ok(());
         };
         let value = entries.map_or(KeyedValue::List(items), KeyedValue::Map);
@@ -143,7 +183,12 @@ impl TreeBuilder {
             (Some(key), _) => entries.push(KeyedEntry { key, node }),
             (None, KeyedValue::Text(key)) if key == MERGE_KEY => {
                 let problem = "merges keys from elsewhere, which is not supported";
-                return Err(KeyFault::on_line(node.line, MERGE_KEY, problem, "write the merged keys out"));
+                return Err(KeyFault::on_line(
+                    node.line,
+                    MERGE_KEY,
+                    problem,
+                    "write the merged keys out",
+                ));
             }
             (None, KeyedValue::Text(key)) => open.key = Some(key.clone()),
             (None, _) => {

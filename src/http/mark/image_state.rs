@@ -13,16 +13,24 @@ use crate::store::manual_marks::{ManualMark, MarkAction};
 /// Returns the state of an image: markers, predicted positions of lost ones, and the solutions with and without manual
 /// marks.
 pub(super) fn image_state(workplace: &Workplace, open: &OpenImage) -> Value {
-    let Workplace { installation, images, storage, .. } = workplace;
+    let Workplace {
+        installation,
+        images,
+        storage,
+        ..
+    } = workplace;
     let image = images.get(open.number).map_or("", |p| p.name.as_str());
     let marks = storage.image_marks(image);
-    let manual: Vec<ManualObservation> =
-        marks.iter().filter_map(|mark| observation_from_mark(mark, &installation.setup)).collect();
+    let manual: Vec<ManualObservation> = marks
+        .iter()
+        .filter_map(|mark| observation_from_mark(mark, &installation.setup))
+        .collect();
     let now = open.session.solve(&manual, installation);
     let raster = open.session.raster();
     let markers = now.record.markers.iter().enumerate();
-    let markers: Vec<Value> =
-        markers.map(|(k, line)| marker_state_json(k, line, &now, marks.iter().find(|m| m.id == line.id))).collect();
+    let markers: Vec<Value> = markers
+        .map(|(k, line)| marker_state_json(k, line, &now, marks.iter().find(|m| m.id == line.id)))
+        .collect();
     json!({
         "number": open.number,
         "image": image,
@@ -36,7 +44,12 @@ pub(super) fn image_state(workplace: &Workplace, open: &OpenImage) -> Value {
     })
 }
 
-fn marker_state_json(index: usize, line: &MarkerRecord, now: &MarkingResult, mark: Option<&ManualMark>) -> Value {
+fn marker_state_json(
+    index: usize,
+    line: &MarkerRecord,
+    now: &MarkingResult,
+    mark: Option<&ManualMark>,
+) -> Value {
     let observed = now.observations.iter().find(|o| o.marker == index);
     let state = match mark.map(|mark| &mark.act) {
         Some(MarkAction::Place(_)) => "manual",
@@ -74,7 +87,9 @@ fn marker_state_json(index: usize, line: &MarkerRecord, now: &MarkingResult, mar
 fn result_summary_json(record: &ImageRecord) -> Value {
     let tip = record.tip.as_ref();
     let reference = tip.map(|tip| tip.reference.unwrap_or_default());
-    let deflection = tip.zip(reference).and_then(|(tip, reference)| tip.deflection(reference));
+    let deflection = tip
+        .zip(reference)
+        .and_then(|(tip, reference)| tip.deflection(reference));
     json!({
         "status": record.status,
         "reason": record.reason,
@@ -105,9 +120,14 @@ fn deflection_change(now: &ImageRecord, unmarked: &ImageRecord) -> Option<f64> {
 pub(super) fn encode_png(raster: &Raster) -> Option<Vec<u8>> {
     use image::ImageEncoder;
     use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-    let size = (u32::try_from(raster.width()).ok()?, u32::try_from(raster.height()).ok()?);
+    let size = (
+        u32::try_from(raster.width()).ok()?,
+        u32::try_from(raster.height()).ok()?,
+    );
     let mut bytes = Vec::new();
     let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Up);
-    encoder.write_image(raster.luma(), size.0, size.1, image::ExtendedColorType::L8).ok()?;
+    encoder
+        .write_image(raster.luma(), size.0, size.1, image::ExtendedColorType::L8)
+        .ok()?;
     Some(bytes)
 }

@@ -81,14 +81,17 @@ impl MarkableImage {
     fn read(&self) -> Result<(Vec<u8>, String, Option<Format>), Reason> {
         match &self.source {
             ImageSource::File(path) => {
-                let text = |e: io::Error| Reason::new(format!("{} cannot be read ({e})", path.display()), e);
+                let text = |e: io::Error| {
+                    Reason::new(format!("{} cannot be read ({e})", path.display()), e)
+                };
                 let bytes = crate::store::read_regular_file(path).map_err(text)?;
                 let digest = sha256_hex(&bytes);
                 Ok((bytes, digest, None))
             }
             ImageSource::Stored(frame) => {
                 let bytes = read_frame(&RealDisk, frame).map_err(Reason::from_error)?;
-                let format = Format::from_manifest(&frame.entry.format).map_err(Reason::from_error)?;
+                let format =
+                    Format::from_manifest(&frame.entry.format).map_err(Reason::from_error)?;
                 Ok((bytes, frame.entry.sha256.clone(), Some(format)))
             }
         }
@@ -127,8 +130,14 @@ pub async fn serve_marking(
     shutdown: impl Future<Output = ()>,
 ) -> io::Result<()> {
     let access = Arc::new(access);
-    let marking = Mutex::new(MarkingState { workplace, open: None });
-    let shared = Arc::new(MarkServerState { marking, clock: SystemClock::new() });
+    let marking = Mutex::new(MarkingState {
+        workplace,
+        open: None,
+    });
+    let shared = Arc::new(MarkServerState {
+        marking,
+        clock: SystemClock::new(),
+    });
     let router = Router::new()
         .route("/", get(mark_page))
         .route("/mark.js", get(async || policy::script_response(SCRIPT)))
@@ -137,20 +146,36 @@ pub async fn serve_marking(
         .fallback(async || Refusal::NotFound);
     let router = add_common_layers(router, access.clone()).with_state(shared.clone());
     server::accept_connections(router, access, listener, shutdown).await?;
-    let marking = shared.marking.lock().unwrap_or_else(PoisonError::into_inner);
+    let marking = shared
+        .marking
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner);
     marking.workplace.storage.close().map_err(io::Error::other)
 }
 
 async fn mark_page(State(shared): MarkContext, address: Uri) -> Response {
-    let marking = shared.marking.lock().unwrap_or_else(PoisonError::into_inner);
-    let page = pages::mark_page(&marking.workplace.storage.description(), &marking.workplace.who, address.query());
+    let marking = shared
+        .marking
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner);
+    let page = pages::mark_page(
+        &marking.workplace.storage.description(),
+        &marking.workplace.who,
+        address.query(),
+    );
     policy::scripted_page(page)
 }
 
 async fn list_images(State(shared): MarkContext) -> Json<Value> {
-    let marking = shared.marking.lock().unwrap_or_else(PoisonError::into_inner);
-    let Workplace { images, storage, .. } = &marking.workplace;
-    let line = |p: &MarkableImage| json!({"name": p.name, "marks": storage.image_marks(&p.name).len()});
+    let marking = shared
+        .marking
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner);
+    let Workplace {
+        images, storage, ..
+    } = &marking.workplace;
+    let line =
+        |p: &MarkableImage| json!({"name": p.name, "marks": storage.image_marks(&p.name).len()});
     Json(json!({"pictures": images.iter().map(line).collect::<Vec<_>>()}))
 }
 
@@ -160,7 +185,10 @@ async fn run_blocking<T: Send + 'static>(
     work: impl FnOnce(&mut MarkingState, &SystemClock) -> Result<T, MarkRefusal> + Send + 'static,
 ) -> Result<T, MarkRefusal> {
     let task = tokio::task::spawn_blocking(move || {
-        let mut marking = shared.marking.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut marking = shared
+            .marking
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
         work(&mut marking, &shared.clock)
     });
     task.await.map_err(|e| MarkRefusal::Failed(e.to_string()))?
@@ -181,7 +209,10 @@ enum MarkRefusal {
 impl IntoResponse for MarkRefusal {
     fn into_response(self) -> Response {
         let (status, reason) = match self {
-            Self::NotFound => (StatusCode::NOT_FOUND, "this image does not exist".to_owned()),
+            Self::NotFound => (
+                StatusCode::NOT_FOUND,
+                "this image does not exist".to_owned(),
+            ),
             Self::Invalid(reason) => (StatusCode::UNPROCESSABLE_ENTITY, reason),
             Self::NeedsConfirmation(reason) => (StatusCode::CONFLICT, reason),
             Self::Failed(reason) => (StatusCode::INTERNAL_SERVER_ERROR, reason),
@@ -190,12 +221,16 @@ impl IntoResponse for MarkRefusal {
     }
 }
 
-async fn send_image(State(shared): MarkContext, Path(name): Path<String>) -> Result<Response, MarkRefusal> {
+async fn send_image(
+    State(shared): MarkContext,
+    Path(name): Path<String>,
+) -> Result<Response, MarkRefusal> {
     let (number, ending) = name.split_once('.').ok_or(MarkRefusal::NotFound)?;
     let number: usize = number.parse().map_err(|_| MarkRefusal::NotFound)?;
     match ending {
         "json" => {
-            let state = run_blocking(shared, move |marking, _| marking.opened_image_state(number)).await?;
+            let state =
+                run_blocking(shared, move |marking, _| marking.opened_image_state(number)).await?;
             Ok(Json(state).into_response())
         }
         "png" => {
@@ -212,14 +247,22 @@ async fn post_mark(
     headers: HeaderMap,
     body: axum::body::Body,
 ) -> Result<Response, MarkRefusal> {
-    let body = tokio::time::timeout(BODY_TIMEOUT, axum::body::to_bytes(body, MAX_REQUEST_BYTES)).await;
-    let body = body.map_err(|_| MarkRefusal::Invalid("the request was not sent completely in time".into()))?;
+    let body =
+        tokio::time::timeout(BODY_TIMEOUT, axum::body::to_bytes(body, MAX_REQUEST_BYTES)).await;
+    let body = body
+        .map_err(|_| MarkRefusal::Invalid("the request was not sent completely in time".into()))?;
     let body = body.map_err(|error| MarkRefusal::Invalid(error.to_string()))?;
     if !is_same_origin(&headers) {
-        return Err(MarkRefusal::Invalid("marks can be added from the page of wingd mark only".into()));
+        return Err(MarkRefusal::Invalid(
+            "marks can be added from the page of wingd mark only".into(),
+        ));
     }
-    let request: MarkRequest = serde_json::from_slice(&body).map_err(|e| MarkRefusal::Invalid(e.to_string()))?;
-    let state = run_blocking(shared, move |marking, clock| marking.add_marks(number, &request, clock)).await?;
+    let request: MarkRequest =
+        serde_json::from_slice(&body).map_err(|e| MarkRefusal::Invalid(e.to_string()))?;
+    let state = run_blocking(shared, move |marking, clock| {
+        marking.add_marks(number, &request, clock)
+    })
+    .await?;
     Ok(Json(state).into_response())
 }
 
@@ -227,9 +270,14 @@ async fn post_mark(
 /// which this server does not answer, and they send the origin of a request.
 fn is_same_origin(headers: &HeaderMap) -> bool {
     let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
-    let is_json = text(header::CONTENT_TYPE).is_some_and(|kind| kind.starts_with("application/json"));
+    let is_json =
+        text(header::CONTENT_TYPE).is_some_and(|kind| kind.starts_with("application/json"));
     let host = text(header::HOST).unwrap_or_default();
-    let own = |origin: &str| origin.split_once("://").is_some_and(|(_, authority)| authority == host);
+    let own = |origin: &str| {
+        origin
+            .split_once("://")
+            .is_some_and(|(_, authority)| authority == host)
+    };
     is_json && text(header::ORIGIN).is_none_or(own)
 }
 
@@ -237,15 +285,30 @@ impl MarkingState {
     /// Opens an image: reads and detects it unless it is already open.
     fn open_image(&mut self, number: usize) -> Result<(&Workplace, &OpenImage), MarkRefusal> {
         if self.open.as_ref().is_none_or(|open| open.number != number) {
-            let Workplace { installation, orientation, images, .. } = &self.workplace;
+            let Workplace {
+                installation,
+                orientation,
+                images,
+                ..
+            } = &self.workplace;
             let image = images.get(number).ok_or(MarkRefusal::NotFound)?;
             let failed = |reason: Reason| MarkRefusal::Failed(format!("{}: {reason}", image.name));
             let (bytes, digest, format) = image.read().map_err(failed)?;
-            let session =
-                MarkingSession::open(&image.name, &bytes, format.as_ref(), &installation.setup, orientation.as_ref());
+            let session = MarkingSession::open(
+                &image.name,
+                &bytes,
+                format.as_ref(),
+                &installation.setup,
+                orientation.as_ref(),
+            );
             let session = session.map_err(failed)?;
             let unmarked = session.solve(&[], installation);
-            self.open = Some(OpenImage { number, digest, session, unmarked });
+            self.open = Some(OpenImage {
+                number,
+                digest,
+                session,
+                unmarked,
+            });
         }
         let open = self.open.as_ref().ok_or(MarkRefusal::NotFound)?;
         Ok((&self.workplace, open))
@@ -262,10 +325,18 @@ impl MarkingState {
             .ok_or_else(|| MarkRefusal::Failed("the image could not be encoded".into()))
     }
 
-    fn add_marks(&mut self, number: usize, request: &MarkRequest, clock: &SystemClock) -> Result<Value, MarkRefusal> {
+    fn add_marks(
+        &mut self,
+        number: usize,
+        request: &MarkRequest,
+        clock: &SystemClock,
+    ) -> Result<Value, MarkRefusal> {
         let (workplace, open) = self.open_image(number)?;
         let marks = request.to_marks(workplace, open, clock)?;
-        self.workplace.storage.add(marks).map_err(|e| MarkRefusal::Failed(format!("could not be stored: {e}")))?;
+        self.workplace
+            .storage
+            .add(marks)
+            .map_err(|e| MarkRefusal::Failed(format!("could not be stored: {e}")))?;
         self.opened_image_state(number)
     }
 }

@@ -60,16 +60,27 @@ impl MarkRequest {
         open: &OpenImage,
         clock: &SystemClock,
     ) -> Result<Vec<ManualMark>, MarkRefusal> {
-        let (who, why) = (single_line(&self.who, MAX_NAME_AND_REASON.0), single_line(&self.why, MAX_NAME_AND_REASON.1));
+        let (who, why) = (
+            single_line(&self.who, MAX_NAME_AND_REASON.0),
+            single_line(&self.why, MAX_NAME_AND_REASON.1),
+        );
         if who.is_empty() {
-            return Err(MarkRefusal::Invalid("give your name: it is stored with each mark".into()));
+            return Err(MarkRefusal::Invalid(
+                "give your name: it is stored with each mark".into(),
+            ));
         }
-        if why.is_empty() && [MarkRequestKind::Reject, MarkRequestKind::Rename].contains(&self.act) {
+        if why.is_empty() && [MarkRequestKind::Reject, MarkRequestKind::Rename].contains(&self.act)
+        {
             return Err(MarkRefusal::Invalid(
                 "give a reason: it is stored with each rejected or renamed marker".into(),
             ));
         }
-        let image = at.images.get(open.number).ok_or(MarkRefusal::NotFound)?.name.clone();
+        let image = at
+            .images
+            .get(open.number)
+            .ok_or(MarkRefusal::NotFound)?
+            .name
+            .clone();
         let mark = |id: &str, act: MarkAction| ManualMark {
             image: image.clone(),
             frame_sha256: open.digest.clone(),
@@ -79,21 +90,33 @@ impl MarkRequest {
             at: Some(clock.stamp().utc),
             why: why.clone(),
         };
-        let work = MarkRequestContext { workplace: at, open, before: at.storage.image_marks(&image), who: &who };
+        let work = MarkRequestContext {
+            workplace: at,
+            open,
+            before: at.storage.image_marks(&image),
+            who: &who,
+        };
         work.survey_marker_index(&self.id)?;
         match self.act {
-            MarkRequestKind::Place => Ok(vec![mark(&self.id, MarkAction::Place(work.measure_position(self)?))]),
+            MarkRequestKind::Place => Ok(vec![mark(
+                &self.id,
+                MarkAction::Place(work.measure_position(self)?),
+            )]),
             MarkRequestKind::Reject => Ok(vec![mark(&self.id, MarkAction::Reject)]),
-            MarkRequestKind::Withdraw if work.existing_mark(&self.id).is_none() => {
-                Err(MarkRefusal::Invalid(format!("{} has no manual mark to withdraw", self.id)))
-            }
+            MarkRequestKind::Withdraw if work.existing_mark(&self.id).is_none() => Err(
+                MarkRefusal::Invalid(format!("{} has no manual mark to withdraw", self.id)),
+            ),
             MarkRequestKind::Withdraw => Ok(vec![mark(&self.id, MarkAction::Withdraw)]),
             MarkRequestKind::Rename => {
                 let to = self.to.as_deref().filter(|to| *to != self.id);
-                let to = to.ok_or_else(|| MarkRefusal::Invalid("give the new id of the marker".into()))?;
+                let to =
+                    to.ok_or_else(|| MarkRefusal::Invalid("give the new id of the marker".into()))?;
                 let place = work.known_position(&self.id)?;
                 work.check_replaceable(to, self.over)?;
-                Ok(vec![mark(to, MarkAction::Place(place)), mark(&self.id, MarkAction::Reject)])
+                Ok(vec![
+                    mark(to, MarkAction::Place(place)),
+                    mark(&self.id, MarkAction::Reject),
+                ])
             }
         }
     }
@@ -115,7 +138,13 @@ struct MarkRequestContext<'a> {
 
 impl MarkRequestContext<'_> {
     fn survey_marker_index(&self, id: &str) -> Result<usize, MarkRefusal> {
-        let found = self.workplace.installation.setup.markers.iter().position(|m| m.id == id);
+        let found = self
+            .workplace
+            .installation
+            .setup
+            .markers
+            .iter()
+            .position(|m| m.id == id);
         found.ok_or_else(|| MarkRefusal::Invalid(format!("marker \"{id}\" is not in the survey")))
     }
 
@@ -126,16 +155,26 @@ impl MarkRequestContext<'_> {
 
     /// Returns the detected observation of a marker.
     fn detected_observation(&self, index: usize) -> Option<&Observation> {
-        self.open.unmarked.observations.iter().find(|o| o.marker == index)
+        self.open
+            .unmarked
+            .observations
+            .iter()
+            .find(|o| o.marker == index)
     }
 
     /// Checks that the request replaces nothing without confirmation.
     fn check_replaceable(&self, id: &str, over: bool) -> Result<(), MarkRefusal> {
-        let detected = self.detected_observation(self.survey_marker_index(id)?).is_some();
+        let detected = self
+            .detected_observation(self.survey_marker_index(id)?)
+            .is_some();
         match self.existing_mark(id) {
             _ if over => Ok(()),
             Some(mark) if mark.who != self.who => {
-                let who = if mark.who.is_empty() { "Somebody" } else { &mark.who };
+                let who = if mark.who.is_empty() {
+                    "Somebody"
+                } else {
+                    &mark.who
+                };
                 Err(MarkRefusal::NeedsConfirmation(format!(
                     "{who} has already marked {id}. Replace that mark with yours?"
                 )))
@@ -151,40 +190,78 @@ impl MarkRequestContext<'_> {
     fn measure_position(&self, request: &MarkRequest) -> Result<MarkPosition, MarkRefusal> {
         let setup = &self.workplace.installation.setup;
         let index = self.survey_marker_index(&request.id)?;
-        let at = request.u_px.zip(request.v_px).map(|(u, v)| Vector2::new(u, v));
+        let at = request
+            .u_px
+            .zip(request.v_px)
+            .map(|(u, v)| Vector2::new(u, v));
         let at = at.filter(|at| at.iter().all(|v| v.is_finite()) && setup.lens.contains(at));
-        let at = at.ok_or_else(|| MarkRefusal::Invalid("give a position within the image: u_px and v_px".into()))?;
+        let at = at.ok_or_else(|| {
+            MarkRefusal::Invalid("give a position within the image: u_px and v_px".into())
+        })?;
         self.check_replaceable(&request.id, request.over)?;
         let is_point = setup.is_point(index);
-        let fit = if request.exact || is_point { None } else { self.refine_marker_position(index, at) };
+        let fit = if request.exact || is_point {
+            None
+        } else {
+            self.refine_marker_position(index, at)
+        };
         // A corner is seen more exactly than the middle of a disc.
-        let most = if is_point { POINT_SIGMA_PX } else { f64::INFINITY };
+        let most = if is_point {
+            POINT_SIGMA_PX
+        } else {
+            f64::INFINITY
+        };
         let sigma = self.workplace.manual_sigma_px.min(most);
-        let manual = ManualPosition { pixel: at, covariance_px2: Matrix2::identity() * sigma * sigma };
-        let source = if fit.is_some() { MarkSource::Fit } else { MarkSource::Manual };
+        let manual = ManualPosition {
+            pixel: at,
+            covariance_px2: Matrix2::identity() * sigma * sigma,
+        };
+        let source = if fit.is_some() {
+            MarkSource::Fit
+        } else {
+            MarkSource::Manual
+        };
         Ok(mark_position(&fit.unwrap_or(manual), source))
     }
 
     fn refine_marker_position(&self, index: usize, at: Vector2<f64>) -> Option<ManualPosition> {
         let installation = &self.workplace.installation;
-        let others = self.before.iter().filter_map(|mark| observation_from_mark(mark, &installation.setup));
+        let others = self
+            .before
+            .iter()
+            .filter_map(|mark| observation_from_mark(mark, &installation.setup));
         let others: Vec<ManualObservation> = others.filter(|o| o.marker != index).collect();
         let result = self.open.session.solve(&others, installation);
-        self.open.session.refine_position(&result, installation, (index, at), self.workplace.manual_sigma_px)
+        self.open.session.refine_position(
+            &result,
+            installation,
+            (index, at),
+            self.workplace.manual_sigma_px,
+        )
     }
 
     /// Returns the marked or detected position of a marker.
     fn known_position(&self, id: &str) -> Result<MarkPosition, MarkRefusal> {
-        if let Some(ManualMark { act: MarkAction::Place(place), .. }) = self.existing_mark(id) {
+        if let Some(ManualMark {
+            act: MarkAction::Place(place),
+            ..
+        }) = self.existing_mark(id)
+        {
             return Ok(*place);
         }
-        let none =
-            || MarkRefusal::Invalid(format!("{id} has no observation in this image: there is nothing to rename"));
+        let none = || {
+            MarkRefusal::Invalid(format!(
+                "{id} has no observation in this image: there is nothing to rename"
+            ))
+        };
         let detected = self
             .detected_observation(self.survey_marker_index(id)?)
             .filter(|_| self.existing_mark(id).is_none())
             .ok_or_else(none)?;
-        let at = ManualPosition { pixel: detected.pixel, covariance_px2: detected.covariance_px2 };
+        let at = ManualPosition {
+            pixel: detected.pixel,
+            covariance_px2: detected.covariance_px2,
+        };
         Ok(mark_position(&at, MarkSource::Renamed))
     }
 }

@@ -24,7 +24,13 @@ enum MarkDestination {
 impl MarkStorage {
     /// Creates the storage of a stored flight, with its existing marks.
     pub fn from_flight(store: Store, flight: String, marks: Vec<ManualMark>) -> Self {
-        Self { destination: MarkDestination::Flight { store: Box::new(store), flight }, marks }
+        Self {
+            destination: MarkDestination::Flight {
+                store: Box::new(store),
+                flight,
+            },
+            marks,
+        }
     }
 
     /// Creates the storage in a file of observations, with the marks already in it.
@@ -32,15 +38,30 @@ impl MarkStorage {
     /// # Errors
     /// Returns every error of an existing file.
     pub fn from_file(path: PathBuf, setup: &Setup) -> Result<Self, Vec<Fault>> {
-        let existing = path.exists().then(|| installation::read_observations(&path, setup)).transpose()?;
-        let marks = existing.unwrap_or_default().iter().map(|o| mark_from_observation(o, setup)).collect();
-        Ok(Self { destination: MarkDestination::File { path, setup: Box::new(setup.clone()) }, marks })
+        let existing = path
+            .exists()
+            .then(|| installation::read_observations(&path, setup))
+            .transpose()?;
+        let marks = existing
+            .unwrap_or_default()
+            .iter()
+            .map(|o| mark_from_observation(o, setup))
+            .collect();
+        Ok(Self {
+            destination: MarkDestination::File {
+                path,
+                setup: Box::new(setup.clone()),
+            },
+            marks,
+        })
     }
 
     /// Describes the storage for a person.
     pub fn description(&self) -> String {
         match &self.destination {
-            MarkDestination::Flight { store, flight } => format!("{} of {}", flight, store.root().display()),
+            MarkDestination::Flight { store, flight } => {
+                format!("{} of {}", flight, store.root().display())
+            }
             MarkDestination::File { path, .. } => path.display().to_string(),
         }
     }
@@ -54,10 +75,13 @@ impl MarkStorage {
             MarkDestination::Flight { store, flight } => store.add_marks(flight, &new)?,
             MarkDestination::File { path, setup } => {
                 let all: Vec<ManualMark> = self.marks.iter().chain(&new).cloned().collect();
-                let rows: Vec<ManualObservation> =
-                    effective_marks(&all).into_iter().filter_map(|m| observation_from_mark(m, setup)).collect();
+                let rows: Vec<ManualObservation> = effective_marks(&all)
+                    .into_iter()
+                    .filter_map(|m| observation_from_mark(m, setup))
+                    .collect();
                 let disk: &dyn Disk = &RealDisk;
-                let text = installation::observations_text(&rows, setup).map_err(StoreError::io(path, "write"))?;
+                let text = installation::observations_text(&rows, setup)
+                    .map_err(StoreError::io(path, "write"))?;
                 disk.replace_file(path, &text)?;
             }
         }

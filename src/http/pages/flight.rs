@@ -11,7 +11,11 @@ use crate::report::table;
 /// `with_report`: whether the server has the page of the report.
 pub fn flight_page(overview: &FlightOverview, address: &str, with_report: bool) -> Markup {
     let id = &overview.flight;
-    let missing: Vec<&SeriesOverview> = overview.series.iter().filter(|line| !line.problems().is_empty()).collect();
+    let missing: Vec<&SeriesOverview> = overview
+        .series
+        .iter()
+        .filter(|line| !line.problems().is_empty())
+        .collect();
     let content = html! {
         @if let Some(warning) = &overview.warning { p.warning { (warning) } }
         @for note in &overview.notes { p.warning { (note) } }
@@ -44,8 +48,11 @@ pub fn flight_page(overview: &FlightOverview, address: &str, with_report: bool) 
 }
 
 fn render_series_row(flight: &str, line: &SeriesOverview) -> Markup {
-    let (deflection, sigma) =
-        format_rounded(line.tip_deflection_m.map(|m| m.value), line.tip_deflection_m.and_then(|m| m.sigma), 3);
+    let (deflection, sigma) = format_rounded(
+        line.tip_deflection_m.map(|m| m.value),
+        line.tip_deflection_m.and_then(|m| m.sigma),
+        3,
+    );
     html! { tr {
         td data-name="series" { a href={ "/flights/" (flight) "/" (line.name) } { (line.name) } }
         td data-name="begun" { @if let Some(begun) = &line.begun { (format_minute(begun.utc)) } }
@@ -60,11 +67,23 @@ fn render_series_row(flight: &str, line: &SeriesOverview) -> Markup {
 /// Renders the commands that download the flight.
 fn download_recipes(id: &str, address: &str) -> Markup {
     let plain = [
-        ("wingd: resumes, verifies every file, adds later files", format!("wingd fetch {address} COPY --flight {id}")),
-        ("curl: resumes", format!("curl -C - -o {id}.tar {address}/tar/{id}.tar")),
+        (
+            "wingd: resumes, verifies every file, adds later files",
+            format!("wingd fetch {address} COPY --flight {id}"),
+        ),
+        (
+            "curl: resumes",
+            format!("curl -C - -o {id}.tar {address}/tar/{id}.tar"),
+        ),
         ("wget: resumes", format!("wget -c {address}/tar/{id}.tar")),
-        ("a single file", format!("curl -O {address}/files/{id}/SERIES/0001.jpg")),
-        ("over ssh", format!("rsync -a --partial HOST:STORE/flights/{id} .")),
+        (
+            "a single file",
+            format!("curl -O {address}/files/{id}/SERIES/0001.jpg"),
+        ),
+        (
+            "over ssh",
+            format!("rsync -a --partial HOST:STORE/flights/{id} ."),
+        ),
     ];
     html! {
         h2 { "Download" }

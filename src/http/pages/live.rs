@@ -50,9 +50,15 @@ fn render_value_tile(id: &str, name: &str) -> Markup {
 
 /// Returns a section with a figure, whose points, range and note the page's script sets.
 fn live_figure(id: &str, name: &str, x_label: &str, y_label: &str) -> Markup {
-    let track = |(name, colour, class)| FigureTrack { class, ..FigureTrack::from_points(name, colour, Vec::new()) };
-    let tracks =
-        [("results", MAIN_COLOUR, ""), ("test rejected", "#8f3c0b", "doubt"), ("no results", "#667080", "hole")];
+    let track = |(name, colour, class)| FigureTrack {
+        class,
+        ..FigureTrack::from_points(name, colour, Vec::new())
+    };
+    let tracks = [
+        ("results", MAIN_COLOUR, ""),
+        ("test rejected", "#8f3c0b", "doubt"),
+        ("no results", "#667080", "hole"),
+    ];
     let range = || [0.0, 10.0].into_iter();
     let figure = Figure {
         name: name.to_owned(),

@@ -9,8 +9,14 @@ const STYLE: &str = include_str!("mark.css");
 /// Keys and mouse actions with their effects.
 const KEYS: [(&str, &str); 12] = [
     ("N, P", "next, previous lost marker"),
-    ("click", "mark the centre of the selected marker, or of the lost one nearby"),
-    ("Shift and click", "mark exactly there, without measurement by the detector"),
+    (
+        "click",
+        "mark the centre of the selected marker, or of the lost one nearby",
+    ),
+    (
+        "Shift and click",
+        "mark exactly there, without measurement by the detector",
+    ),
     ("drag", "move the selected marker, otherwise the image"),
     ("arrows", "move a mark by 0.5 px, with Shift by 5 px"),
     ("R", "reject the detection or the mark"),
@@ -18,7 +24,10 @@ const KEYS: [(&str, &str); 12] = [
     ("E", "assign it to another marker"),
     ("+, -, 0", "zoom in, zoom out, full image"),
     ("[, ]", "previous, next image"),
-    ("X", "change the magnification of residuals and standard deviations"),
+    (
+        "X",
+        "change the magnification of residuals and standard deviations",
+    ),
     ("Escape", "clear the selection"),
 ];
 
@@ -69,5 +78,10 @@ pub fn mark_page(place: &str, who: &str, query: Option<&str>) -> Markup {
             are never changed." }
         script src=(script) defer {}
     };
-    render_html_page("Mark", &html! {}, &content, "marks are stored with name, time and reason")
+    render_html_page(
+        "Mark",
+        &html! {},
+        &content,
+        "marks are stored with name, time and reason",
+    )
 }

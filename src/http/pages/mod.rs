@@ -82,8 +82,9 @@ pub fn index_page(site: &Site) -> Result<Markup, Refusal> {
     let newest = drawn.first();
     let older = flights.iter().skip(MAX_DRAWN_FLIGHTS);
     let begun = |f: &catalogue::FlightRef| {
-        catalogue::read_flight_manifest(&disk, f)
-            .map_or("start time unknown".to_owned(), |m| format_minute(m.started.utc))
+        catalogue::read_flight_manifest(&disk, f).map_or("start time unknown".to_owned(), |m| {
+            format_minute(m.started.utc)
+        })
     };
     let content = html! {
         (status_tiles(site, newest))
@@ -97,7 +98,11 @@ pub fn index_page(site: &Site) -> Result<Markup, Refusal> {
             }
         }
     };
-    Ok(render_read_only_page("Recorded flights", &html! {}, &content))
+    Ok(render_read_only_page(
+        "Recorded flights",
+        &html! {},
+        &content,
+    ))
 }
 
 fn format_minute(utc: jiff::Timestamp) -> String {
@@ -106,7 +111,11 @@ fn format_minute(utc: jiff::Timestamp) -> String {
 
 fn render_flight_card(one: &FlightOverview) -> Markup {
     let first = one.series.first().and_then(|line| line.begun.as_ref());
-    let missing = one.series.iter().filter(|line| !line.problems().is_empty()).count();
+    let missing = one
+        .series
+        .iter()
+        .filter(|line| !line.problems().is_empty())
+        .count();
     html! {
         li {
             h3 { a href={ "/flights/" (one.flight) } { "Flight " (one.flight) } }
@@ -129,7 +138,9 @@ fn greatest_deflection(
     reference: DeflectionReference,
 ) -> String {
     let (value, sigma) = format_rounded(Some(deflection.deflection_m), deflection.sigma_m, 3);
-    let at = line.begun.as_ref().map_or(String::new(), |b| format!(", started {}", format_minute(b.utc)));
+    let at = line.begun.as_ref().map_or(String::new(), |b| {
+        format!(", started {}", format_minute(b.utc))
+    });
     let (FrameDeflection { image, marker, .. }, words) = (deflection, reference.description());
     format!(
         "Greatest tip deflection ({marker}) of a frame: {value} ± {sigma} m {words}, in {image} of series {}{at}",
@@ -139,7 +150,10 @@ fn greatest_deflection(
 
 /// Returns the word by which the JSON status names a value.
 fn status_word(value: impl Serialize) -> String {
-    serde_json::to_value(value).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
+    serde_json::to_value(value)
+        .ok()
+        .and_then(|v| v.as_str().map(str::to_owned))
+        .unwrap_or_default()
 }
 
 /// Renders health and free space.
@@ -147,7 +161,8 @@ fn status_tiles(site: &Site, newest: Option<&FlightOverview>) -> Markup {
     let daemon = site.board.as_ref().map(StatusBoard::snapshot);
     let last = newest.and_then(|o| o.last_frame.as_ref());
     let room = remaining_recording(site, newest, daemon.as_ref());
-    let state = |d: &DaemonStatus| format!("{}, {}", status_word(d.health), status_word(d.activity));
+    let state =
+        |d: &DaemonStatus| format!("{}, {}", status_word(d.health), status_word(d.activity));
     let state = daemon.as_ref().map_or("no recorder".to_owned(), state);
     let last = last.map_or("none".to_owned(), |stamp| format_minute(stamp.utc));
     let fits = |hours: Option<f64>| match hours {
@@ -155,7 +170,10 @@ fn status_tiles(site: &Site, newest: Option<&FlightOverview>) -> Markup {
         Some(h) if h >= MAX_SHOWN_HOURS => format!("over {MAX_SHOWN_HOURS:.0} h"),
         Some(h) => format!("{h:.0} h"),
     };
-    let reasons = daemon.as_ref().map(|d| d.reasons.as_slice()).unwrap_or_default();
+    let reasons = daemon
+        .as_ref()
+        .map(|d| d.reasons.as_slice())
+        .unwrap_or_default();
     let fault = daemon.as_ref().and_then(|d| d.last_fault.as_ref());
     let next = daemon.as_ref().and_then(|d| d.next_series_s);
     html! {
@@ -187,7 +205,9 @@ fn remaining_recording(
     let free = crate::store::Disk::free_bytes(&RealDisk, &site.root).ok()?;
     let reserve_mb = daemon.map_or(0, |d| d.store.reserve_mb);
     let free = free.saturating_sub(reserve_mb * 1_000_000);
-    let pace = newest.and_then(FlightOverview::bytes_per_hour).filter(|pace| *pace > 0.0);
+    let pace = newest
+        .and_then(FlightOverview::bytes_per_hour)
+        .filter(|pace| *pace > 0.0);
     Some((pace.map(|pace| free as f64 / pace), free / 1_000_000))
 }
 
@@ -197,7 +217,11 @@ pub fn status_json(site: &Site) -> Result<Value, Refusal> {
     let disk = RealDisk;
     catalogue::check_format(&disk, &site.root)?;
     let flights = catalogue::list_flights(&disk, &site.root)?;
-    let newest = flights.last().map(|f| overview::read_overview(&disk, f)).transpose()?.unwrap_or_default();
+    let newest = flights
+        .last()
+        .map(|f| overview::read_overview(&disk, f))
+        .transpose()?
+        .unwrap_or_default();
     let daemon = site.board.as_ref().map(StatusBoard::snapshot);
     let room = remaining_recording(site, Some(&newest), daemon.as_ref());
     let last = newest.series.last();

@@ -9,7 +9,11 @@ use crate::report::source::SeriesIndex;
 use crate::report::{SeriesData, ShotData, table};
 
 /// Renders a page of a series: shots with their results and their markers drawn, files. `page`: number and count.
-pub fn series_page(series: &SeriesIndex, shots: &[(&ShotData, Option<ImageRecord>)], page: (usize, usize)) -> Markup {
+pub fn series_page(
+    series: &SeriesIndex,
+    shots: &[(&ShotData, Option<ImageRecord>)],
+    page: (usize, usize),
+) -> Markup {
     let data = &series.data;
     let base = format!("/files/{}/{}", data.flight, data.name);
     let content = html! {
@@ -21,7 +25,11 @@ pub fn series_page(series: &SeriesIndex, shots: &[(&ShotData, Option<ImageRecord
         ul.cards { @for (shot, record) in shots { (render_shot_card(data, shot, record.as_ref())) } }
         (page_links(page))
     };
-    render_read_only_page(&format!("Series {}", data.name), &flight_link(&data.flight), &content)
+    render_read_only_page(
+        &format!("Series {}", data.name),
+        &flight_link(&data.flight),
+        &content,
+    )
 }
 
 /// Renders links to the other pages of a long series.
@@ -40,7 +48,10 @@ fn flight_link(flight: &str) -> Markup {
 
 fn render_shot_card(series: &SeriesData, shot: &ShotData, record: Option<&ImageRecord>) -> Markup {
     let place = format!("{}/{}", series.flight, series.name);
-    let time = shot.stamp.as_ref().map(|s| s.utc.strftime("%Y-%m-%d %H:%M:%S UTC").to_string());
+    let time = shot
+        .stamp
+        .as_ref()
+        .map(|s| s.utc.strftime("%Y-%m-%d %H:%M:%S UTC").to_string());
     html! { li {
         @if let Some(image) = &shot.image {
             a href={ "/frames/" (place) "/" (image) } {
@@ -66,7 +77,10 @@ fn shot_outcome_text(shot: &ShotData, record: Option<&ImageRecord>) -> String {
             let reference = t.reference.unwrap_or_default();
             let (deflection_m, sigma_m) = t.deflection(reference).unzip();
             let (deflection, sigma) = format_rounded(deflection_m, sigma_m.flatten(), 3);
-            format!("tip deflection {deflection} m, sigma {sigma} m, {}", reference.description())
+            format!(
+                "tip deflection {deflection} m, sigma {sigma} m, {}",
+                reference.description()
+            )
         }),
     }
 }

@@ -29,8 +29,11 @@ const TORSION_TAPER_AND_POWER: (f64, f64) = (0.3, 3.3);
 /// Longest panel of the integration, m.
 const PANEL_M: f64 = 2.5;
 /// Gauss-Legendre, three points on (0, 1).
-const GAUSS_POINTS: [(f64, f64); 3] =
-    [(0.112_701_665_379_258_3, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
+const GAUSS_POINTS: [(f64, f64); 3] = [
+    (0.112_701_665_379_258_3, 5.0 / 18.0),
+    (0.5, 8.0 / 18.0),
+    (0.887_298_334_620_741_7, 5.0 / 18.0),
+];
 
 /// Places of joints that give with the load, as fractions of the length: outer wings that fold or are bolted on.
 pub const JOINTS: [f64; 3] = [0.7, 0.8, 0.9];
@@ -61,7 +64,9 @@ pub fn twist_basis(axis: &BendingAxis, arc_m: f64) -> TwistValues {
     let eta = arc_m / axis.length_m;
     let mut basis = [0.0; TWIST_FUNCTIONS];
     let (terms, torques) = basis.split_at_mut(MAX_TWIST_TERMS);
-    terms.copy_from_slice(&legendre_polynomials::<MAX_TWIST_TERMS>(2.0 * eta - 1.0).map(|p| p * eta));
+    terms.copy_from_slice(
+        &legendre_polynomials::<MAX_TWIST_TERMS>(2.0 * eta - 1.0).map(|p| p * eta),
+    );
     for (value, position) in torques.iter_mut().zip(TORQUE_POSITIONS) {
         *value = torsional_compliance(eta.min(position)) / torsional_compliance(position);
     }
@@ -72,12 +77,21 @@ pub fn twist_basis(axis: &BendingAxis, arc_m: f64) -> TwistValues {
 /// outboard of it along about the inboard axis, to first order in the break.
 fn twist_motions(axis: &BendingAxis, nose: f64, arc_m: f64) -> TwistMotions {
     let own = twist_basis(axis, arc_m);
-    let mut motions = own.map(|twist_rad| SectionMotion { twist_rad, ..SectionMotion::default() });
+    let mut motions = own.map(|twist_rad| SectionMotion {
+        twist_rad,
+        ..SectionMotion::default()
+    });
     for (beyond_m, one) in axis.breaks_inboard_of(arc_m) {
-        for ((motion, own), inboard) in motions.iter_mut().zip(own).zip(twist_basis(axis, one.arc_m)) {
+        for ((motion, own), inboard) in motions
+            .iter_mut()
+            .zip(own)
+            .zip(twist_basis(axis, one.arc_m))
+        {
             let (carried, further) = (nose * inboard, nose * (own - inboard));
-            motion.rotation_rad += Vector3::new(0.0, -carried * one.turn_rad, further * one.sweep_rad);
-            motion.displacement_m += Vector3::new(0.0, -one.sweep_rad, one.turn_rad) * (carried * beyond_m);
+            motion.rotation_rad +=
+                Vector3::new(0.0, -carried * one.turn_rad, further * one.sweep_rad);
+            motion.displacement_m +=
+                Vector3::new(0.0, -one.sweep_rad, one.turn_rad) * (carried * beyond_m);
         }
     }
     motions
@@ -176,7 +190,10 @@ pub struct SectionMotion {
 impl SectionMotion {
     /// Displacement without rotation.
     pub fn displacement(displacement_m: Vector3<f64>) -> Self {
-        Self { displacement_m, ..Self::default() }
+        Self {
+            displacement_m,
+            ..Self::default()
+        }
     }
 }
 
@@ -212,7 +229,9 @@ impl Bending<'_> {
 
     /// Curvature of the root by the leading coefficient, 1/m: the load to which compliances refer.
     fn root_curvature_per_m(&self) -> f64 {
-        self.curvature_per_m.first().map_or(0.0, |leading| leading * curvature_basis(0.0)[0])
+        self.curvature_per_m
+            .first()
+            .map_or(0.0, |leading| leading * curvature_basis(0.0)[0])
     }
 }
 
@@ -231,7 +250,13 @@ impl BeamGrid {
         };
         let slopes = |arc: f64| bending_slopes(arc / axis.length_m, axis.length_m);
         let joints = JOINTS.map(|joint| joint * axis.length_m);
-        let mut grid = Self { root_m: axis.root_m, nose: ground.nose, nodes: vec![], points: vec![], order: vec![] };
+        let mut grid = Self {
+            root_m: axis.root_m,
+            nose: ground.nose,
+            nodes: vec![],
+            points: vec![],
+            order: vec![],
+        };
         let mut from = 0.0;
         for &index in &order {
             let to = arcs_m[index];
@@ -242,7 +267,8 @@ impl BeamGrid {
             for end in ends.into_iter().chain([to]) {
                 let panels = ((end - from) / PANEL_M).ceil().max(0.0) as usize;
                 let panel_m = (end - from) / panels.max(1) as f64;
-                for (panel, (at, weight)) in (0..panels).flat_map(|p| GAUSS_POINTS.map(|g| (p, g))) {
+                for (panel, (at, weight)) in (0..panels).flat_map(|p| GAUSS_POINTS.map(|g| (p, g)))
+                {
                     let arc = from + panel_m * (panel as f64 + at);
                     let node = QuadratureNode {
                         weight_m: weight * panel_m,
@@ -274,7 +300,9 @@ impl BeamGrid {
         let mut done = 0;
         let mut sections: Vec<Option<BeamSection>> = vec![None; self.points.len()];
         for (stop, &index) in self.points.iter().zip(&self.order) {
-            self.nodes[done..stop.nodes].iter().for_each(|node| at.step(node));
+            self.nodes[done..stop.nodes]
+                .iter()
+                .for_each(|node| at.step(node));
             done = stop.nodes;
             sections[index] = Some(at.section_at(stop));
         }
@@ -318,14 +346,29 @@ impl<'a> AxisIntegrator<'a> {
         /// Index of the root's rise among the functions of bending.
         const RISE: usize = MAX_CURVATURE_TERMS + 1;
         let mut values = [0.0; BENDING_FUNCTIONS];
-        values.iter_mut().zip(bending.curvature_per_m).for_each(|(value, c)| *value = *c);
-        let compliances = values.iter_mut().skip(MAX_CURVATURE_TERMS).zip(bending.compliances);
-        compliances.for_each(|(value, compliance)| *value = compliance * bending.root_curvature_per_m());
-        let (mut by_bending, mut by_raise): ([Vector3<f64>; BENDING_FUNCTIONS], [Vector3<f64>; RAISE_TERMS]) =
-            Default::default();
+        values
+            .iter_mut()
+            .zip(bending.curvature_per_m)
+            .for_each(|(value, c)| *value = *c);
+        let compliances = values
+            .iter_mut()
+            .skip(MAX_CURVATURE_TERMS)
+            .zip(bending.compliances);
+        compliances
+            .for_each(|(value, compliance)| *value = compliance * bending.root_curvature_per_m());
+        let (mut by_bending, mut by_raise): (
+            [Vector3<f64>; BENDING_FUNCTIONS],
+            [Vector3<f64>; RAISE_TERMS],
+        ) = Default::default();
         (by_bending[RISE].y, by_raise[0].y) = (1.0, 1.0);
         let axis_m = root_m + Vector3::y() * (bending.raise_m[0] + values[RISE]);
-        Self { bending, values, axis_m, by_bending, by_raise }
+        Self {
+            bending,
+            values,
+            axis_m,
+            by_bending,
+            by_raise,
+        }
     }
 
     /// Advances the axis by one quadrature node: bending rotates the raised ground tangent.
@@ -335,7 +378,10 @@ impl<'a> AxisIntegrator<'a> {
         let (sin, cos) = (node.slope_rad + bent).sin_cos();
         let (bent_sin, bent_cos) = bent.sin_cos();
         let raised = dot_product(&bending.raise_m, &node.raise_slopes);
-        let (dx, dy) = (length * (cos - raised * bent_sin), length * (sin + raised * bent_cos));
+        let (dx, dy) = (
+            length * (cos - raised * bent_sin),
+            length * (sin + raised * bent_cos),
+        );
         self.axis_m.x += dx;
         self.axis_m.y += dy;
         for (value, integral) in self.by_bending.iter_mut().zip(&node.bending_slopes) {
@@ -355,7 +401,9 @@ impl<'a> AxisIntegrator<'a> {
         fold_compliances(&mut axis_by_bending, bending);
         fold_compliances(&mut slope_by_bending, bending);
         fold_compliances(&mut twist_by_bending, bending);
-        by_twist.iter_mut().for_each(|by| by.displacement_m *= bending.scale);
+        by_twist
+            .iter_mut()
+            .for_each(|by| by.displacement_m *= bending.scale);
         let mut section = BeamSection {
             axis_m: self.axis_m + Vector3::z() * (bending.scale * stop.swept_m),
             axis_by_bending,

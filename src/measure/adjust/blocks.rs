@@ -26,7 +26,11 @@ fn image_covariance(stated_px2: &Matrix2<f64>) -> Matrix2<f64> {
 pub fn image_block(seen: &Observation) -> Block {
     Block {
         observed: DVector::from_column_slice(seen.pixel.as_slice()),
-        covariance: DMatrix::from_column_slice(2, 2, image_covariance(&seen.covariance_px2).as_slice()),
+        covariance: DMatrix::from_column_slice(
+            2,
+            2,
+            image_covariance(&seen.covariance_px2).as_slice(),
+        ),
     }
 }
 
@@ -36,17 +40,27 @@ pub fn survey_block<'a>(
     marker: usize,
     images: impl Iterator<Item = &'a Observation> + Clone,
 ) -> Block {
-    let mut observed = input.scene.ground.stations[marker].surveyed_m.as_slice().to_vec();
+    let mut observed = input.scene.ground.stations[marker]
+        .surveyed_m
+        .as_slice()
+        .to_vec();
     observed.extend(images.clone().flat_map(|o| [o.pixel.x, o.pixel.y]));
     let variance = input.setup.markers[marker].sigma_m.powi(2);
     let mut covariance = DMatrix::zeros(observed.len(), observed.len());
-    covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&input.scene.point_covariances_m2[marker]);
+    covariance
+        .fixed_view_mut::<3, 3>(0, 0)
+        .copy_from(&input.scene.point_covariances_m2[marker]);
     (0..3).for_each(|k| covariance[(k, k)] += variance);
     for (k, image) in images.enumerate() {
         let at = 3 + 2 * k;
-        covariance.fixed_view_mut::<2, 2>(at, at).copy_from(&image_covariance(&image.covariance_px2));
+        covariance
+            .fixed_view_mut::<2, 2>(at, at)
+            .copy_from(&image_covariance(&image.covariance_px2));
     }
-    Block { observed: DVector::from_vec(observed), covariance }
+    Block {
+        observed: DVector::from_vec(observed),
+        covariance,
+    }
 }
 
 #[cfg(test)]

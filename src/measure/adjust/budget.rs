@@ -3,7 +3,9 @@
 use super::layout::BlockMember;
 use super::outcome::FrameOutcome;
 use super::{DeflectionReference, MarkerSolution, VarianceBudget, VarianceShare};
-use crate::estimation::{AttributedInformation, Fit, NamedObservations, Problem, SourceNames, VarianceSources};
+use crate::estimation::{
+    AttributedInformation, Fit, NamedObservations, Problem, SourceNames, VarianceSources,
+};
 use crate::ordering::sort_by_value;
 use crate::widths::Unknown;
 
@@ -28,19 +30,33 @@ pub struct BlockMembers<'a> {
 impl BlockMembers<'_> {
     /// Names the observations of a block. A block without a member ties a frame's bending to the shape shared by the
     /// flight.
-    fn named_observations(&self, problem: &Problem, group: usize, block: usize) -> Vec<NamedObservations> {
+    fn named_observations(
+        &self,
+        problem: &Problem,
+        group: usize,
+        block: usize,
+    ) -> Vec<NamedObservations> {
         let count = problem.groups[group].blocks[block].observed.len();
         let members = self.members.get(group).map_or(self.ground, Vec::as_slice);
-        members.get(block).map_or_else(|| vec![(SHAPE, 0..count)], |member| member_observation_ranges(member, count))
+        members.get(block).map_or_else(
+            || vec![(SHAPE, 0..count)],
+            |member| member_observation_ranges(member, count),
+        )
     }
 }
 
 fn member_observation_ranges(member: &BlockMember, count: usize) -> Vec<NamedObservations> {
     let images = [(IMAGE, member.flight), (GROUND_FRAME, member.ground)];
-    let images: Vec<NamedObservations> =
-        images.into_iter().filter_map(|(name, first)| first.map(|first| (name, first..first + 2))).collect();
+    let images: Vec<NamedObservations> = images
+        .into_iter()
+        .filter_map(|(name, first)| first.map(|first| (name, first..first + 2)))
+        .collect();
     let surveyed = count > 2 * images.len();
-    surveyed.then_some((SURVEY, 0..3)).into_iter().chain(images).collect()
+    surveyed
+        .then_some((SURVEY, 0..3))
+        .into_iter()
+        .chain(images)
+        .collect()
 }
 
 /// Calls `with` with the error sources of a solution. `attributed`: information from earlier frames that keeps its source
@@ -52,9 +68,18 @@ pub fn with_variance_sources<T>(
     attributed: Option<&AttributedInformation>,
     with: impl FnOnce(&VarianceSources) -> T,
 ) -> T {
-    let observations = |group: usize, block: usize| blocks.named_observations(problem, group, block);
-    let known = if attributed.is_some() { "earlier frames" } else { "earlier flights" };
-    let naming = SourceNames { observations: &observations, known, rest: IMAGE };
+    let observations =
+        |group: usize, block: usize| blocks.named_observations(problem, group, block);
+    let known = if attributed.is_some() {
+        "earlier frames"
+    } else {
+        "earlier flights"
+    };
+    let naming = SourceNames {
+        observations: &observations,
+        known,
+        rest: IMAGE,
+    };
     with(&VarianceSources::new(problem, fit, naming, attributed))
 }
 
@@ -66,20 +91,34 @@ pub fn attribute_information(
     fit: &Fit,
     invariant: impl Fn(usize) -> bool,
 ) -> AttributedInformation {
-    let observations = |group: usize, block: usize| blocks.named_observations(problem, group, block);
-    let naming = SourceNames { observations: &observations, known: "earlier frames", rest: IMAGE };
+    let observations =
+        |group: usize, block: usize| blocks.named_observations(problem, group, block);
+    let naming = SourceNames {
+        observations: &observations,
+        known: "earlier frames",
+        rest: IMAGE,
+    };
     AttributedInformation::from_solution(problem, fit, invariant, blocks.members.len(), &naming)
 }
 
 impl FrameOutcome<'_> {
     /// Computes the budget for the outermost marker with a deflection; `None` if there is no such marker.
-    pub fn variance_budget(&self, markers: &[MarkerSolution], sources: &VarianceSources) -> Option<VarianceBudget> {
+    pub fn variance_budget(
+        &self,
+        markers: &[MarkerSolution],
+        sources: &VarianceSources,
+    ) -> Option<VarianceBudget> {
         let stations = &self.solved.input.scene.ground.stations;
-        let span = |m: &&MarkerSolution| stations.get(m.marker).map_or(f64::MIN, |s| s.surveyed_m.x);
+        let span =
+            |m: &&MarkerSolution| stations.get(m.marker).map_or(f64::MIN, |s| s.surveyed_m.x);
         let deflected = markers.iter().filter(|m| m.deflection_m.is_some());
         let tip = deflected.max_by(|a, b| span(a).total_cmp(&span(b)))?;
-        let reference = DeflectionReference::most_precise(|reference| tip.deflection_against(reference)?.sigma);
-        let parts = sources.contributions(self.solved.group, &self.deflection_gradient(tip.marker, reference));
+        let reference =
+            DeflectionReference::most_precise(|reference| tip.deflection_against(reference)?.sigma);
+        let parts = sources.contributions(
+            self.solved.group,
+            &self.deflection_gradient(tip.marker, reference),
+        );
         let total: f64 = parts.iter().map(|part| part.variance).sum();
         let share = |part: &crate::estimation::VarianceContribution| VarianceShare {
             source: part.source.into(),
@@ -88,6 +127,10 @@ impl FrameOutcome<'_> {
         };
         let mut shares: Vec<_> = parts.iter().filter(|_| total > 0.0).map(share).collect();
         sort_by_value(&mut shares, |one| -one.share);
-        Some(VarianceBudget { marker: tip.marker, reference, shares })
+        Some(VarianceBudget {
+            marker: tip.marker,
+            reference,
+            shares,
+        })
     }
 }

@@ -25,7 +25,9 @@ impl CommonDisplacement {
     /// Builds the unknown of this displacement, m.
     pub fn term(&self, input: &AdjustmentInput) -> ParameterTerm {
         let mut field = vec![Vector3::zeros(); input.setup.markers.len()];
-        self.markers.iter().for_each(|marker| field[*marker] = Vector3::y());
+        self.markers
+            .iter()
+            .for_each(|marker| field[*marker] = Vector3::y());
         terms::common_displacement(field)
     }
 
@@ -47,9 +49,14 @@ pub fn candidate_displacements(
     frame_observations: &FrameObservations,
 ) -> Vec<CommonDisplacement> {
     let ground = &input.scene.ground;
-    let nose = if input.setup.side() == Some(WingSide::Left) { -1.0 } else { 1.0 };
+    let nose = if input.setup.side() == Some(WingSide::Left) {
+        -1.0
+    } else {
+        1.0
+    };
     let aft = |k: usize| nose * (ground.stations[k].surveyed_m.z - ground.axis.root_m.z) > 0.0;
-    let beyond = |k: usize, fraction: f64| ground.stations[k].arc_m > fraction * ground.axis.length_m;
+    let beyond =
+        |k: usize, fraction: f64| ground.stations[k].arc_m > fraction * ground.axis.length_m;
     let wing: Vec<usize> = (0..frame_observations.len())
         .filter(|k| frame_observations[*k].is_some() && !input.scene.is_fixed(*k))
         .collect();
@@ -57,14 +64,22 @@ pub fn candidate_displacements(
     let mut add = |description: String, selects: &dyn Fn(usize) -> bool| {
         let markers: Vec<usize> = wing.iter().copied().filter(|k| selects(*k)).collect();
         if markers.len() >= MIN_MARKERS && wing.len() - markers.len() >= MIN_MARKERS {
-            list.push(CommonDisplacement { description, markers });
+            list.push(CommonDisplacement {
+                description,
+                markers,
+            });
         }
     };
     add("aft of the bending axis".into(), &aft);
     for fraction in SPAN_FRACTIONS {
         let percent = 100.0 * fraction;
-        add(format!("outboard of {percent:.0} % of the length"), &|k| beyond(k, fraction));
-        add(format!("aft and outboard of {percent:.0} % of the length"), &|k| aft(k) && beyond(k, fraction));
+        add(format!("outboard of {percent:.0} % of the length"), &|k| {
+            beyond(k, fraction)
+        });
+        add(
+            format!("aft and outboard of {percent:.0} % of the length"),
+            &|k| aft(k) && beyond(k, fraction),
+        );
     }
     let lens = &input.setup.lens;
     for (description, right, below) in [
@@ -79,7 +94,10 @@ pub fn candidate_displacements(
                     && (seen.pixel.y > 0.5 * f64::from(lens.height)) == below
             })
         };
-        add(format!("in the {description} quarter of the image"), &inside);
+        add(
+            format!("in the {description} quarter of the image"),
+            &inside,
+        );
     }
     list
 }

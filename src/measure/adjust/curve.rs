@@ -32,15 +32,29 @@ impl<'a> AxisCurve<'a> {
         let grid = BeamGrid::new(&scene.ground, &arcs_m);
         let (bent, flat) = bent_and_flat_sections(&grid, values);
         let root_m = grid.root_m() + Vector3::y() * values.raise_m[0];
-        let mut curve = Self { scene, values, arcs_m, bent, flat, root_m, motions: vec![] };
+        let mut curve = Self {
+            scene,
+            values,
+            arcs_m,
+            bent,
+            flat,
+            root_m,
+            motions: vec![],
+        };
         curve.motions = curve.motions_between(&curve.bent, &curve.flat);
         curve
     }
 
     /// Arc lengths from the root to the outermost marker at equal distances, m.
     pub fn standard_arcs_m(scene: &WingScene) -> Vec<f64> {
-        let reach = scene.ground.stations.iter().fold(0.0, |a: f64, s| a.max(s.arc_m));
-        (0..=CURVE_INTERVALS).map(|k| reach * k as f64 / CURVE_INTERVALS as f64).collect()
+        let reach = scene
+            .ground
+            .stations
+            .iter()
+            .fold(0.0, |a: f64, s| a.max(s.arc_m));
+        (0..=CURVE_INTERVALS)
+            .map(|k| reach * k as f64 / CURVE_INTERVALS as f64)
+            .collect()
     }
 
     /// Motions of the sections of another grid with this wing's bending, and these sections on the ground.
@@ -51,7 +65,11 @@ impl<'a> AxisCurve<'a> {
 
     fn motions_between(&self, bent: &[BeamSection], flat: &[BeamSection]) -> Vec<SectionMotion> {
         let motion = |(bent, flat): (&BeamSection, &BeamSection)| SectionMotion {
-            displacement_m: bent.axis_m + self.values.root_displacement_m(&(bent.axis_m - self.root_m)) - flat.axis_m,
+            displacement_m: bent.axis_m
+                + self
+                    .values
+                    .root_displacement_m(&(bent.axis_m - self.root_m))
+                - flat.axis_m,
             rotation_rad: bent.turned_rad
                 + Vector3::z() * (bent.slope_rad - flat.slope_rad)
                 + self.values.root_rotation_rad,
@@ -61,7 +79,13 @@ impl<'a> AxisCurve<'a> {
     }
 }
 
-fn bent_and_flat_sections(grid: &BeamGrid, values: &UnknownValues) -> (Vec<BeamSection>, Vec<BeamSection>) {
-    let flat = grid.bend(&Bending { raise_m: values.raise_m, ..Bending::UNBENT });
+fn bent_and_flat_sections(
+    grid: &BeamGrid,
+    values: &UnknownValues,
+) -> (Vec<BeamSection>, Vec<BeamSection>) {
+    let flat = grid.bend(&Bending {
+        raise_m: values.raise_m,
+        ..Bending::UNBENT
+    });
     (grid.bend(&values.bending()), flat)
 }

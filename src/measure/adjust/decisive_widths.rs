@@ -15,11 +15,14 @@ pub fn decisive_width_remarks(
     widened: &WidenedPriors,
 ) -> Vec<String> {
     let setup = outcome.solved.input.setup;
-    let Some(budget) = budget.filter(|_| setup.uncertainty.has_flight_effects()) else { return vec![] };
+    let Some(budget) = budget.filter(|_| setup.uncertainty.has_flight_effects()) else {
+        return vec![];
+    };
     let remark = |unknown: Unknown| {
         let width = StatedWidth::of_unknown(setup, unknown, stayed);
         let (tip, more) = tip_variance(outcome, budget, unknown, &width)?;
-        let [stated, usual] = [tip, tip + more].map(|variance| 1e3 * outcome.scale() * variance.sqrt());
+        let [stated, usual] =
+            [tip, tip + more].map(|variance| 1e3 * outcome.scale() * variance.sqrt());
         (widened.increase(unknown) == 0.0 && usual > SENSITIVE_RATIO * stated).then(|| {
             let StatedWidth { key, unit, value, default } = width;
             format!(
@@ -41,15 +44,25 @@ fn tip_variance(
     unknown: Unknown,
     width: &StatedWidth,
 ) -> Option<(f64, f64)> {
-    let SolvedGroup { problem, fit, group, .. } = outcome.solved;
+    let SolvedGroup {
+        problem,
+        fit,
+        group,
+        ..
+    } = outcome.solved;
     let gradient = outcome.deflection_gradient(budget.marker, budget.reference);
     let (mut tip, mut more) = (0.0, None);
-    for prior in problem.priors.iter().filter(|prior| prior.name.unknown == unknown.name()) {
+    for prior in problem
+        .priors
+        .iter()
+        .filter(|prior| prior.name.unknown == unknown.name())
+    {
         let increase = width.increase_to_default(unknown, &prior.covariance)?;
         let covariance = fit.function_covariance(group, &gradient.with_parameters(&prior.columns));
         let n = prior.columns.len();
         // The weight that the default takes from the prior, inverted.
-        let taken = &prior.covariance + &prior.covariance * increase.cholesky()?.solve(&prior.covariance);
+        let taken =
+            &prior.covariance + &prior.covariance * increase.cholesky()?.solve(&prior.covariance);
         let with_tip = covariance.view((1, 0), (n, 1)).column(0).into_owned();
         let left = (taken - covariance.view((1, 1), (n, n))).cholesky()?;
         tip = covariance[(0, 0)];

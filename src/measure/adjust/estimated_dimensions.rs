@@ -22,8 +22,19 @@ const DIMENSION_STEPS: [f64; ESTIMATED_DIMENSIONS] = [0.05, 0.05, 2e-3, 2e-3];
 /// the wing does not have.
 pub fn dimension_sigmas(setup: &Setup) -> [f64; ESTIMATED_DIMENSIONS] {
     let is_swept = setup.sweeps().next().is_some();
-    let widths = [Width::RootOffset, Width::ChordOffset, Width::SpanDirection, Width::Sweep];
-    widths.map(|width| if width == Width::Sweep && !is_swept { 0.0 } else { setup.uncertainty[width] })
+    let widths = [
+        Width::RootOffset,
+        Width::ChordOffset,
+        Width::SpanDirection,
+        Width::Sweep,
+    ];
+    widths.map(|width| {
+        if width == Width::Sweep && !is_swept {
+            0.0
+        } else {
+            setup.uncertainty[width]
+        }
+    })
 }
 
 /// A wing that differs from the nominal wing in one estimated dimension.
@@ -57,7 +68,12 @@ impl NeighbourWing {
         Ok(all)
     }
 
-    fn new(setup: &Setup, trusted: &[bool], nominal: &GroundShape, which: usize) -> AdjustResult<Self> {
+    fn new(
+        setup: &Setup,
+        trusted: &[bool],
+        nominal: &GroundShape,
+        which: usize,
+    ) -> AdjustResult<Self> {
         let step = DIMENSION_STEPS[which];
         let mut setup = setup.clone();
         match which {
@@ -65,12 +81,16 @@ impl NeighbourWing {
             1 => setup.axis_chord_offset_m = Some(nominal.axis.root_m.z + step),
             2 => {
                 let (sin, cos) = step.sin_cos();
-                setup.span_direction = nalgebra::Matrix2::new(cos, -sin, sin, cos) * setup.span_direction;
+                setup.span_direction =
+                    nalgebra::Matrix2::new(cos, -sin, sin, cos) * setup.span_direction;
             }
             // One unknown for the whole wing outboard of the first break.
             _ => {
                 let aft = setup.aft_sign();
-                let stated = setup.breaks.iter_mut().filter_map(|one| Some((one.span_m, one.sweep_rad.as_mut()?)));
+                let stated = setup
+                    .breaks
+                    .iter_mut()
+                    .filter_map(|one| Some((one.span_m, one.sweep_rad.as_mut()?)));
                 if let Some((_, sweep_rad)) = stated.min_by(|a, b| a.0.total_cmp(&b.0)) {
                     *sweep_rad += aft * step;
                 }
@@ -80,10 +100,17 @@ impl NeighbourWing {
         let arcs: Vec<f64> = ground.stations.iter().map(|s| s.arc_m).collect();
         let grid = BeamGrid::new(&ground, &arcs);
         let mounts = MarkerArm::all_on_ground(&grid, &ground);
-        let wing_from_own =
-            nominal.frame.wing_from_survey.matrix() * ground.frame.wing_from_survey.matrix().transpose();
+        let wing_from_own = nominal.frame.wing_from_survey.matrix()
+            * ground.frame.wing_from_survey.matrix().transpose();
         let root_m = if which == 0 { step } else { 0.0 };
-        Ok(Self { ground, step, grid, arms: mounts, wing_from_own, root_m })
+        Ok(Self {
+            ground,
+            step,
+            grid,
+            arms: mounts,
+            wing_from_own,
+            root_m,
+        })
     }
 
     /// Derivative of a section's motion with respect to the dimension, from the motion in this wing, in its own wing frame.

@@ -4,7 +4,8 @@ use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 use crate::geometry::Lens;
 use crate::observation::Observation;
 use crate::setup::{
-    Air, Orientation, Pane, Setup, SetupUncertainty, Shape, SkinHeight, SurveyMarker, Thermal, Window, WingSide,
+    Air, Orientation, Pane, Setup, SetupUncertainty, Shape, SkinHeight, SurveyMarker, Thermal,
+    Window, WingSide,
 };
 
 /// Installation with nine markers on 30 m.
@@ -25,7 +26,12 @@ pub fn setup() -> Setup {
     };
     Setup {
         name: "t".into(),
-        lens: Lens { k1: -0.05, k2: 0.09, p1: -3e-4, ..Lens::pinhole(4000, 3000, 7800.0, 1986.0, 1513.0) },
+        lens: Lens {
+            k1: -0.05,
+            k2: 0.09,
+            p1: -3e-4,
+            ..Lens::pinhole(4000, 3000, 7800.0, 1986.0, 1513.0)
+        },
         projection_centre_m: Vector3::zeros(),
         projection_centre_sigma_m: 0.002,
         mount_repeatability_px: 10.0,
@@ -35,7 +41,11 @@ pub fn setup() -> Setup {
         root_offset_m: 0.5,
         axis_chord_offset_m: Some(0.1),
         breaks: vec![],
-        skin_height: Some(SkinHeight { root_m: 0.5, tip_m: 0.1, tip_span_m: 33.0 }),
+        skin_height: Some(SkinHeight {
+            root_m: 0.5,
+            tip_m: 0.1,
+            tip_span_m: 33.0,
+        }),
         uncertainty: SetupUncertainty::from_drawings(),
         thermal: Some(Thermal {
             expansion_per_k: 23e-6,
@@ -52,17 +62,29 @@ pub fn setup() -> Setup {
 
 /// Orientation of a camera that looks along the wing.
 pub fn orientation() -> Orientation {
-    let camera_from_survey =
-        Rotation3::from_matrix_unchecked(Matrix3::new(0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0));
-    let observation =
-        |marker| Observation { marker, pixel: Vector2::new(1900.0, 1500.0), covariance_px2: Matrix2::identity() };
+    let camera_from_survey = Rotation3::from_matrix_unchecked(Matrix3::new(
+        0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0,
+    ));
+    let observation = |marker| Observation {
+        marker,
+        pixel: Vector2::new(1900.0, 1500.0),
+        covariance_px2: Matrix2::identity(),
+    };
     let ground = (0..9).map(observation).collect();
-    Orientation { ground, ..Orientation::from_rotation(camera_from_survey) }
+    Orientation {
+        ground,
+        ..Orientation::from_rotation(camera_from_survey)
+    }
 }
 
 /// Window with a bowed pane in flight.
 pub fn window() -> Window {
-    let air = Air { temperature_c: 15.0, pressure_hpa: 1013.0, humidity: 0.0, co2_ppm: 420.0 };
+    let air = Air {
+        temperature_c: 15.0,
+        pressure_hpa: 1013.0,
+        humidity: 0.0,
+        co2_ppm: 420.0,
+    };
     let pane = Pane {
         thickness_m: 0.0145,
         thickness_sigma_m: 1e-3,
@@ -75,5 +97,11 @@ pub fn window() -> Window {
         same_on_ground: false,
     };
     let normal = Some(Vector3::new(1.0, 0.15, 0.1).normalize());
-    Window { normal, cabin: air, outside: air, wavelength_nm: 550.0, pane: Some(pane) }
+    Window {
+        normal,
+        cabin: air,
+        outside: air,
+        wavelength_nm: 550.0,
+        pane: Some(pane),
+    }
 }

@@ -75,7 +75,15 @@ pub fn solve_flight_with<T>(
 ) -> AdjustResult<(Vec<Solution>, T)> {
     let scene = WingScene::new(setup, orientation)?;
     let solve = |options: &Options| {
-        let joint = JointSolution::new(AdjustmentInput { setup, orientation, scene: &scene, options }, frames)?;
+        let joint = JointSolution::new(
+            AdjustmentInput {
+                setup,
+                orientation,
+                scene: &scene,
+                options,
+            },
+            frames,
+        )?;
         Ok((joint.frame_solutions(), derive(&joint)))
     };
     with_prior_if_consistent(options, solve, |(solutions, _)| solutions)
@@ -97,9 +105,14 @@ pub fn solve_frame_with_prior<T>(
         let mut hyperparameters = FlightHyperparameters::initial(&input, 1, mountings);
         hyperparameters.drift_rad = MIN_DRIFT_RAD;
         let joint = JointSolution::for_single_frame(Flight::new(input, &frames, hyperparameters)?)?;
-        Ok((joint.first_solution(false), derive(&joint.solved.frame_outcome(&joint.flight.input, 0))))
+        Ok((
+            joint.first_solution(false),
+            derive(&joint.solved.frame_outcome(&joint.flight.input, 0)),
+        ))
     };
-    with_prior_if_consistent(input.options, solve, |(solution, _)| std::slice::from_mut(solution))
+    with_prior_if_consistent(input.options, solve, |(solution, _)| {
+        std::slice::from_mut(solution)
+    })
 }
 
 #[cfg(test)]

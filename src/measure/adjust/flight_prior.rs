@@ -85,44 +85,71 @@ impl RepeatingParameters {
     /// # Errors
     /// Returns an error if a prior covariance is not positive definite.
     pub fn new(unknowns: &[InvariantParameter], setup: &Setup) -> AdjustResult<Self> {
-        let columns_of =
-            |unknown| -> Vec<usize> { (0..unknowns.len()).filter(|k| unknowns[*k].unknown == unknown).collect() };
-        let [shape, skin, targets] = [Unknown::Shape, Unknown::SkinMotion, Unknown::FixedTargetMotion].map(columns_of);
+        let columns_of = |unknown| -> Vec<usize> {
+            (0..unknowns.len())
+                .filter(|k| unknowns[*k].unknown == unknown)
+                .collect()
+        };
+        let [shape, skin, targets] = [
+            Unknown::Shape,
+            Unknown::SkinMotion,
+            Unknown::FixedTargetMotion,
+        ]
+        .map(columns_of);
         let ratios = shape.len();
         let moving = [&skin[..], &targets].concat();
         let columns = [&shape[..], &moving].concat();
         let mut repeated = DMatrix::zeros(columns.len(), columns.len());
         let mut own = repeated.clone();
-        repeated.view_mut((0, 0), (ratios, ratios)).copy_from(&invert_matrix(shape_covariance(ratios + 1))?);
+        repeated
+            .view_mut((0, 0), (ratios, ratios))
+            .copy_from(&invert_matrix(shape_covariance(ratios + 1))?);
         own.view_mut((0, 0), (ratios, ratios))
             .copy_from(&(burning_covariance(ratios + 1) * SHAPE_BETWEEN_FLIGHTS_FRACTION));
         for (k, column) in moving.iter().enumerate() {
-            let marker = unknowns[*column].marker.and_then(|marker| setup.markers.get(marker));
-            let fixed = marker.filter(|_| k >= skin.len()).map(|marker| marker.flight_motion_m);
-            let variance = fixed.unwrap_or(setup.uncertainty[Width::SkinMotion]).powi(2);
+            let marker = unknowns[*column]
+                .marker
+                .and_then(|marker| setup.markers.get(marker));
+            let fixed = marker
+                .filter(|_| k >= skin.len())
+                .map(|marker| marker.flight_motion_m);
+            let variance = fixed
+                .unwrap_or(setup.uncertainty[Width::SkinMotion])
+                .powi(2);
             let at = (ratios + k, ratios + k);
             repeated[at] = 1.0 / (REPEATED_FRACTION * variance);
             own[at] = (1.0 - REPEATED_FRACTION) * variance;
         }
-        Ok(Self { columns, repeated, own })
+        Ok(Self {
+            columns,
+            repeated,
+            own,
+        })
     }
 
     /// Covariance of the part specific to a flight, for some of the invariant parameters.
     pub fn flight_covariance(&self, at: &[usize]) -> DMatrix<f64> {
         let position = |k: usize| self.columns.iter().position(|column| *column == at[k]);
         DMatrix::from_fn(at.len(), at.len(), |i, j| {
-            position(i).zip(position(j)).map_or(0.0, |position| self.own[position])
+            position(i)
+                .zip(position(j))
+                .map_or(0.0, |position| self.own[position])
         })
     }
 
     /// Marginalizes the part specific to a flight: adds its variance to the prior of the sum. Used once per contributing
     /// flight and once for the flight that is solved.
-    fn remove_flight_part(&self, normal: &mut DMatrix<f64>, right: &mut DVector<f64>) -> AdjustResult<()> {
+    fn remove_flight_part(
+        &self,
+        normal: &mut DMatrix<f64>,
+        right: &mut DVector<f64>,
+    ) -> AdjustResult<()> {
         if self.columns.is_empty() {
             return Ok(());
         }
         let coupling = normal.select_columns(&self.columns);
-        let inner = invert_matrix(invert_matrix(self.own.clone())? + coupling.select_rows(&self.columns))?;
+        let inner =
+            invert_matrix(invert_matrix(self.own.clone())? + coupling.select_rows(&self.columns))?;
         let gain = &coupling * inner;
         *right -= &gain * right.select_rows(&self.columns);
         *normal -= gain * coupling.transpose();
@@ -154,7 +181,9 @@ impl FlightPrior {
     /// # Errors
     /// Returns an error if the flights have different parameters, or a prior standard deviation is 0.
     pub fn from_flights(flights: &[&ReducedNormals], setup: &Setup) -> AdjustResult<Option<Self>> {
-        let Some(first) = flights.first() else { return Ok(None) };
+        let Some(first) = flights.first() else {
+            return Ok(None);
+        };
         let unknowns = first.unknowns.clone();
         let repeating = RepeatingParameters::new(&unknowns, setup)?;
         let mut normal = DMatrix::zeros(unknowns.len(), unknowns.len());
@@ -175,10 +204,16 @@ impl FlightPrior {
         repeating.add_information(&mut normal, &repeating.repeated, 1.0);
         repeating.remove_flight_part(&mut normal, &mut right)?;
         if !repeating.columns.is_empty() {
-            let nominal = invert_matrix(invert_matrix(repeating.repeated.clone())? + &repeating.own)?;
+            let nominal =
+                invert_matrix(invert_matrix(repeating.repeated.clone())? + &repeating.own)?;
             repeating.add_information(&mut normal, &nominal, -1.0);
         }
-        Ok(Some(Self::from_normals((unknowns, &first.sigmas), &normal, &right, flights.len())))
+        Ok(Some(Self::from_normals(
+            (unknowns, &first.sigmas),
+            &normal,
+            &right,
+            flights.len(),
+        )))
     }
 
     /// Creates a prior without parameter combinations that the images do not determine, in units of the parameters'
@@ -189,30 +224,60 @@ impl FlightPrior {
         right: &DVector<f64>,
         flights: usize,
     ) -> Self {
-        let scaled = DMatrix::from_fn(unit.len(), unit.len(), |i, j| unit[i] * normal[(i, j)] * unit[j]);
-        let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(scaled);
-        let determined: Vec<usize> = (0..unit.len()).filter(|k| eigenvalues[*k] > MIN_INFORMATION_FRACTION).collect();
+        let scaled = DMatrix::from_fn(unit.len(), unit.len(), |i, j| {
+            unit[i] * normal[(i, j)] * unit[j]
+        });
+        let SymmetricEigen {
+            eigenvectors,
+            eigenvalues,
+        } = SymmetricEigen::new(scaled);
+        let determined: Vec<usize> = (0..unit.len())
+            .filter(|k| eigenvalues[*k] > MIN_INFORMATION_FRACTION)
+            .collect();
         let axes = eigenvectors.select_columns(&determined);
-        let weights = DVector::from_iterator(determined.len(), determined.iter().map(|k| eigenvalues[*k]));
-        let along = axes.tr_mul(&right.component_mul(unit)).component_div(&weights);
+        let weights =
+            DVector::from_iterator(determined.len(), determined.iter().map(|k| eigenvalues[*k]));
+        let along = axes
+            .tr_mul(&right.component_mul(unit))
+            .component_div(&weights);
         let mean = (&axes * along).component_mul(unit);
-        let rows = DMatrix::from_fn(determined.len(), unit.len(), |i, j| weights[i].sqrt() * axes[(j, i)] / unit[j]);
-        Self { unknowns, mean, information: rows.tr_mul(&rows), conditions: determined.len(), flights }
+        let rows = DMatrix::from_fn(determined.len(), unit.len(), |i, j| {
+            weights[i].sqrt() * axes[(j, i)] / unit[j]
+        });
+        Self {
+            unknowns,
+            mean,
+            information: rows.tr_mul(&rows),
+            conditions: determined.len(),
+            flights,
+        }
     }
 
     /// Returns the prior with its mean at the nominal values, for predicting the precision of a flight.
     pub fn at_nominal(&self) -> Self {
-        Self { mean: DVector::zeros(self.mean.len()), ..self.clone() }
+        Self {
+            mean: DVector::zeros(self.mean.len()),
+            ..self.clone()
+        }
     }
 
     /// Returns whether the prior belongs to a curvature of `terms` terms.
     pub fn matches_curvature_terms(&self, terms: usize) -> bool {
-        self.unknowns.iter().filter(|parameter| parameter.unknown == Unknown::Shape).count() + 1 == terms
+        self.unknowns
+            .iter()
+            .filter(|parameter| parameter.unknown == Unknown::Shape)
+            .count()
+            + 1
+            == terms
     }
 
     /// Remark about the prior for a result.
     pub fn remark(&self, used: bool) -> String {
-        let flights = if self.flights == 1 { "one flight".into() } else { format!("{} flights", self.flights) };
+        let flights = if self.flights == 1 {
+            "one flight".into()
+        } else {
+            format!("{} flights", self.flights)
+        };
         match used {
             true => format!("adjusted with the prior from {flights}"),
             false => format!(
@@ -228,8 +293,12 @@ impl FlightPrior {
         placed: &[(InvariantParameter, usize)],
         nominal: &DVector<f64>,
     ) -> Option<InformationPrior> {
-        let column_of =
-            |unknown: &InvariantParameter| placed.iter().find(|(other, _)| other == unknown).map(|(_, column)| *column);
+        let column_of = |unknown: &InvariantParameter| {
+            placed
+                .iter()
+                .find(|(other, _)| other == unknown)
+                .map(|(_, column)| *column)
+        };
         let columns: Vec<usize> = self.unknowns.iter().map(column_of).collect::<Option<_>>()?;
         let mut known = InformationPrior {
             mean: nominal.clone(),

@@ -87,12 +87,23 @@ impl GroundShape {
     ///
     /// # Errors
     /// As [`GroundShape::new`].
-    pub fn with_breaks(setup: &Setup, trusted: &[bool], breaks_x_m: Option<&[f64]>) -> AdjustResult<Self> {
+    pub fn with_breaks(
+        setup: &Setup,
+        trusted: &[bool],
+        breaks_x_m: Option<&[f64]>,
+    ) -> AdjustResult<Self> {
         let frame = setup.wing_frame();
-        let surveyed: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
+        let surveyed: Vec<_> = setup
+            .markers
+            .iter()
+            .map(|m| frame.wing_point(&m.position_m))
+            .collect();
         let (wing, points) = straightened_markers(setup);
         if points.len() < 2 || surveyed.iter().any(|p| !p.iter().all(|v| v.is_finite())) {
-            return Err(AdjustError::TooFewMarkers { found: points.len(), needed: 6 });
+            return Err(AdjustError::TooFewMarkers {
+                found: points.len(),
+                needed: 6,
+            });
         }
         let mean = points.iter().map(|p| p.z).sum::<f64>() / points.len() as f64;
         let axis_z = setup.axis_chord_offset_m.unwrap_or(mean);
@@ -101,28 +112,48 @@ impl GroundShape {
         let weights: Vec<f64> = wing.iter().map(|k| all[*k]).collect();
         let smooth = SurfaceFrame::new(&points, axis_z, setup)?;
         let surface = match breaks_x_m {
-            Some(x_m) => {
-                SurveySurface::fit_robust(&points, &weights, &SurfaceFrame { breaks_x_m: x_m.to_vec(), ..smooth })
-            }
+            Some(x_m) => SurveySurface::fit_robust(
+                &points,
+                &weights,
+                &SurfaceFrame {
+                    breaks_x_m: x_m.to_vec(),
+                    ..smooth
+                },
+            ),
             None => SurveySurface::fit_broken(&points, &weights, smooth),
         };
         let mut axis = BendingAxis::below_surface(&surface, &points, skin);
         axis.add_sweeps(setup);
-        let tip_m =
-            surface.tip_device_m().map(|(x_m, cant)| (interpolate_table(&axis.x_m, &axis.arc_m, x_m), x_m, cant));
+        let tip_m = surface
+            .tip_device_m()
+            .map(|(x_m, cant)| (interpolate_table(&axis.x_m, &axis.arc_m, x_m), x_m, cant));
         let station = |(m, p): (&SurveyMarker, &Vector3<f64>)| {
             let (arc_m, more_rad) = match tip_m {
                 _ if m.fixed => (0.0, 0.0),
                 Some((arc_m, x_m, cant_rad)) if p.x > x_m => (arc_m, cant_rad),
                 _ => (axis.foot_arc_length(p), 0.0),
             };
-            let skin_normal = wing_from_section(axis.slope_rad(arc_m) + more_rad).column(1).into_owned();
-            Station { arc_m, surveyed_m: *p, skin_normal }
+            let skin_normal = wing_from_section(axis.slope_rad(arc_m) + more_rad)
+                .column(1)
+                .into_owned();
+            Station {
+                arc_m,
+                surveyed_m: *p,
+                skin_normal,
+            }
         };
         let stations = setup.markers.iter().zip(&surveyed).map(station).collect();
         let axis_covariance = surface.height_covariance(axis.length_m);
         let breaks_x_m = surface.frame.breaks_x_m;
-        Ok(Self { frame, axis, stations, axis_covariance, skin_height_sigma_m, nose: setup.aft_sign(), breaks_x_m })
+        Ok(Self {
+            frame,
+            axis,
+            stations,
+            axis_covariance,
+            skin_height_sigma_m,
+            nose: setup.aft_sign(),
+            breaks_x_m,
+        })
     }
 }
 
@@ -140,7 +171,11 @@ const WAVINESS_M: f64 = 0.001;
 fn height_weights(setup: &Setup, trusted: &[bool]) -> Vec<f64> {
     let weight = |(k, m): (usize, &SurveyMarker)| {
         let trusted = trusted.get(k).copied().unwrap_or(true);
-        if trusted { 1.0 / (m.sigma_m * m.sigma_m + WAVINESS_M * WAVINESS_M) } else { 0.0 }
+        if trusted {
+            1.0 / (m.sigma_m * m.sigma_m + WAVINESS_M * WAVINESS_M)
+        } else {
+            0.0
+        }
     };
     setup.markers.iter().enumerate().map(weight).collect()
 }
@@ -156,19 +191,35 @@ fn skin_height(setup: &Setup, points: &[Vector3<f64>]) -> (SkinHeight, f64) {
     if let Some(skin) = setup.skin_height {
         return (skin, configured);
     }
-    let reach = points.iter().fold(0.0, |a: f64, p| a.max(p.x - setup.root_offset_m));
+    let reach = points
+        .iter()
+        .fold(0.0, |a: f64, p| a.max(p.x - setup.root_offset_m));
     let (root, tip, sigma) = TYPICAL_HALF_THICKNESS;
-    (SkinHeight { root_m: root * reach, tip_m: tip * reach, tip_span_m: reach }, configured.max(sigma * reach))
+    (
+        SkinHeight {
+            root_m: root * reach,
+            tip_m: tip * reach,
+            tip_span_m: reach,
+        },
+        configured.max(sigma * reach),
+    )
 }
 
 impl BendingAxis {
     /// Tabulates the axis below the skin's surface through these points.
     fn below_surface(surface: &SurveySurface, points: &[Vector3<f64>], skin: SkinHeight) -> Self {
-        let SurfaceFrame { axis_z, root_x, reach, .. } = surface.frame;
+        let SurfaceFrame {
+            axis_z,
+            root_x,
+            reach,
+            ..
+        } = surface.frame;
         let skin_slope = (skin.tip_m - skin.root_m) / skin.tip_span_m;
         let step = reach * (1.0 + OVERHANG) / (AXIS_POINTS - 1) as f64;
-        let mut axis =
-            Self { root_m: Vector3::new(root_x, surface.height_at(0.0) - skin.root_m, axis_z), ..Self::default() };
+        let mut axis = Self {
+            root_m: Vector3::new(root_x, surface.height_at(0.0) - skin.root_m, axis_z),
+            ..Self::default()
+        };
         let mut arc = 0.0;
         for k in 0..AXIS_POINTS {
             let x = step * k as f64;
@@ -178,11 +229,15 @@ impl BendingAxis {
             }
             axis.arc_m.push(arc);
             axis.x_m.push(root_x + x);
-            axis.y_m.push(surface.height_at(x) - skin.root_m - skin_slope * x);
+            axis.y_m
+                .push(surface.height_at(x) - skin.root_m - skin_slope * x);
             axis.slope_rad.push(slope);
         }
         let tip_x = surface.tip_device_m().map_or(f64::INFINITY, |(x_m, _)| x_m);
-        let last_x = points.iter().fold(f64::MIN, |last, p| last.max(p.x)).min(tip_x);
+        let last_x = points
+            .iter()
+            .fold(f64::MIN, |last, p| last.max(p.x))
+            .min(tip_x);
         let arc_at = |x_m: f64| interpolate_table(&axis.x_m, &axis.arc_m, x_m);
         let (last_arc, tip_span_m) = (arc_at(last_x), skin.tip_span_m);
         let is_plausible = (1.0..1.25).contains(&(tip_span_m / last_arc));
@@ -193,26 +248,43 @@ impl BendingAxis {
             sweep_rad: 0.0,
         };
         let breaks = surface.wing_breaks(0.0).map(at_break).collect();
-        let length_m = if is_plausible { tip_span_m } else { TIP_OVER_LAST_MARKER * last_arc };
-        Self { length_m, breaks, ..axis }
+        let length_m = if is_plausible {
+            tip_span_m
+        } else {
+            TIP_OVER_LAST_MARKER * last_arc
+        };
+        Self {
+            length_m,
+            breaks,
+            ..axis
+        }
     }
 
     /// Adds the stated breaks of the sweep. One inboard of the root turns nothing that bends.
     fn add_sweeps(&mut self, setup: &Setup) {
         for (span_m, sweep_rad) in setup.sweeps().filter(|(span_m, _)| *span_m > self.root_m.x) {
             let arc_m = interpolate_table(&self.x_m, &self.arc_m, span_m);
-            self.breaks.push(AxisBreak { arc_m, turn_rad: 0.0, sweep_rad });
+            self.breaks.push(AxisBreak {
+                arc_m,
+                turn_rad: 0.0,
+                sweep_rad,
+            });
         }
     }
 
     /// Breaks inboard of an arc length: each with its distance from it, m.
     pub fn breaks_inboard_of(&self, arc_m: f64) -> impl Iterator<Item = (f64, &AxisBreak)> {
-        self.breaks.iter().filter(move |one| one.arc_m < arc_m).map(move |one| (arc_m - one.arc_m, one))
+        self.breaks
+            .iter()
+            .filter(move |one| one.arc_m < arc_m)
+            .map(move |one| (arc_m - one.arc_m, one))
     }
 
     /// Distance of the swept axis at an arc length from that inboard of all breaks, along Z of the wing frame, m.
     pub fn swept_m(&self, arc_m: f64) -> f64 {
-        self.breaks_inboard_of(arc_m).map(|(beyond_m, one)| one.sweep_rad.tan() * beyond_m).sum()
+        self.breaks_inboard_of(arc_m)
+            .map(|(beyond_m, one)| one.sweep_rad.tan() * beyond_m)
+            .sum()
     }
 
     /// Slope of the axis at an arc length, rad.
@@ -225,8 +297,10 @@ impl BendingAxis {
         let mut arc = interpolate_table(&self.x_m, &self.arc_m, p.x);
         for _ in 0..4 {
             let (sin, cos) = self.slope_rad(arc).sin_cos();
-            let (x, y) =
-                (interpolate_table(&self.arc_m, &self.x_m, arc), interpolate_table(&self.arc_m, &self.y_m, arc));
+            let (x, y) = (
+                interpolate_table(&self.arc_m, &self.x_m, arc),
+                interpolate_table(&self.arc_m, &self.y_m, arc),
+            );
             arc += (p.x - x) * cos + (p.y - y) * sin;
         }
         arc.max(0.0)
@@ -260,7 +334,9 @@ pub fn find_skin_outliers(setup: &Setup) -> Vec<SkinOutlier> {
     let all = height_weights(setup, &[]);
     let weights: Vec<f64> = wing.iter().map(|k| all[*k]).collect();
     let axis_z = points.iter().map(|p| p.z).sum::<f64>() / points.len().max(1) as f64;
-    let Ok(frame) = SurfaceFrame::new(&points, axis_z, setup) else { return vec![] };
+    let Ok(frame) = SurfaceFrame::new(&points, axis_z, setup) else {
+        return vec![];
+    };
     let frame = SurveySurface::fit_broken(&points, &weights, frame).frame;
     let mut remaining: Vec<usize> = (0..points.len()).collect();
     let mut off = vec![];
@@ -275,14 +351,27 @@ pub fn find_skin_outliers(setup: &Setup) -> Vec<SkinOutlier> {
             (k, surface.height_above(&points[k]), variance.sqrt())
         };
         let tests: Vec<(usize, f64, f64)> = remaining.iter().map(test).collect();
-        let factor = robust::robust_sigma(tests.iter().map(|(_, height, sigma)| (height / sigma).abs()).collect());
-        let worst = tests.iter().max_by(|a, b| (a.1 / a.2).abs().total_cmp(&(b.1 / b.2).abs()));
-        let Some(&(marker, height_m, sigma)) = worst else { break };
+        let factor = robust::robust_sigma(
+            tests
+                .iter()
+                .map(|(_, height, sigma)| (height / sigma).abs())
+                .collect(),
+        );
+        let worst = tests
+            .iter()
+            .max_by(|a, b| (a.1 / a.2).abs().total_cmp(&(b.1 / b.2).abs()));
+        let Some(&(marker, height_m, sigma)) = worst else {
+            break;
+        };
         let sigma_m = sigma * factor;
         if height_m.abs() <= OUTLIER_SIGMAS * sigma_m {
             break;
         }
-        off.push(SkinOutlier { marker: wing[marker], height_m, sigma_m });
+        off.push(SkinOutlier {
+            marker: wing[marker],
+            height_m,
+            sigma_m,
+        });
         remaining.retain(|k| *k != marker);
     }
     off

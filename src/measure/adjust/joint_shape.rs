@@ -88,7 +88,9 @@ impl FrameShape {
     pub fn variances(&self) -> DVector<f64> {
         let mut all = DVector::zeros(self.values.len());
         for factor in [&self.lasting, &self.shared, &self.own] {
-            factor.column_iter().for_each(|column| all += column.component_mul(&column));
+            factor
+                .column_iter()
+                .for_each(|column| all += column.component_mul(&column));
         }
         all
     }
@@ -104,7 +106,10 @@ pub(super) struct ShapeFunctions {
 }
 
 /// Stations of a scene, wing markers, and the axis on the ground.
-pub(super) fn empty_shape(outcome: &FrameOutcome, choice: &StationChoice) -> AdjustResult<JointShape> {
+pub(super) fn empty_shape(
+    outcome: &FrameOutcome,
+    choice: &StationChoice,
+) -> AdjustResult<JointShape> {
     let scene = outcome.solved.input.scene;
     let (ground, length_m) = (&scene.ground, scene.ground.axis.length_m);
     let standard = AxisCurve::standard_arcs_m(scene);
@@ -114,15 +119,31 @@ pub(super) fn empty_shape(outcome: &FrameOutcome, choice: &StationChoice) -> Adj
         StationChoice::ArcLengths(list) => list.clone(),
         StationChoice::Fractions(list) => list.iter().map(|eta| eta * length_m).collect(),
     };
-    if let Some(outside) = arcs_m.iter().find(|arc_m| !(0.0..=length_m + 1e-9).contains(*arc_m)) {
+    if let Some(outside) = arcs_m
+        .iter()
+        .find(|arc_m| !(0.0..=length_m + 1e-9).contains(*arc_m))
+    {
         return Err(AdjustError::Input(format!(
             "station {outside} m is not on the wing; give arc lengths from the bending root, 0 to {length_m:.3} m"
         )));
     }
     let MovedSections { curve, .. } = outcome.moved_sections(arcs_m);
-    let ground_m = curve.flat.iter().map(|section| ground.frame.survey_point(&section.axis_m)).collect();
-    let markers = (0..ground.stations.len()).filter(|k| !scene.is_fixed(*k)).collect();
-    Ok(JointShape { arcs_m: curve.arcs_m, length_m, reach_m, ground_m, markers, frames: vec![] })
+    let ground_m = curve
+        .flat
+        .iter()
+        .map(|section| ground.frame.survey_point(&section.axis_m))
+        .collect();
+    let markers = (0..ground.stations.len())
+        .filter(|k| !scene.is_fixed(*k))
+        .collect();
+    Ok(JointShape {
+        arcs_m: curve.arcs_m,
+        length_m,
+        reach_m,
+        ground_m,
+        markers,
+        frames: vec![],
+    })
 }
 
 impl FrameOutcome<'_> {
@@ -130,8 +151,16 @@ impl FrameOutcome<'_> {
     pub(super) fn shape_functions(&self, shape: &JointShape) -> ShapeFunctions {
         let moved = self.moved_sections(shape.arcs_m.clone());
         let sections = &moved.sections;
-        let survey_from_wing = self.solved.input.scene.ground.frame.wing_from_survey.inverse();
-        let axes: [Vector3<f64>; 3] = std::array::from_fn(|k| survey_from_wing.inverse() * Vector3::ith(k, 1.0));
+        let survey_from_wing = self
+            .solved
+            .input
+            .scene
+            .ground
+            .frame
+            .wing_from_survey
+            .inverse();
+        let axes: [Vector3<f64>; 3] =
+            std::array::from_fn(|k| survey_from_wing.inverse() * Vector3::ith(k, 1.0));
         let flow = self.flow_in_wing();
         let functions: Vec<Vec<SectionFunction>> = (0..STATION_FUNCTIONS.len())
             .map(|f| {
@@ -139,7 +168,9 @@ impl FrameOutcome<'_> {
                     0..3 => section.displacement(&axes[f]),
                     3 => section.slope(),
                     4 => section.twist(),
-                    5 => flow.map_or(SectionFunction::UNKNOWN, |aft| section.streamwise_twist(&aft)),
+                    5 => flow.map_or(SectionFunction::UNKNOWN, |aft| {
+                        section.streamwise_twist(&aft)
+                    }),
                     _ => section.rotation(&axes[f - 6]),
                 };
                 sections.iter().map(of_section).collect()
@@ -157,9 +188,16 @@ impl FrameOutcome<'_> {
             self.add_position(&mut gradient, &state, &directions, &on_ground);
             values.extend(axes.map(|axis| axis.dot(&(state.carried.position_m - ground))));
         }
-        let (by_global, own) = self.solved.fit.propagate_factors(self.solved.group, &gradient);
+        let (by_global, own) = self
+            .solved
+            .fit
+            .propagate_factors(self.solved.group, &gradient);
         let scale = self.scale();
-        ShapeFunctions { values: values.into(), by_global: by_global * scale, own: own * scale }
+        ShapeFunctions {
+            values: values.into(),
+            by_global: by_global * scale,
+            own: own * scale,
+        }
     }
 }
 
@@ -178,7 +216,10 @@ pub(super) fn reduce_factors(factors: Vec<DMatrix<f64>>) -> Vec<DMatrix<f64>> {
         }
         normal.gemm_tr(1.0, &scaled, &scaled, 1.0);
     }
-    let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(normal);
+    let SymmetricEigen {
+        eigenvectors,
+        eigenvalues,
+    } = SymmetricEigen::new(normal);
     let mut order: Vec<usize> = (0..sources).collect();
     order.sort_by(|a, b| eigenvalues[*a].total_cmp(&eigenvalues[*b]));
     let mut lost = 0.0;

@@ -38,16 +38,28 @@ const MISSING_MOTION: &str = "a marker's motion in flight cannot be determined";
 
 impl MarkerMotions {
     /// Allocates the columns and their priors.
-    pub fn allocate(input: &AdjustmentInput, scales: &PriorScales, columns: &mut ColumnAllocator) -> Self {
+    pub fn allocate(
+        input: &AdjustmentInput,
+        scales: &PriorScales,
+        columns: &mut ColumnAllocator,
+    ) -> Self {
         let skin_motion_m = input.setup.uncertainty[Width::SkinMotion];
         let first = columns.missing.len();
         let mut per_marker = vec![];
         for (marker, station) in input.setup.markers.iter().zip(&input.scene.ground.stations) {
             let (unknown, sigma_m, directions) = if marker.fixed {
                 let all = vec![Vector3::x(), Vector3::y(), Vector3::z()];
-                (Unknown::FixedTargetMotion, scales.fixed_targets * marker.flight_motion_m, all)
+                (
+                    Unknown::FixedTargetMotion,
+                    scales.fixed_targets * marker.flight_motion_m,
+                    all,
+                )
             } else {
-                (Unknown::SkinMotion, scales.skin * skin_motion_m, vec![station.skin_normal])
+                (
+                    Unknown::SkinMotion,
+                    scales.skin * skin_motion_m,
+                    vec![station.skin_normal],
+                )
             };
             let directions = if sigma_m > 0.0 { directions } else { vec![] };
             let own = columns.allocate(directions.len(), MISSING_MOTION);
@@ -117,14 +129,21 @@ impl ParameterLayout {
             dimension_derivatives: self.dimension_derivatives.clone(),
             ..UnknownValues::nominal(self.expected_scale)
         };
-        self.terms.iter().for_each(|placed| placed.add_values(global, local, &mut values));
+        self.terms
+            .iter()
+            .for_each(|placed| placed.add_values(global, local, &mut values));
         values
     }
 
     /// Priors of the local parameters.
     pub fn local_priors(&self) -> Vec<Prior> {
         let priors_of = |placed: &PlacedTerm| match placed.scope {
-            ParameterScope::Local(first) => placed.term.priors.iter().map(|p| p.clone().shift_columns(first)).collect(),
+            ParameterScope::Local(first) => placed
+                .term
+                .priors
+                .iter()
+                .map(|p| p.clone().shift_columns(first))
+                .collect(),
             ParameterScope::Global(_) => vec![],
         };
         self.terms.iter().flat_map(priors_of).collect()
@@ -132,23 +151,43 @@ impl ParameterLayout {
 
     /// Local columns of an unknown, each with its prior standard deviation (mean 0).
     pub fn frame_columns(&self, unknown: Unknown) -> impl Iterator<Item = (usize, f64)> {
-        self.terms.iter().filter(move |placed| placed.term.unknown == unknown).flat_map(|placed| {
-            let first = if let ParameterScope::Local(first) = placed.scope { Some(first) } else { None };
-            let sigma = |prior: &Prior| prior.covariance[(0, 0)].sqrt();
-            let one = move |(k, prior)| first.map(|first| (first + k, sigma(prior)));
-            placed.term.priors.iter().enumerate().filter_map(one)
-        })
+        self.terms
+            .iter()
+            .filter(move |placed| placed.term.unknown == unknown)
+            .flat_map(|placed| {
+                let first = if let ParameterScope::Local(first) = placed.scope {
+                    Some(first)
+                } else {
+                    None
+                };
+                let sigma = |prior: &Prior| prior.covariance[(0, 0)].sqrt();
+                let one = move |(k, prior)| first.map(|first| (first + k, sigma(prior)));
+                placed.term.priors.iter().enumerate().filter_map(one)
+            })
     }
 
     /// Returns the layout with the row times of another frame.
-    pub fn with_row_times(&self, input: &AdjustmentInput, frame_observations: &FrameObservations) -> Self {
+    pub fn with_row_times(
+        &self,
+        input: &AdjustmentInput,
+        frame_observations: &FrameObservations,
+    ) -> Self {
         let rows = terms::row_terms(input, frame_observations, &PriorScales::default());
         let row_term = |unknown| rows.iter().find(|term| term.unknown == unknown).cloned();
-        let terms = self.terms.iter().map(|placed| match row_term(placed.term.unknown) {
-            Some(term) => PlacedTerm { term: Arc::new(term), scope: placed.scope },
-            None => placed.clone(),
-        });
-        Self { terms: terms.collect(), ..self.clone() }
+        let terms = self
+            .terms
+            .iter()
+            .map(|placed| match row_term(placed.term.unknown) {
+                Some(term) => PlacedTerm {
+                    term: Arc::new(term),
+                    scope: placed.scope,
+                },
+                None => placed.clone(),
+            });
+        Self {
+            terms: terms.collect(),
+            ..self.clone()
+        }
     }
 
     /// Returns the part of the layout that concerns the ground frame, without bending and mounting.
@@ -167,7 +206,12 @@ impl ParameterLayout {
     }
 
     /// Position of a marker on the ground, wing frame, m.
-    pub fn ground_position(&self, marker: usize, global: &DVector<f64>, observed: &DVector<f64>) -> Vector3<f64> {
+    pub fn ground_position(
+        &self,
+        marker: usize,
+        global: &DVector<f64>,
+        observed: &DVector<f64>,
+    ) -> Vector3<f64> {
         match self.ground_positions {
             GroundPositions::Observed => Vector3::new(observed[0], observed[1], observed[2]),
             GroundPositions::Global(first) => {
@@ -178,15 +222,29 @@ impl ParameterLayout {
     }
 
     /// Position of a marker on the ground including its own in-flight motion, wing frame, m.
-    pub fn moved_position(&self, marker: usize, ground_m: &Vector3<f64>, global: &DVector<f64>) -> Vector3<f64> {
+    pub fn moved_position(
+        &self,
+        marker: usize,
+        ground_m: &Vector3<f64>,
+        global: &DVector<f64>,
+    ) -> Vector3<f64> {
         let columns = self.motions.columns(marker);
-        let moved = self.motions.directions(marker).iter().zip(columns).map(|(d, c)| d * global[c]);
+        let moved = self
+            .motions
+            .directions(marker)
+            .iter()
+            .zip(columns)
+            .map(|(d, c)| d * global[c]);
         ground_m + moved.sum::<Vector3<f64>>()
     }
 
     /// Index of a global parameter among [`ParameterLayout::block_columns`].
     fn block_column(&self, first: usize) -> usize {
-        if first < self.head { first } else { self.head + first - self.mounting.first }
+        if first < self.head {
+            first
+        } else {
+            self.head + first - self.mounting.first
+        }
     }
 
     /// Global columns of conditions on markers: the head, the mounting, and for each marker its position on the ground and
@@ -199,7 +257,10 @@ impl ParameterLayout {
             };
             position.chain(self.motions.columns(marker))
         });
-        (0..self.head).chain(self.mounting.first..self.mounting.first + self.mounting.count).chain(own).collect()
+        (0..self.head)
+            .chain(self.mounting.first..self.mounting.first + self.mounting.count)
+            .chain(own)
+            .collect()
     }
 
     /// Index of the first marker's first column among [`ParameterLayout::block_columns`].
@@ -209,7 +270,12 @@ impl ParameterLayout {
 
     /// Index of the first marker's motion among [`ParameterLayout::block_columns`].
     fn motion_column(&self) -> usize {
-        self.survey_column() + if self.ground_positions == GroundPositions::Observed { 0 } else { 3 }
+        self.survey_column()
+            + if self.ground_positions == GroundPositions::Observed {
+                0
+            } else {
+                3
+            }
     }
 
     /// Adds `value` to the derivative of a function with respect to an unknown. The columns of the gradient are
@@ -223,13 +289,20 @@ impl ParameterLayout {
         value: f64,
     ) {
         match scope {
-            ParameterScope::Global(first) => gradient.global[(self.block_column(first) + k, function)] += value,
+            ParameterScope::Global(first) => {
+                gradient.global[(self.block_column(first) + k, function)] += value
+            }
             ParameterScope::Local(first) => gradient.local[(first + k, function)] += value,
         }
     }
 
     /// Adds `directions * d(position in flight)` to a gradient, one function per direction.
-    pub fn add_position_derivative(&self, gradient: &mut Gradient, state: &MarkerState, directions: &[Vector3<f64>]) {
+    pub fn add_position_derivative(
+        &self,
+        gradient: &mut Gradient,
+        state: &MarkerState,
+        directions: &[Vector3<f64>],
+    ) {
         for (placed, k) in self.unknowns() {
             let by = placed.term.position_derivative(k, state);
             for (function, direction) in directions.iter().enumerate() {
@@ -240,7 +313,9 @@ impl ParameterLayout {
 
     /// Iterates over all unknowns: the term and the column within it.
     pub fn unknowns(&self) -> impl Iterator<Item = (&PlacedTerm, usize)> {
-        self.terms.iter().flat_map(|placed| (0..placed.term.size).map(move |k| (placed, k)))
+        self.terms
+            .iter()
+            .flat_map(|placed| (0..placed.term.size).map(move |k| (placed, k)))
     }
 }
 

@@ -63,6 +63,12 @@ impl MarkerArm {
             arm_m: arm * scale,
         };
         let position_m = section.axis_m + turned * arm;
-        (CarriedMarker { position_m, by_ground: turned * self.section_from_wing }, angles)
+        (
+            CarriedMarker {
+                position_m,
+                by_ground: turned * self.section_from_wing,
+            },
+            angles,
+        )
     }
 }

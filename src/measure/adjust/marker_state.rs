@@ -2,7 +2,9 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::beam::{BENDING_FUNCTIONS, BeamGrid, BeamSection, Bending, RAISE_TERMS, TWIST_FUNCTIONS};
+use super::beam::{
+    BENDING_FUNCTIONS, BeamGrid, BeamSection, Bending, RAISE_TERMS, TWIST_FUNCTIONS,
+};
 use super::marker_arm::{CarriedMarker, MarkerArm};
 use crate::geometry::cross_matrix;
 
@@ -43,7 +45,10 @@ impl MarkerState {
         Self {
             marker: 0,
             from_root_m: None,
-            carried: CarriedMarker { position_m: *ground_m, by_ground: Matrix3::identity() },
+            carried: CarriedMarker {
+                position_m: *ground_m,
+                by_ground: Matrix3::identity(),
+            },
             by_bending: [none; BENDING_FUNCTIONS],
             by_twist: [none; TWIST_FUNCTIONS],
             by_scale: none,
@@ -66,16 +71,30 @@ impl MarkerState {
             let twisted = angles.by_twist * section.twist_by_bending[k];
             section.axis_by_bending[k] + angles.by_slope * section.slope_by_bending[k] + twisted
         });
-        let by_twist = section
-            .by_twist
-            .map(|by| angles.by_twist * by.twist_rad + by.rotation_rad.cross(&angles.arm_m) + by.displacement_m);
+        let by_twist = section.by_twist.map(|by| {
+            angles.by_twist * by.twist_rad
+                + by.rotation_rad.cross(&angles.arm_m)
+                + by.displacement_m
+        });
         let root_m = grid.root_m() + Vector3::y() * bending.raise_m[0];
-        let by_scale = (carried.position_m - root_m - Vector3::y() * bending.root_rise_m()) / bending.scale;
+        let by_scale =
+            (carried.position_m - root_m - Vector3::y() * bending.root_rise_m()) / bending.scale;
         let up = carried.by_ground * Vector3::y();
-        let by_raise = std::array::from_fn(|j| section.axis_by_raise[j] - up * section.raise_by_terms[j]);
+        let by_raise =
+            std::array::from_fn(|j| section.axis_by_raise[j] - up * section.raise_by_terms[j]);
         let (by_estimated, from_root_m) = (Default::default(), Some(carried.position_m - root_m));
         let by_plane = Vector3::zeros();
-        Self { marker: 0, from_root_m, carried, by_bending, by_twist, by_scale, by_raise, by_estimated, by_plane }
+        Self {
+            marker: 0,
+            from_root_m,
+            carried,
+            by_bending,
+            by_twist,
+            by_scale,
+            by_raise,
+            by_estimated,
+            by_plane,
+        }
     }
 
     /// Moves position and derivatives by a fraction of the difference between two wings.
@@ -83,16 +102,26 @@ impl MarkerState {
         self.carried.position_m += (to.carried.position_m - from.carried.position_m) * share;
         self.carried.by_ground += (to.carried.by_ground - from.carried.by_ground) * share;
         let ends = from.derivatives().zip(to.derivatives());
-        self.derivatives_mut().zip(ends).for_each(|(v, (from, to))| *v += (to - from) * share);
+        self.derivatives_mut()
+            .zip(ends)
+            .for_each(|(v, (from, to))| *v += (to - from) * share);
     }
 
     /// Derivatives with respect to bending, twist, axis height and scale.
     fn derivatives(&self) -> impl Iterator<Item = &Vector3<f64>> {
-        self.by_bending.iter().chain(&self.by_twist).chain(&self.by_raise).chain([&self.by_scale])
+        self.by_bending
+            .iter()
+            .chain(&self.by_twist)
+            .chain(&self.by_raise)
+            .chain([&self.by_scale])
     }
 
     fn derivatives_mut(&mut self) -> impl Iterator<Item = &mut Vector3<f64>> {
-        let vectors = self.by_bending.iter_mut().chain(&mut self.by_twist).chain(&mut self.by_raise);
+        let vectors = self
+            .by_bending
+            .iter_mut()
+            .chain(&mut self.by_twist)
+            .chain(&mut self.by_raise);
         vectors.chain([&mut self.by_scale])
     }
 
@@ -102,7 +131,11 @@ impl MarkerState {
         by_estimated: &[Vector3<f64>; ESTIMATED_DIMENSIONS],
         estimated: &[f64; ESTIMATED_DIMENSIONS],
     ) {
-        let moved_m: Vector3<f64> = by_estimated.iter().zip(estimated).map(|(by, off)| by * *off).sum();
+        let moved_m: Vector3<f64> = by_estimated
+            .iter()
+            .zip(estimated)
+            .map(|(by, off)| by * *off)
+            .sum();
         self.by_estimated = *by_estimated;
         self.carried.position_m += moved_m;
         self.from_root_m = self.from_root_m.map(|from| from + moved_m);
@@ -112,42 +145,66 @@ impl MarkerState {
     /// `nominal`: the marker on the nominal wing; `turned`: the same marker with its ground position rotated about the span
     /// by one radian, to first order.
     pub fn tilt_bending_plane(&mut self, turn_rad: f64, nominal: &Self, turned: &Self) {
-        let Some(from_root_m) = &mut self.from_root_m else { return };
+        let Some(from_root_m) = &mut self.from_root_m else {
+            return;
+        };
         let about_span = cross_matrix(&Vector3::x());
         let by = |v: &Vector3<f64>, n: &Vector3<f64>, t: &Vector3<f64>| about_span * v - (t - n);
         let position = |state: &Self| state.carried.position_m;
         self.by_plane = by(from_root_m, &position(nominal), &position(turned));
         *from_root_m += self.by_plane * turn_rad;
         self.carried.position_m += self.by_plane * turn_rad;
-        let tilt = |v: &mut Vector3<f64>, n: &Vector3<f64>, t: &Vector3<f64>| *v += by(v, n, t) * turn_rad;
+        let tilt =
+            |v: &mut Vector3<f64>, n: &Vector3<f64>, t: &Vector3<f64>| *v += by(v, n, t) * turn_rad;
         let wings = nominal.derivatives().zip(turned.derivatives());
-        self.derivatives_mut().zip(wings).for_each(|(v, (n, t))| tilt(v, n, t));
-        self.by_estimated.iter_mut().for_each(|v| *v += about_span * *v * turn_rad);
+        self.derivatives_mut()
+            .zip(wings)
+            .for_each(|(v, (n, t))| tilt(v, n, t));
+        self.by_estimated
+            .iter_mut()
+            .for_each(|v| *v += about_span * *v * turn_rad);
         // The root is the centre of rotation and rises with the axis.
         let by_ground = nominal.carried.by_ground;
         self.by_raise[0] += (by_ground * Vector3::z() - Vector3::z()) * turn_rad;
-        self.carried.by_ground += (about_span * self.carried.by_ground - by_ground * about_span) * turn_rad;
+        self.carried.by_ground +=
+            (about_span * self.carried.by_ground - by_ground * about_span) * turn_rad;
     }
 
     /// Applies a small rotation (rad) and shift (m) of the root. A fixed target does not move.
     pub fn carry_with_root(&mut self, turn_rad: &Vector3<f64>, shift_m: &Vector3<f64>) {
-        let Some(from_root_m) = self.from_root_m else { return };
+        let Some(from_root_m) = self.from_root_m else {
+            return;
+        };
         let small = cross_matrix(turn_rad);
         let turn = Matrix3::identity() + small;
         self.carried.position_m += small * from_root_m + shift_m;
         self.carried.by_ground = turn * self.carried.by_ground;
         self.derivatives_mut().for_each(|v| *v = turn * *v);
-        self.by_estimated.iter_mut().chain([&mut self.by_plane]).for_each(|v| *v = turn * *v);
+        self.by_estimated
+            .iter_mut()
+            .chain([&mut self.by_plane])
+            .for_each(|v| *v = turn * *v);
         // The root is the centre of rotation and rises with the axis.
         self.by_raise[0] -= small * Vector3::y();
     }
 
     /// Rotates the state into another frame.
     pub fn rotated(&self, turn: &Matrix3<f64>) -> Self {
-        let CarriedMarker { position_m, by_ground } = self.carried;
-        let carried = CarriedMarker { position_m: turn * position_m, by_ground: turn * by_ground * turn.transpose() };
+        let CarriedMarker {
+            position_m,
+            by_ground,
+        } = self.carried;
+        let carried = CarriedMarker {
+            position_m: turn * position_m,
+            by_ground: turn * by_ground * turn.transpose(),
+        };
         let from_root_m = self.from_root_m.map(|from| turn * from);
-        let mut state = Self { from_root_m, carried, by_plane: turn * self.by_plane, ..*self };
+        let mut state = Self {
+            from_root_m,
+            carried,
+            by_plane: turn * self.by_plane,
+            ..*self
+        };
         state.derivatives_mut().for_each(|v| *v = turn * *v);
         state
     }

@@ -37,7 +37,9 @@ pub use super::observation::{Estimate, Observation};
 pub use flight::{LiveAdjustment, learn_from_flight, solve_flight};
 pub use joint_shape::{FrameShape, JointShape, STATION_FUNCTIONS, StationChoice};
 pub use profile::solve_profile;
-pub use shape_comparison::{CommonErrors, ShapeDifference, ShapeMean, ShapeTest, TestedCombination};
+pub use shape_comparison::{
+    CommonErrors, ShapeDifference, ShapeMean, ShapeTest, TestedCombination,
+};
 pub use shape_solving::{solve_flight_shape, solve_frame_shape};
 pub use spatial::solve_spatial;
 
@@ -166,7 +168,11 @@ pub struct MarkerSolution {
 impl MarkerSolution {
     /// Creates the result of a marker that was not used.
     pub fn unused(marker: usize, reason: String) -> Self {
-        Self { marker, reason: Some(reason), ..Self::default() }
+        Self {
+            marker,
+            reason: Some(reason),
+            ..Self::default()
+        }
     }
 }
 
@@ -204,7 +210,9 @@ impl DeflectionReference {
     /// standard deviation of a later one is smaller by more than 1 %.
     pub fn most_precise(sigma: impl Fn(Self) -> Option<f64>) -> Self {
         let better = |best: Self, other: Self| {
-            let smaller = sigma(other).zip(sigma(best)).is_some_and(|(other, best)| other < PREFERENCE_RATIO * best);
+            let smaller = sigma(other)
+                .zip(sigma(best))
+                .is_some_and(|(other, best)| other < PREFERENCE_RATIO * best);
             if smaller { other } else { best }
         };
         Self::ALL.into_iter().reduce(better).unwrap_or_default()

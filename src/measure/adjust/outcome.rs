@@ -43,20 +43,37 @@ pub struct FrameOutcome<'a> {
 impl<'a> FrameOutcome<'a> {
     /// Evaluates the model at the solution.
     pub fn new(solved: SolvedGroup<'a>, layout: &'a ParameterLayout) -> Self {
-        let SolvedGroup { input, fit, group, .. } = solved;
+        let SolvedGroup {
+            input, fit, group, ..
+        } = solved;
         let values = layout.values(&fit.global, &fit.groups[group].local);
         let bent = input.scene.bend_frame(&values);
         let (global_test, posterior, scale) = (None, false, 1.0);
         let (tested_sum, before_removal) = (ResidualSum::from_fit(fit), false);
-        let new = Self { solved, layout, values, bent, global_test, posterior, scale, tested_sum, before_removal };
+        let new = Self {
+            solved,
+            layout,
+            values,
+            bent,
+            global_test,
+            posterior,
+            scale,
+            tested_sum,
+            before_removal,
+        };
         new.apply_global_test()
     }
 
     /// Returns all results of the frame. `removed`: observations removed by data snooping; each yields a remark and is
     /// given as the reason of its marker.
-    pub fn solution<'s>(&self, removed: impl Iterator<Item = &'s Suspect>, sources: &VarianceSources) -> Solution {
+    pub fn solution<'s>(
+        &self,
+        removed: impl Iterator<Item = &'s Suspect>,
+        sources: &VarianceSources,
+    ) -> Solution {
         let (curve, parabola, a) = self.deflection_curve();
-        let (mut parameters, correlation, pitch_bending_correlation) = self.parameters(&parabola, a);
+        let (mut parameters, correlation, pitch_bending_correlation) =
+            self.parameters(&parabola, a);
         parameters.push(self.axis_raise());
         let (mut markers, mut remarks) = (self.marker_solutions(), vec![]);
         for suspect in removed {
@@ -66,7 +83,8 @@ impl<'a> FrameOutcome<'a> {
                 SuspectTarget::Flight => markers[suspect.marker].reason = Some(remark.clone()),
                 // Nothing can be predicted from a wrong survey.
                 SuspectTarget::Survey => {
-                    markers[suspect.marker] = MarkerSolution::unused(suspect.marker, remark.clone());
+                    markers[suspect.marker] =
+                        MarkerSolution::unused(suspect.marker, remark.clone());
                 }
             }
             remarks.push(remark);
@@ -93,7 +111,11 @@ impl<'a> FrameOutcome<'a> {
 
     /// Creates an empty gradient for functions of the frame's unknowns and of some markers' positions on the ground.
     pub fn empty_gradient(&self, functions: usize, markers: &[usize]) -> Gradient {
-        Gradient::empty(self.layout.block_columns(markers), self.layout.local, functions)
+        Gradient::empty(
+            self.layout.block_columns(markers),
+            self.layout.local,
+            functions,
+        )
     }
 
     /// Factor of the standard deviations: 1 if they are a priori.
@@ -102,12 +124,20 @@ impl<'a> FrameOutcome<'a> {
     }
 
     fn function_covariance(&self, gradient: &Gradient) -> DMatrix<f64> {
-        self.solved.fit.function_covariance(self.solved.group, gradient) * (self.scale * self.scale)
+        self.solved
+            .fit
+            .function_covariance(self.solved.group, gradient)
+            * (self.scale * self.scale)
     }
 
     fn function_sigmas(&self, gradient: &Gradient) -> Vec<f64> {
         let sigma = |variance: f64| self.scale * variance.max(0.0).sqrt();
-        self.solved.fit.function_variances(self.solved.group, gradient).into_iter().map(sigma).collect()
+        self.solved
+            .fit
+            .function_variances(self.solved.group, gradient)
+            .into_iter()
+            .map(sigma)
+            .collect()
     }
 
     /// Block of a marker. Where surveyed positions are observed, each marker has one, whether it is seen or not.
@@ -116,22 +146,36 @@ impl<'a> FrameOutcome<'a> {
     }
 
     fn block_with_image(&self, marker: usize) -> Option<usize> {
-        self.marker_block(marker).filter(|&block| self.solved.members[block].flight.is_some())
+        self.marker_block(marker)
+            .filter(|&block| self.solved.members[block].flight.is_some())
     }
 
     fn adjusted_ground_position(&self, marker: usize) -> Vector3<f64> {
-        let (blocks, fits) =
-            (&self.solved.problem.groups[self.solved.group].blocks, &self.solved.fit.groups[self.solved.group].blocks);
+        let (blocks, fits) = (
+            &self.solved.problem.groups[self.solved.group].blocks,
+            &self.solved.fit.groups[self.solved.group].blocks,
+        );
         let adjusted = |block: usize| &blocks[block].observed + &fits[block].residuals;
-        let observed = self.marker_block(marker).map_or(DVector::zeros(0), adjusted);
-        self.layout.ground_position(marker, &self.solved.fit.global, &observed)
+        let observed = self
+            .marker_block(marker)
+            .map_or(DVector::zeros(0), adjusted);
+        self.layout
+            .ground_position(marker, &self.solved.fit.global, &observed)
     }
 
     /// Adjusted position of a marker on the ground, wing frame, m, and its state in flight.
     pub fn ground_position_and_flight_state(&self, marker: usize) -> (Vector3<f64>, MarkerState) {
         let ground = self.adjusted_ground_position(marker);
-        let moved = self.layout.moved_position(marker, &ground, &self.solved.fit.global);
-        (ground, self.solved.input.scene.marker_in_flight(marker, &self.bent, &moved, &self.values))
+        let moved = self
+            .layout
+            .moved_position(marker, &ground, &self.solved.fit.global);
+        (
+            ground,
+            self.solved
+                .input
+                .scene
+                .marker_in_flight(marker, &self.bent, &moved, &self.values),
+        )
     }
 
     /// Adds `directions * d(position in flight) + ground * d(position on the ground)` to a gradient, one function per
@@ -143,18 +187,35 @@ impl<'a> FrameOutcome<'a> {
         directions: &[Vector3<f64>],
         ground: &[Vector3<f64>],
     ) {
-        self.layout.add_position_derivative(gradient, state, directions);
+        self.layout
+            .add_position_derivative(gradient, state, directions);
         let motions = &self.layout.motions;
-        for (direction, column) in motions.directions(state.marker).iter().zip(motions.columns(state.marker)) {
+        for (direction, column) in motions
+            .directions(state.marker)
+            .iter()
+            .zip(motions.columns(state.marker))
+        {
             let by = state.carried.by_ground * direction;
-            let Some(at) = gradient.columns.iter().position(|c| *c == column) else { continue };
-            directions.iter().enumerate().for_each(|(f, d)| gradient.global[(at, f)] += d.dot(&by));
+            let Some(at) = gradient.columns.iter().position(|c| *c == column) else {
+                continue;
+            };
+            directions
+                .iter()
+                .enumerate()
+                .for_each(|(f, d)| gradient.global[(at, f)] += d.dot(&by));
         }
-        let by_ground = directions.iter().zip(ground).map(|(d, g)| state.carried.by_ground.tr_mul(d) + g);
+        let by_ground = directions
+            .iter()
+            .zip(ground)
+            .map(|(d, g)| state.carried.by_ground.tr_mul(d) + g);
         match self.layout.ground_positions {
             GroundPositions::Observed => {
-                let Some(block) = self.marker_block(state.marker) else { return };
-                let n = self.solved.problem.groups[self.solved.group].blocks[block].observed.len();
+                let Some(block) = self.marker_block(state.marker) else {
+                    return;
+                };
+                let n = self.solved.problem.groups[self.solved.group].blocks[block]
+                    .observed
+                    .len();
                 let mut derivative = DMatrix::zeros(n, directions.len());
                 for (f, by) in by_ground.enumerate() {
                     (0..3).for_each(|k| derivative[(k, f)] = by[k]);
@@ -163,7 +224,9 @@ impl<'a> FrameOutcome<'a> {
             }
             GroundPositions::Global(surveyed) => {
                 let column = surveyed + 3 * state.marker;
-                let Some(first) = gradient.columns.iter().position(|c| *c == column) else { return };
+                let Some(first) = gradient.columns.iter().position(|c| *c == column) else {
+                    return;
+                };
                 for (f, by) in by_ground.enumerate() {
                     (0..3).for_each(|k| gradient.global[(first + k, f)] += by[k]);
                 }
@@ -173,7 +236,9 @@ impl<'a> FrameOutcome<'a> {
 
     /// Results of all markers of the survey. Where one on the wing is not measured, the adjusted shape predicts it.
     fn marker_solutions(&self) -> Vec<MarkerSolution> {
-        (0..self.solved.input.setup.markers.len()).map(|marker| self.build_marker_solution(marker)).collect()
+        (0..self.solved.input.setup.markers.len())
+            .map(|marker| self.build_marker_solution(marker))
+            .collect()
     }
 
     fn build_marker_solution(&self, marker: usize) -> MarkerSolution {
@@ -191,28 +256,62 @@ impl<'a> FrameOutcome<'a> {
         let none = Vector3::zeros();
         let mut gradient = self.empty_gradient(7, &[marker]);
         let directions = [x, y, z, towards, y, y, y];
-        self.add_position(&mut gradient, &state, &directions, &[none, none, none, none, -y, -y, -y]);
+        self.add_position(
+            &mut gradient,
+            &state,
+            &directions,
+            &[none, none, none, none, -y, -y, -y],
+        );
         self.add_reference_derivatives(&mut gradient, &state, &(position - ground), [4, 5, 6]);
         let deflections = self.marker_deflections(&state, &ground);
         let covariance = self.function_covariance(&gradient);
-        let survey_from_wing = self.solved.input.scene.ground.frame.wing_from_survey.inverse();
+        let survey_from_wing = self
+            .solved
+            .input
+            .scene
+            .ground
+            .frame
+            .wing_from_survey
+            .inverse();
         let in_wing = covariance.fixed_view::<3, 3>(0, 0).into_owned();
         let sigma = |k: usize| Some(covariance[(k, k)].max(0.0).sqrt());
         let solution = MarkerSolution {
-            distance_m: Some(Estimate { value: distance, sigma: sigma(3) }),
+            distance_m: Some(Estimate {
+                value: distance,
+                sigma: sigma(3),
+            }),
             position_m: Some(self.solved.input.scene.ground.frame.survey_point(&position)),
-            covariance_m2: Some(survey_from_wing.matrix() * in_wing * survey_from_wing.matrix().transpose()),
-            deflection_m: deflections.map(|deflections| Estimate { value: deflections[0], sigma: sigma(4) }),
-            deflection_ground_m: deflections.map(|deflections| Estimate { value: deflections[1], sigma: sigma(5) }),
-            deflection_root_m: deflections.map(|deflections| Estimate { value: deflections[2], sigma: sigma(6) }),
+            covariance_m2: Some(
+                survey_from_wing.matrix() * in_wing * survey_from_wing.matrix().transpose(),
+            ),
+            deflection_m: deflections.map(|deflections| Estimate {
+                value: deflections[0],
+                sigma: sigma(4),
+            }),
+            deflection_ground_m: deflections.map(|deflections| Estimate {
+                value: deflections[1],
+                sigma: sigma(5),
+            }),
+            deflection_root_m: deflections.map(|deflections| Estimate {
+                value: deflections[2],
+                sigma: sigma(6),
+            }),
             ..unused
         };
-        measured.map_or(solution.clone(), |block| self.add_residuals_and_reliability(solution, block))
+        measured.map_or(solution.clone(), |block| {
+            self.add_residuals_and_reliability(solution, block)
+        })
     }
 
-    fn add_residuals_and_reliability(&self, mut solution: MarkerSolution, block: usize) -> MarkerSolution {
+    fn add_residuals_and_reliability(
+        &self,
+        mut solution: MarkerSolution,
+        block: usize,
+    ) -> MarkerSolution {
         let member = self.solved.members[block];
-        let Some(first) = member.flight else { return solution };
+        let Some(first) = member.flight else {
+            return solution;
+        };
         let residuals = &self.solved.fit.groups[self.solved.group].blocks[block].residuals;
         let all = self.solved.reliability(block);
         let (u, v) = (all[first], all[first + 1]);
@@ -220,12 +319,16 @@ impl<'a> FrameOutcome<'a> {
         (solution.used, solution.reason) = (true, None);
         solution.residual_px = Some(Vector2::new(residuals[first], residuals[first + 1]));
         solution.redundancy = Some(Vector2::new(u.redundancy, v.redundancy));
-        solution.w_test = all.iter().filter_map(|r| r.w).reduce(|a, b| if b.abs() > a.abs() { b } else { a });
+        solution.w_test = all
+            .iter()
+            .filter_map(|r| r.w)
+            .reduce(|a, b| if b.abs() > a.abs() { b } else { a });
         solution.minimal_detectable_bias_px = Some(Vector2::new(bias(&u), bias(&v)));
-        solution.minimal_detectable_bias_m = (self.layout.ground_positions == GroundPositions::Observed).then(|| {
-            // A bias along the survey's axes affects two or three wing coordinates.
-            Vector3::new(bias(&all[0]), bias(&all[1]), bias(&all[2]))
-        });
+        solution.minimal_detectable_bias_m =
+            (self.layout.ground_positions == GroundPositions::Observed).then(|| {
+                // A bias along the survey's axes affects two or three wing coordinates.
+                Vector3::new(bias(&all[0]), bias(&all[1]), bias(&all[2]))
+            });
         solution
     }
 
@@ -268,49 +371,101 @@ impl<'a> FrameOutcome<'a> {
     fn axis_raise(&self) -> Parameter {
         let mut gradient = self.empty_gradient(1, &[]);
         let mean = |j: usize| 1.0 / (j + 1) as f64;
-        (0..RAISE_TERMS)
-            .for_each(|j| self.layout.add_derivative(&mut gradient, self.layout.axis_height, j, 0, mean(j)));
-        let value = self.values.raise_m.iter().enumerate().map(|(j, raise)| mean(j) * raise).sum();
+        (0..RAISE_TERMS).for_each(|j| {
+            self.layout
+                .add_derivative(&mut gradient, self.layout.axis_height, j, 0, mean(j))
+        });
+        let value = self
+            .values
+            .raise_m
+            .iter()
+            .enumerate()
+            .map(|(j, raise)| mean(j) * raise)
+            .sum();
         let sigma = self.function_sigmas(&gradient).first().copied();
-        Parameter { name: "axis_raise_m", values: vec![Estimate { value, sigma }] }
+        Parameter {
+            name: "axis_raise_m",
+            values: vec![Estimate { value, sigma }],
+        }
     }
 
     /// Parameters, their correlation, and the correlation of the mount's pitch with bending.
-    fn parameters(&self, parabola: &Gradient, a: f64) -> (Vec<Parameter>, DMatrix<f64>, Option<f64>) {
+    fn parameters(
+        &self,
+        parabola: &Gradient,
+        a: f64,
+    ) -> (Vec<Parameter>, DMatrix<f64>, Option<f64>) {
         let (n, t) = (self.layout.curvature_terms, self.layout.twist_terms);
         let count = n + t + 4;
         // An additional row for pitch, which is not a parameter of the results.
         let mut gradient = self.empty_gradient(count + 1, &[]);
         for k in 0..n {
-            self.layout.add_derivative(&mut gradient, self.layout.curvature, k, k, 1.0);
+            self.layout
+                .add_derivative(&mut gradient, self.layout.curvature, k, k, 1.0);
         }
         for k in 0..t {
-            self.layout.add_derivative(&mut gradient, self.layout.twist, k, n + k, 1.0);
+            self.layout
+                .add_derivative(&mut gradient, self.layout.twist, k, n + k, 1.0);
         }
         let pitch_axis = self.solved.input.scene.camera_from_wing * Vector3::z();
-        for (scope, k) in self.layout.rotation.iter().flat_map(|scope| (0..3).map(move |k| (*scope, k))) {
-            self.layout.add_derivative(&mut gradient, scope, k, n + t + k, 1.0);
-            self.layout.add_derivative(&mut gradient, scope, k, count, pitch_axis[k]);
+        for (scope, k) in self
+            .layout
+            .rotation
+            .iter()
+            .flat_map(|scope| (0..3).map(move |k| (*scope, k)))
+        {
+            self.layout
+                .add_derivative(&mut gradient, scope, k, n + t + k, 1.0);
+            self.layout
+                .add_derivative(&mut gradient, scope, k, count, pitch_axis[k]);
         }
-        gradient.global.column_mut(count - 1).copy_from(&parabola.global.column(0));
-        gradient.local.column_mut(count - 1).copy_from(&parabola.local.column(0));
+        gradient
+            .global
+            .column_mut(count - 1)
+            .copy_from(&parabola.global.column(0));
+        gradient
+            .local
+            .column_mut(count - 1)
+            .copy_from(&parabola.local.column(0));
         let covariance = self.function_covariance(&gradient);
         let sigma = |k: usize| covariance[(k, k)].max(0.0).sqrt();
-        let correlation = DMatrix::from_fn(count + 1, count + 1, |i, j| covariance[(i, j)] / (sigma(i) * sigma(j)));
+        let correlation = DMatrix::from_fn(count + 1, count + 1, |i, j| {
+            covariance[(i, j)] / (sigma(i) * sigma(j))
+        });
         let list = |values: &[f64], first: usize| {
-            let one = |(k, &value): (usize, &f64)| Estimate { value, sigma: Some(sigma(first + k)) };
+            let one = |(k, &value): (usize, &f64)| Estimate {
+                value,
+                sigma: Some(sigma(first + k)),
+            };
             values.iter().enumerate().map(one).collect()
         };
         let v = &self.values;
-        let twist =
-            self.solved.input.setup.side().map_or(vec![], |_| list(&v.twist_rad[..t.min(v.twist_rad.len())], n));
+        let twist = self.solved.input.setup.side().map_or(vec![], |_| {
+            list(&v.twist_rad[..t.min(v.twist_rad.len())], n)
+        });
         let parameters = vec![
-            Parameter { name: "curvature_per_m", values: list(&v.curvature_per_m, 0) },
-            Parameter { name: "twist_rad", values: twist },
-            Parameter { name: "mount_rotation_rad", values: list(v.pose.mount_rad.as_slice(), n + t) },
-            Parameter { name: "a_per_m", values: list(&[a], count - 1) },
+            Parameter {
+                name: "curvature_per_m",
+                values: list(&v.curvature_per_m, 0),
+            },
+            Parameter {
+                name: "twist_rad",
+                values: twist,
+            },
+            Parameter {
+                name: "mount_rotation_rad",
+                values: list(v.pose.mount_rad.as_slice(), n + t),
+            },
+            Parameter {
+                name: "a_per_m",
+                values: list(&[a], count - 1),
+            },
         ];
         let pitch = Some(correlation[(count, count - 1)]).filter(|c| c.is_finite());
-        (parameters, correlation.view((0, 0), (count, count)).into_owned(), pitch)
+        (
+            parameters,
+            correlation.view((0, 0), (count, count)).into_owned(),
+            pitch,
+        )
     }
 }

@@ -17,6 +17,12 @@ pub struct PriorScales {
 
 impl Default for PriorScales {
     fn default() -> Self {
-        Self { fixed_targets: 1.0, skin: 1.0, vibration: 1.0, shake: 1.0, stabilised_px: 0.0 }
+        Self {
+            fixed_targets: 1.0,
+            skin: 1.0,
+            vibration: 1.0,
+            shake: 1.0,
+            stabilised_px: 0.0,
+        }
     }
 }

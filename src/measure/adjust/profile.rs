@@ -16,11 +16,13 @@ use nalgebra::{DMatrix, DVector, Matrix3, RowVector4, Vector2, Vector3};
 
 use super::snooping;
 use super::{
-    AdjustError, AdjustResult, CurvePoint, Estimate, MarkerSolution, Observation, Options, Parameter, Solution,
-    VarianceComponent,
+    AdjustError, AdjustResult, CurvePoint, Estimate, MarkerSolution, Observation, Options,
+    Parameter, Solution, VarianceComponent,
 };
 use crate::estimation::quality::{self, Reliability};
-use crate::estimation::{Block, Fit, Group, Problem, SolveOptions, VarianceGroup, solve_groups, variance_components};
+use crate::estimation::{
+    Block, Fit, Group, Problem, SolveOptions, VarianceGroup, solve_groups, variance_components,
+};
 use crate::setup::{Orientation, Setup, SurveyMarker};
 use conditions::{ARC_LENGTH, HEIGHT, PER_MARKER, PIXEL, ProfileGeometry};
 use response::{LinearResponse, MarkerFunction};
@@ -57,11 +59,16 @@ impl<'a> ProfileAdjustment<'a> {
         alpha: f64,
     ) -> AdjustResult<Self> {
         if observations.len() < 2 {
-            return Err(AdjustError::TooFewMarkers { found: observations.len(), needed: 2 });
+            return Err(AdjustError::TooFewMarkers {
+                found: observations.len(),
+                needed: 2,
+            });
         }
         let geometry = ProfileGeometry::new(setup, orientation);
         let problem = build_problem(&geometry, &observations)?;
-        let fit = solve_groups(&problem, &SolveOptions::default(), |at, blocks| geometry.linearise(at, blocks))?;
+        let fit = solve_groups(&problem, &SolveOptions::default(), |at, blocks| {
+            geometry.linearise(at, blocks)
+        })?;
         let response = LinearResponse::new(&problem, &fit);
         let reliability = marker_reliabilities(&problem, &fit, alpha);
         Ok(Self {
@@ -80,11 +87,22 @@ impl<'a> ProfileAdjustment<'a> {
     fn with_components(mut self, alpha: f64) -> AdjustResult<Self> {
         let image = |_: usize, _: usize| vec![PIXEL, PIXEL + 1];
         let survey = |_: usize, _: usize| vec![ARC_LENGTH, HEIGHT];
-        let groups =
-            [VarianceGroup { name: "image", members: &image }, VarianceGroup { name: "survey", members: &survey }];
+        let groups = [
+            VarianceGroup {
+                name: "image",
+                members: &image,
+            },
+            VarianceGroup {
+                name: "survey",
+                members: &survey,
+            },
+        ];
         let geometry = &self.geometry;
-        let found = variance_components(&mut self.problem, &groups, |at, blocks| geometry.linearise(at, blocks))?;
-        (self.fit, self.components, self.component_remarks) = (found.fit, found.components, found.remarks);
+        let found = variance_components(&mut self.problem, &groups, |at, blocks| {
+            geometry.linearise(at, blocks)
+        })?;
+        (self.fit, self.components, self.component_remarks) =
+            (found.fit, found.components, found.remarks);
         self.response = LinearResponse::new(&self.problem, &self.fit);
         self.reliability = marker_reliabilities(&self.problem, &self.fit, alpha);
         Ok(self)
@@ -109,7 +127,10 @@ pub fn correlations_with_distances(
     orientation: &Orientation,
     observations: &[Observation],
 ) -> AdjustResult<Vec<f64>> {
-    Ok(ProfileAdjustment::new(setup, orientation, observations.to_vec(), 0.0)?.distance_correlations())
+    Ok(
+        ProfileAdjustment::new(setup, orientation, observations.to_vec(), 0.0)?
+            .distance_correlations(),
+    )
 }
 
 /// Adjusts one frame with the paper's method.
@@ -124,12 +145,20 @@ pub fn solve_profile(
 ) -> AdjustResult<Solution> {
     // Fixed targets do not move with the wing and are not points of its profile.
     let fixed = |o: &&Observation| setup.markers.get(o.marker).is_some_and(|m| m.fixed);
-    let observations: Vec<Observation> = observations.iter().filter(|o| !fixed(o)).cloned().collect();
-    let mut adjusted = ProfileAdjustment::new(setup, orientation, observations.clone(), options.snooping_alpha)?;
+    let observations: Vec<Observation> =
+        observations.iter().filter(|o| !fixed(o)).cloned().collect();
+    let mut adjusted = ProfileAdjustment::new(
+        setup,
+        orientation,
+        observations.clone(),
+        options.snooping_alpha,
+    )?;
     let mut outliers = Vec::new();
     let least = MIN_REMAINING.max(observations.len() * 2 / 3);
     while adjusted.observations.len() > least {
-        let Some((index, remark)) = adjusted.find_outlier(options) else { break };
+        let Some((index, remark)) = adjusted.find_outlier(options) else {
+            break;
+        };
         let mut left = adjusted.observations.clone();
         outliers.push((left.remove(index).marker, remark));
         adjusted = ProfileAdjustment::new(setup, orientation, left, options.snooping_alpha)?;
@@ -140,12 +169,19 @@ pub fn solve_profile(
     adjusted.build_solution(options, &outliers)
 }
 
-fn build_problem(geometry: &ProfileGeometry, observations: &[Observation]) -> AdjustResult<Problem> {
+fn build_problem(
+    geometry: &ProfileGeometry,
+    observations: &[Observation],
+) -> AdjustResult<Problem> {
     let mut starts = Vec::with_capacity(observations.len());
     let mut groups = Vec::with_capacity(observations.len());
     for observation in observations {
-        let unknown = || AdjustError::Input("an observation names a marker that the survey does not list".into());
-        let (l, y) = geometry.ground_coordinates(observation.marker).ok_or_else(unknown)?;
+        let unknown = || {
+            AdjustError::Input("an observation names a marker that the survey does not list".into())
+        };
+        let (l, y) = geometry
+            .ground_coordinates(observation.marker)
+            .ok_or_else(unknown)?;
         let ray = geometry.plane_ray(&observation.pixel)?;
         let x = geometry.flight_length_m(l);
         let d = (x + geometry.setup.root_offset_m - ray.from_m.x) / ray.direction.x;
@@ -157,7 +193,9 @@ fn build_problem(geometry: &ProfileGeometry, observations: &[Observation]) -> Ad
         });
     }
     // Start value of a: least-squares parabola through the deflections at the distances on the ground.
-    let (up, down) = starts.iter().fold((0.0, 0.0), |(u, d), (x, deflection)| (u + deflection * x * x, d + x.powi(4)));
+    let (up, down) = starts.iter().fold((0.0, 0.0), |(u, d), (x, deflection)| {
+        (u + deflection * x * x, d + x.powi(4))
+    });
     let a = if down > 0.0 { up / down } else { 0.0 };
     Ok(Problem {
         start: DVector::from_element(1, a),
@@ -169,14 +207,28 @@ fn build_problem(geometry: &ProfileGeometry, observations: &[Observation]) -> Ad
 }
 
 /// Builds a marker's block: arc length and height with the survey's standard deviation, and the pixel with its covariance.
-fn observation_block(geometry: &ProfileGeometry, observation: &Observation, l: f64, y: f64) -> Block {
+fn observation_block(
+    geometry: &ProfileGeometry,
+    observation: &Observation,
+    l: f64,
+    y: f64,
+) -> Block {
     let survey_sigma = geometry.setup.markers[observation.marker].sigma_m;
-    let sigma = if survey_sigma > 0.0 { survey_sigma } else { DEFAULT_SURVEY_SIGMA_M };
+    let sigma = if survey_sigma > 0.0 {
+        survey_sigma
+    } else {
+        DEFAULT_SURVEY_SIGMA_M
+    };
     let mut covariance = DMatrix::zeros(PER_MARKER, PER_MARKER);
     covariance[(ARC_LENGTH, ARC_LENGTH)] = sigma * sigma;
     covariance[(HEIGHT, HEIGHT)] = sigma * sigma;
-    covariance.view_mut((PIXEL, PIXEL), (2, 2)).copy_from(&observation.covariance_px2);
-    Block { observed: DVector::from_vec(vec![l, y, observation.pixel.x, observation.pixel.y]), covariance }
+    covariance
+        .view_mut((PIXEL, PIXEL), (2, 2))
+        .copy_from(&observation.covariance_px2);
+    Block {
+        observed: DVector::from_vec(vec![l, y, observation.pixel.x, observation.pixel.y]),
+        covariance,
+    }
 }
 
 /// Position, deflection and distance of one marker as linear functions of the observations.
@@ -193,7 +245,8 @@ impl ProfileAdjustment<'_> {
         let sigma_a = self.fit.covariance[(0, 0)].sqrt();
         let one = |k| {
             let d = self.response.marker_function(k, 1.0, RowVector4::zeros());
-            self.response.covariance_with_a(&d) / (sigma_a * self.response.covariance(&d, &d).sqrt())
+            self.response.covariance_with_a(&d)
+                / (sigma_a * self.response.covariance(&d, &d).sqrt())
         };
         (0..self.observations.len()).map(one).collect()
     }
@@ -203,15 +256,25 @@ impl ProfileAdjustment<'_> {
         let observation = &self.observations[index];
         let ray = self.geometry.plane_ray(&observation.pixel)?;
         let d = self.marker_distance_m(index);
-        let position_m = self.geometry.frame.survey_point(&(ray.from_m + ray.direction * d));
+        let position_m = self
+            .geometry
+            .frame
+            .survey_point(&(ray.from_m + ray.direction * d));
         let gradient = |axis: usize, height: f64| {
             let (u, v) = (d * ray.by_pixel[(axis, 0)], d * ray.by_pixel[(axis, 1)]);
-            self.response.marker_function(index, ray.direction[axis], RowVector4::new(0.0, height, u, v))
+            self.response.marker_function(
+                index,
+                ray.direction[axis],
+                RowVector4::new(0.0, height, u, v),
+            )
         };
         Ok(ProfileMarker {
             position_m,
-            deflection_m: position_m.z - self.geometry.setup.markers[observation.marker].position_m.z,
-            distance: self.response.marker_function(index, 1.0, RowVector4::zeros()),
+            deflection_m: position_m.z
+                - self.geometry.setup.markers[observation.marker].position_m.z,
+            distance: self
+                .response
+                .marker_function(index, 1.0, RowVector4::zeros()),
             deflection: gradient(1, -1.0),
             axes: [gradient(0, 0.0), gradient(1, 0.0), gradient(2, 0.0)],
         })
@@ -223,18 +286,33 @@ impl ProfileAdjustment<'_> {
 
     /// Covariance of the position, survey frame, a priori.
     fn position_covariance(&self, placed: &ProfileMarker) -> Matrix3<f64> {
-        let wing = Matrix3::from_fn(|i, j| self.response.covariance(&placed.axes[i], &placed.axes[j]));
+        let wing =
+            Matrix3::from_fn(|i, j| self.response.covariance(&placed.axes[i], &placed.axes[j]));
         let survey_from_wing = self.geometry.frame.wing_from_survey.inverse();
         survey_from_wing * wing * survey_from_wing.inverse()
     }
 
-    fn build_solution(&self, options: &Options, outliers: &[(usize, String)]) -> AdjustResult<Solution> {
-        let placed: Vec<_> = (0..self.observations.len()).map(|k| self.place_marker(k)).collect::<Result<_, _>>()?;
-        let global_test = quality::global_test(self.fit.omega, self.fit.redundancy, options.global_alpha);
+    fn build_solution(
+        &self,
+        options: &Options,
+        outliers: &[(usize, String)],
+    ) -> AdjustResult<Solution> {
+        let placed: Vec<_> = (0..self.observations.len())
+            .map(|k| self.place_marker(k))
+            .collect::<Result<_, _>>()?;
+        let global_test =
+            quality::global_test(self.fit.omega, self.fit.redundancy, options.global_alpha);
         let posterior = quality::is_posterior(options.sigma, global_test);
-        let scale = if posterior { self.fit.variance_factor().unwrap_or(1.0).sqrt() } else { 1.0 };
+        let scale = if posterior {
+            self.fit.variance_factor().unwrap_or(1.0).sqrt()
+        } else {
+            1.0
+        };
         let sigma_a = scale * self.fit.covariance[(0, 0)].sqrt();
-        let a = Estimate { value: self.a_per_m(), sigma: Some(sigma_a) };
+        let a = Estimate {
+            value: self.a_per_m(),
+            sigma: Some(sigma_a),
+        };
         let markers = self.build_marker_solutions(&placed, scale, outliers);
         let budget = self.variance_budget(&markers, &placed);
         Ok(Solution {
@@ -242,7 +320,10 @@ impl ProfileAdjustment<'_> {
             redundancy: self.fit.redundancy,
             global_test,
             posterior,
-            parameters: vec![Parameter { name: "a_per_m", values: vec![a] }],
+            parameters: vec![Parameter {
+                name: "a_per_m",
+                values: vec![a],
+            }],
             correlation: DMatrix::identity(1, 1),
             pitch_bending_correlation: None,
             markers,
@@ -258,9 +339,13 @@ impl ProfileAdjustment<'_> {
     fn build_remarks(&self, outliers: &[(usize, String)]) -> Vec<String> {
         let stronger = |m: f64, c: f64| if c.abs() > m.abs() { c } else { m };
         let strongest = self.distance_correlations().into_iter().fold(0.0, stronger);
-        let correlation = format!("largest correlation of the bending (a) with a distance: {strongest:.2}");
+        let correlation =
+            format!("largest correlation of the bending (a) with a distance: {strongest:.2}");
         let outliers = outliers.iter().map(|(_, remark)| remark.clone());
-        outliers.chain(self.component_remarks.iter().cloned()).chain([correlation]).collect()
+        outliers
+            .chain(self.component_remarks.iter().cloned())
+            .chain([correlation])
+            .collect()
     }
 
     fn build_marker_solutions(
@@ -271,7 +356,10 @@ impl ProfileAdjustment<'_> {
     ) -> Vec<MarkerSolution> {
         let unseen = |(marker, surveyed): (usize, &SurveyMarker)| {
             if surveyed.fixed {
-                return MarkerSolution::unused(marker, "fixed to the cabin; not used by the profile method".into());
+                return MarkerSolution::unused(
+                    marker,
+                    "fixed to the cabin; not used by the profile method".into(),
+                );
             }
             let predicted = |(ground_m, _)| self.parabola_deflection(ground_m, scale);
             MarkerSolution {
@@ -279,14 +367,24 @@ impl ProfileAdjustment<'_> {
                 ..MarkerSolution::unused(marker, "not found in the image".into())
             }
         };
-        let mut markers: Vec<_> = self.geometry.setup.markers.iter().enumerate().map(unseen).collect();
+        let mut markers: Vec<_> = self
+            .geometry
+            .setup
+            .markers
+            .iter()
+            .enumerate()
+            .map(unseen)
+            .collect();
         for (marker, remark) in outliers {
             markers[*marker].reason = Some(remark.clone());
         }
         for (index, (observation, placed)) in self.observations.iter().zip(placed).enumerate() {
             let value = self.marker_distance_m(index);
             markers[observation.marker] = MarkerSolution {
-                distance_m: Some(Estimate { value, sigma: self.function_sigma(&placed.distance, scale) }),
+                distance_m: Some(Estimate {
+                    value,
+                    sigma: self.function_sigma(&placed.distance, scale),
+                }),
                 position_m: Some(placed.position_m),
                 covariance_m2: Some(self.position_covariance(placed) * (scale * scale)),
                 deflection_m: Some(Estimate {
@@ -338,7 +436,10 @@ impl ProfileAdjustment<'_> {
         let sigma_a = scale * self.fit.covariance[(0, 0)].sqrt();
         let x = self.parabola_span_m(ground_m);
         let value = self.a_per_m() * x * x;
-        Estimate { value, sigma: Some(self.deflection_by_a(ground_m).abs() * sigma_a) }
+        Estimate {
+            value,
+            sigma: Some(self.deflection_by_a(ground_m).abs() * sigma_a),
+        }
     }
 }
 
@@ -352,11 +453,18 @@ impl ProfileAdjustment<'_> {
             used: true,
             reason: None,
             residual_px: Some(Vector2::new(residuals[PIXEL], residuals[PIXEL + 1])),
-            redundancy: Some(Vector2::new(all[PIXEL].redundancy, all[PIXEL + 1].redundancy)),
+            redundancy: Some(Vector2::new(
+                all[PIXEL].redundancy,
+                all[PIXEL + 1].redundancy,
+            )),
             w_test: largest_statistic(&all[PIXEL..]).and_then(|r| r.w),
             minimal_detectable_bias_px: Some(Vector2::new(bias(PIXEL), bias(PIXEL + 1))),
             // The method has no chordwise coordinate.
-            minimal_detectable_bias_m: Some(Vector3::new(bias(ARC_LENGTH), bias(HEIGHT), f64::INFINITY)),
+            minimal_detectable_bias_m: Some(Vector3::new(
+                bias(ARC_LENGTH),
+                bias(HEIGHT),
+                f64::INFINITY,
+            )),
             ..MarkerSolution::unused(marker, String::new())
         }
     }
@@ -369,7 +477,11 @@ impl ProfileAdjustment<'_> {
         let suspects = (0..self.observations.len()).filter_map(|index| {
             let all = &self.reliability[index];
             let image = largest_statistic(&all[PIXEL..])?;
-            Some((index, largest_statistic(all)?.w?.abs(), image.w? * image.minimal_detectable_bias? / shift))
+            Some((
+                index,
+                largest_statistic(all)?.w?.abs(),
+                image.w? * image.minimal_detectable_bias? / shift,
+            ))
         });
         let (index, w, size) = suspects.reduce(|a, b| if b.1 > a.1 { b } else { a })?;
         let w = w / snooping::root_variance_factor(&self.fit, w, options);
@@ -386,7 +498,9 @@ impl ProfileAdjustment<'_> {
 }
 
 fn marker_reliabilities(problem: &Problem, fit: &Fit, alpha: f64) -> Vec<Vec<Reliability>> {
-    (0..problem.groups.len()).map(|index| quality::observation_reliability(problem, fit, index, 0, alpha)).collect()
+    (0..problem.groups.len())
+        .map(|index| quality::observation_reliability(problem, fit, index, 0, alpha))
+        .collect()
 }
 
 /// Element with the largest absolute test statistic.

@@ -62,10 +62,22 @@ impl PosedCamera {
     /// Computes the apparent position of a point through the panes, camera frame, m, with its derivatives with respect to
     /// the position and the bow.
     fn apparent_point(&self, point_m: &Vector3<f64>) -> (Vector3<f64>, Matrix3<f64>, Vector3<f64>) {
-        let Some(plate) = self.pane else { return (*point_m, Matrix3::identity(), Vector3::zeros()) };
-        let (seen, by_place) = plate.with_bow_change(self.bow).apparent_with_jacobian(point_m);
-        let more = || plate.with_bow_change(self.bow + BOW_STEP).apparent_point(point_m);
-        let by_bow = if self.bows { (more() - seen) / BOW_STEP } else { Vector3::zeros() };
+        let Some(plate) = self.pane else {
+            return (*point_m, Matrix3::identity(), Vector3::zeros());
+        };
+        let (seen, by_place) = plate
+            .with_bow_change(self.bow)
+            .apparent_with_jacobian(point_m);
+        let more = || {
+            plate
+                .with_bow_change(self.bow + BOW_STEP)
+                .apparent_point(point_m)
+        };
+        let by_bow = if self.bows {
+            (more() - seen) / BOW_STEP
+        } else {
+            Vector3::zeros()
+        };
         (seen, by_place, by_bow)
     }
 }
@@ -118,9 +130,15 @@ impl WingScene {
             ground_sights.fill(None);
         }
         let wing_from_survey = ground.frame.wing_from_survey.matrix();
-        let camera_from_wing = orientation.camera_from_survey.matrix() * wing_from_survey.transpose();
-        let panes = [true, false]
-            .map(|flight| Plate::from_window(setup.window.as_ref(), &ground.frame.wing_from_survey, flight));
+        let camera_from_wing =
+            orientation.camera_from_survey.matrix() * wing_from_survey.transpose();
+        let panes = [true, false].map(|flight| {
+            Plate::from_window(
+                setup.window.as_ref(),
+                &ground.frame.wing_from_survey,
+                flight,
+            )
+        });
         let mut scene = Self {
             ground,
             grid,
@@ -141,19 +159,40 @@ impl WingScene {
     /// the template: the error of the place that a person marked on the ground becomes one of the surveyed position along
     /// the skin, common to all frames, and the ground observation is exact.
     fn define_points(&mut self, setup: &Setup) {
-        let points = setup.markers.iter().enumerate().filter(|(_, m)| m.shape == Shape::Point);
+        let points = setup
+            .markers
+            .iter()
+            .enumerate()
+            .filter(|(_, m)| m.shape == Shape::Point);
         for (k, marker) in points {
             let station = &self.ground.stations[k];
             let point_m = station.surveyed_m;
             let facing = || -point_m.normalize();
-            let normal = if marker.fixed { facing() } else { station.skin_normal };
-            let seen = self.lens.project_with_jacobian(&(self.camera_from_wing * point_m));
-            let (Some((_, by_camera)), Some(observation)) = (seen, &mut self.ground_observations[k]) else { continue };
+            let normal = if marker.fixed {
+                facing()
+            } else {
+                station.skin_normal
+            };
+            let seen = self
+                .lens
+                .project_with_jacobian(&(self.camera_from_wing * point_m));
+            let (Some((_, by_camera)), Some(observation)) =
+                (seen, &mut self.ground_observations[k])
+            else {
+                continue;
+            };
             let by_point = by_camera * self.camera_from_wing;
-            let rows = Matrix3::from_rows(&[by_point.row(0).into(), by_point.row(1).into(), normal.transpose()]);
-            let Some(inverse) = rows.try_inverse() else { continue };
+            let rows = Matrix3::from_rows(&[
+                by_point.row(0).into(),
+                by_point.row(1).into(),
+                normal.transpose(),
+            ]);
+            let Some(inverse) = rows.try_inverse() else {
+                continue;
+            };
             let by_pixel = inverse.fixed_columns::<2>(0);
-            self.point_covariances_m2[k] = by_pixel * observation.covariance_px2 * by_pixel.transpose();
+            self.point_covariances_m2[k] =
+                by_pixel * observation.covariance_px2 * by_pixel.transpose();
             observation.covariance_px2.fill(0.0);
         }
     }
@@ -168,7 +207,9 @@ impl WingScene {
     pub fn window_covariance_m2(&self) -> Option<Matrix3<f64>> {
         let axis = self.camera_from_wing.transpose() * Vector3::z();
         let [flight, ground] = &self.panes;
-        flight.filter(|_| ground.is_none()).map(|pane| pane.shift_covariance_m2(&axis))
+        flight
+            .filter(|_| ground.is_none())
+            .map(|pane| pane.shift_covariance_m2(&axis))
     }
 
     /// Standard deviation of the bow's curvature, as a fraction of it or of the default; `None` without panes.
@@ -194,7 +235,10 @@ impl WingScene {
         let mount = *Rotation3::new(pose.mount_rad).matrix();
         let camera_from_wing = mount * ground_from_wing;
         PosedCamera {
-            lens: self.lens.with_changes(&pose.lens).with_flight_change(pose.flight_scale, &pose.flight_principal_px),
+            lens: self
+                .lens
+                .with_changes(&pose.lens)
+                .with_flight_change(pose.flight_scale, &pose.flight_principal_px),
             centre_m: pose.centre_m + pose.shift_m + pose.window_m,
             mount,
             camera_from_wing,
@@ -231,8 +275,14 @@ impl WingScene {
 
     /// Bends the wing and its neighbours.
     pub fn bend(&self, bending: &Bending) -> BentWing {
-        let neighbours = self.neighbours.each_ref().map(|n| n.as_ref().map_or(vec![], |n| n.grid.bend(bending)));
-        BentWing { sections: self.grid.bend(bending), neighbours }
+        let neighbours = self
+            .neighbours
+            .each_ref()
+            .map(|n| n.as_ref().map_or(vec![], |n| n.grid.bend(bending)));
+        BentWing {
+            sections: self.grid.bend(bending),
+            neighbours,
+        }
     }
 
     /// Returns whether a marker is fixed to the cabin.
@@ -254,7 +304,9 @@ impl WingScene {
         let mut state = nominal;
         match &values.dimension_derivatives {
             Some(answers) => state.apply_dimensions(&answers[marker], &values.estimated),
-            None => state = self.apply_dimensions(nominal, bent, ground_m, &bending, &values.estimated),
+            None => {
+                state = self.apply_dimensions(nominal, bent, ground_m, &bending, &values.estimated)
+            }
         }
         if let Some((turn_rad, from_root_m)) = values.plane_rad.zip(nominal.from_root_m) {
             let root_m = nominal.carried.position_m - from_root_m;
@@ -273,7 +325,10 @@ impl WingScene {
     /// Bends a frame's wing, and its neighbours unless the derivatives with respect to the estimated dimensions are given.
     pub fn bend_frame(&self, values: &UnknownValues) -> BentWing {
         match values.dimension_derivatives {
-            Some(_) => BentWing { sections: self.grid.bend(&values.bending()), neighbours: Default::default() },
+            Some(_) => BentWing {
+                sections: self.grid.bend(&values.bending()),
+                neighbours: Default::default(),
+            },
             None => self.bend(&values.bending()),
         }
     }
@@ -284,7 +339,14 @@ impl WingScene {
         let stations = self.ground.stations.iter().enumerate();
         stations
             .map(|(k, s)| {
-                self.marker_with_dimensions(k, &bent, &s.surveyed_m, bending, &[0.0; ESTIMATED_DIMENSIONS]).by_estimated
+                self.marker_with_dimensions(
+                    k,
+                    &bent,
+                    &s.surveyed_m,
+                    bending,
+                    &[0.0; ESTIMATED_DIMENSIONS],
+                )
+                .by_estimated
             })
             .collect()
     }
@@ -299,9 +361,14 @@ impl WingScene {
     ) -> MarkerState {
         let state = match self.fixed[index] {
             true => MarkerState::fixed(ground_m),
-            false => MarkerState::on_wing(&self.grid, &self.arms[index], section, ground_m, bending),
+            false => {
+                MarkerState::on_wing(&self.grid, &self.arms[index], section, ground_m, bending)
+            }
         };
-        MarkerState { marker: index, ..state }
+        MarkerState {
+            marker: index,
+            ..state
+        }
     }
 
     /// Carries a marker from its position on the ground (wing frame, m) into flight. `estimated`: corrections of the
@@ -334,8 +401,10 @@ impl WingScene {
         }
         for (k, (neighbour, off)) in self.neighbours.iter().zip(estimated).enumerate() {
             let Some(neighbour) = neighbour else { continue };
-            let other = neighbour.marker_state(index, &bent.neighbours[k][index], ground_m, bending);
-            state.by_estimated[k] = (other.carried.position_m - nominal.carried.position_m) / neighbour.step;
+            let other =
+                neighbour.marker_state(index, &bent.neighbours[k][index], ground_m, bending);
+            state.by_estimated[k] =
+                (other.carried.position_m - nominal.carried.position_m) / neighbour.step;
             state.interpolate_towards(&nominal, &other, off / neighbour.step);
         }
         let estimated_m = state.carried.position_m - nominal.carried.position_m;
@@ -346,7 +415,10 @@ impl WingScene {
 
 /// Displacement of one marker, m; 0 if the list does not hold it.
 pub fn marker_displacement(displacements_m: &[Vector3<f64>], marker: usize) -> Vector3<f64> {
-    displacements_m.get(marker).copied().unwrap_or_else(Vector3::zeros)
+    displacements_m
+        .get(marker)
+        .copied()
+        .unwrap_or_else(Vector3::zeros)
 }
 
 /// Limit of the difference between a ground-frame image and its prediction from the survey, in standard deviations;
@@ -359,20 +431,33 @@ fn trusted_markers(setup: &Setup, orientation: &Orientation) -> Vec<bool> {
     let may_shape = orientation.shaping_markers(setup.markers.len());
     let mut trusted = vec![true; setup.markers.len()];
     for observation in &orientation.ground {
-        let Some(marker) = setup.markers.get(observation.marker) else { continue };
+        let Some(marker) = setup.markers.get(observation.marker) else {
+            continue;
+        };
         let seen = orientation.camera_from_survey * (marker.position_m - setup.projection_centre_m);
-        let Some(pixel) = setup.lens.project(&seen) else { continue };
+        let Some(pixel) = setup.lens.project(&seen) else {
+            continue;
+        };
         let survey = marker.sigma_m.hypot(setup.projection_centre_sigma_m);
         let survey_px = setup.lens.focal_px() * survey / seen.norm().max(1e-3);
         let off = pixel - observation.pixel;
         trusted[observation.marker] = (0..2).all(|k| {
-            off[k].abs() <= TRUST_SIGMAS * observation.covariance_px2[(k, k)].max(0.0).sqrt().hypot(survey_px)
+            off[k].abs()
+                <= TRUST_SIGMAS
+                    * observation.covariance_px2[(k, k)]
+                        .max(0.0)
+                        .sqrt()
+                        .hypot(survey_px)
         });
     }
     if 2 * trusted.iter().filter(|t| !**t).count() > orientation.ground.len() {
         trusted.fill(true);
     }
-    trusted.into_iter().zip(may_shape).map(|(agrees, seen)| agrees && seen).collect()
+    trusted
+        .into_iter()
+        .zip(may_shape)
+        .map(|(agrees, seen)| agrees && seen)
+        .collect()
 }
 
 #[cfg(test)]

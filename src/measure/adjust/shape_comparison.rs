@@ -70,16 +70,20 @@ impl JointShape {
         let chosen: Vec<_> = frames.iter().filter_map(|k| self.frames.get(*k)).collect();
         let share = 1.0 / chosen.len().max(1) as f64;
         let functions = chosen.first().map_or(0, |frame| frame.values.len());
-        let values = chosen.iter().fold(DVector::zeros(functions), |sum, frame| sum + &frame.values) * share;
-        let squares = chosen
+        let values = chosen
             .iter()
-            .fold(DVector::zeros(functions), |sum, frame| sum + (&frame.values - &values).map(|off| off * off));
+            .fold(DVector::zeros(functions), |sum, frame| sum + &frame.values)
+            * share;
+        let squares = chosen.iter().fold(DVector::zeros(functions), |sum, frame| {
+            sum + (&frame.values - &values).map(|off| off * off)
+        });
         let count = chosen.len();
         ShapeMean {
             lasting: add_factors(functions, chosen.iter().map(|frame| &frame.lasting)) * share,
             shared: add_factors(functions, chosen.iter().map(|frame| &frame.shared)) * share,
             own: join_columns(functions, chosen.iter().map(|frame| &frame.own * share)),
-            scatter: (count > 1).then(|| squares.map(|square| (square / (count - 1) as f64).sqrt())),
+            scatter: (count > 1)
+                .then(|| squares.map(|square| (square / (count - 1) as f64).sqrt())),
             values,
         }
     }
@@ -119,22 +123,34 @@ impl ShapeMean {
     pub fn average(means: &[Self]) -> Self {
         let share = 1.0 / means.len().max(1) as f64;
         let rows = means.first().map_or(0, |mean| mean.values.len());
-        let join = |part: fn(&Self) -> &DMatrix<f64>| join_columns(rows, means.iter().map(|mean| part(mean) * share));
-        let squares = means.iter().filter_map(|mean| mean.scatter.as_ref()).map(|scatter| scatter.map(|s| s * s));
+        let join = |part: fn(&Self) -> &DMatrix<f64>| {
+            join_columns(rows, means.iter().map(|mean| part(mean) * share))
+        };
+        let squares = means
+            .iter()
+            .filter_map(|mean| mean.scatter.as_ref())
+            .map(|scatter| scatter.map(|s| s * s));
         let scatters: Vec<DVector<f64>> = squares.collect();
-        let pooled = scatters.iter().fold(DVector::zeros(rows), |sum, square| sum + square);
+        let pooled = scatters
+            .iter()
+            .fold(DVector::zeros(rows), |sum, square| sum + square);
         Self {
-            values: means.iter().fold(DVector::zeros(rows), |sum, mean| sum + &mean.values) * share,
+            values: means
+                .iter()
+                .fold(DVector::zeros(rows), |sum, mean| sum + &mean.values)
+                * share,
             lasting: add_factors(rows, means.iter().map(|mean| &mean.lasting)) * share,
             shared: join(|mean| &mean.shared),
             own: join(|mean| &mean.own),
-            scatter: (!scatters.is_empty()).then(|| pooled.map(|square| (square / scatters.len() as f64).sqrt())),
+            scatter: (!scatters.is_empty())
+                .then(|| pooled.map(|square| (square / scatters.len() as f64).sqrt())),
         }
     }
 
     /// Returns the standard deviations of the functions.
     pub fn sigmas(&self) -> DVector<f64> {
-        self.difference_from(&DVector::zeros(self.values.len())).sigmas()
+        self.difference_from(&DVector::zeros(self.values.len()))
+            .sigmas()
     }
 
     /// Returns the mean as a difference from values without errors, such as those of a computation.
@@ -167,17 +183,29 @@ impl ShapeMean {
 impl ShapeDifference {
     /// Returns the standard deviations of the functions.
     pub fn sigmas(&self) -> DVector<f64> {
-        DVector::from_iterator(self.factor.nrows(), self.factor.row_iter().map(|row| row.norm()))
+        DVector::from_iterator(
+            self.factor.nrows(),
+            self.factor.row_iter().map(|row| row.norm()),
+        )
     }
 
     /// Returns the difference without an effect: the first shape minus `amount` times `effect`, whose values have the
     /// independent standard deviations `sigmas`.
-    pub fn without_effect(&self, effect: &DVector<f64>, sigmas: &DVector<f64>, amount: Estimate) -> Self {
+    pub fn without_effect(
+        &self,
+        effect: &DVector<f64>,
+        sigmas: &DVector<f64>,
+        amount: Estimate,
+    ) -> Self {
         let known = effect.map(|value| if value.is_nan() { 0.0 } else { value });
         let own = DMatrix::from_diagonal(&(sigmas * amount.value));
         let uncertain: Vec<usize> = (0..own.ncols()).filter(|k| own[(*k, *k)] != 0.0).collect();
         let of_amount = DMatrix::from_columns(&[known * amount.sigma.unwrap_or(0.0)]);
-        let factors = [self.factor.clone(), of_amount, own.select_columns(&uncertain)];
+        let factors = [
+            self.factor.clone(),
+            of_amount,
+            own.select_columns(&uncertain),
+        ];
         Self {
             values: &self.values - effect * amount.value,
             factor: join_columns(self.values.len(), factors.into_iter()),
@@ -191,23 +219,47 @@ impl ShapeDifference {
         let is_known = |k: &&usize| !self.values[**k].is_nan() && sigmas[**k] > 0.0;
         let known: Vec<usize> = functions.iter().filter(is_known).copied().collect();
         if known.is_empty() {
-            return ShapeTest { chi_square: 0.0, freedom: 0, p: 1.0, combinations: vec![] };
+            return ShapeTest {
+                chi_square: 0.0,
+                freedom: 0,
+                p: 1.0,
+                combinations: vec![],
+            };
         }
         let sigma = DVector::from_iterator(known.len(), known.iter().map(|k| sigmas[*k]));
-        let scaled = DMatrix::from_fn(known.len(), self.factor.ncols(), |i, j| self.factor[(known[i], j)] / sigma[i]);
-        let difference = DVector::from_iterator(known.len(), known.iter().map(|k| self.values[*k] / sigmas[*k]));
-        let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(&scaled * scaled.transpose());
+        let scaled = DMatrix::from_fn(known.len(), self.factor.ncols(), |i, j| {
+            self.factor[(known[i], j)] / sigma[i]
+        });
+        let difference = DVector::from_iterator(
+            known.len(),
+            known.iter().map(|k| self.values[*k] / sigmas[*k]),
+        );
+        let SymmetricEigen {
+            eigenvectors,
+            eigenvalues,
+        } = SymmetricEigen::new(&scaled * scaled.transpose());
         let tested = (0..known.len()).filter(|k| eigenvalues[*k] > MIN_TESTED_VARIANCE);
         let mut combinations: Vec<_> = tested
             .map(|k| {
                 let direction = eigenvectors.column(k);
                 let sigmas = direction.dot(&difference).abs() / eigenvalues[k].sqrt();
-                TestedCombination { sigmas, function: known[direction.iamax()] }
+                TestedCombination {
+                    sigmas,
+                    function: known[direction.iamax()],
+                }
             })
             .collect();
-        let (freedom, chi_square) = (combinations.len(), combinations.iter().map(|c| c.sigmas * c.sigmas).sum());
+        let (freedom, chi_square) = (
+            combinations.len(),
+            combinations.iter().map(|c| c.sigmas * c.sigmas).sum(),
+        );
         combinations.sort_by(|a, b| b.sigmas.total_cmp(&a.sigmas));
         combinations.truncate(NAMED_COMBINATIONS);
-        ShapeTest { chi_square, freedom, p: chi_square_tail(freedom as f64, chi_square), combinations }
+        ShapeTest {
+            chi_square,
+            freedom,
+            p: chi_square_tail(freedom as f64, chi_square),
+            combinations,
+        }
     }
 }

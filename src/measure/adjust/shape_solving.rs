@@ -3,7 +3,9 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::flight;
-use super::joint_shape::{FrameShape, JointShape, ShapeFunctions, StationChoice, empty_shape, reduce_factors};
+use super::joint_shape::{
+    FrameShape, JointShape, ShapeFunctions, StationChoice, empty_shape, reduce_factors,
+};
 use super::outcome::FrameOutcome;
 use super::spatial::solve_spatial_with;
 use super::{AdjustResult, Observation, Options};
@@ -24,16 +26,31 @@ pub fn solve_frame_shape(
     type FrameParts = (JointShape, DVector<f64>, Vec<DMatrix<f64>>);
     let derive = |outcome: &FrameOutcome| -> AdjustResult<FrameParts> {
         let shape = empty_shape(outcome, stations)?;
-        let ShapeFunctions { values, by_global, own } = outcome.shape_functions(&shape);
+        let ShapeFunctions {
+            values,
+            by_global,
+            own,
+        } = outcome.shape_functions(&shape);
         let global = by_global * symmetric_root(&outcome.solved.fit.covariance);
         let columns: Vec<_> = global.column_iter().chain(own.column_iter()).collect();
-        Ok((shape, values, reduce_factors(vec![DMatrix::from_columns(&columns)])))
+        Ok((
+            shape,
+            values,
+            reduce_factors(vec![DMatrix::from_columns(&columns)]),
+        ))
     };
-    let (solution, derived) = solve_spatial_with(setup, orientation, observations, options, &derive)?;
+    let (solution, derived) =
+        solve_spatial_with(setup, orientation, observations, options, &derive)?;
     let (mut shape, values, factors) = derived?;
     let none = DMatrix::zeros(values.len(), 0);
     let own = factors.into_iter().next().unwrap_or_else(|| none.clone());
-    shape.frames.push(FrameShape { values, lasting: none.clone(), shared: none, own, solution });
+    shape.frames.push(FrameShape {
+        values,
+        lasting: none.clone(),
+        shared: none,
+        own,
+        solution,
+    });
     Ok(shape)
 }
 
@@ -49,9 +66,14 @@ pub fn solve_flight_shape(
     stations: &StationChoice,
 ) -> AdjustResult<JointShape> {
     let (solutions, derived) =
-        flight::solve_flight_with(setup, orientation, frames, options, |joint| joint.joint_shape(stations))?;
+        flight::solve_flight_with(setup, orientation, frames, options, |joint| {
+            joint.joint_shape(stations)
+        })?;
     let (mut shape, of_frames) = derived?;
-    shape.frames =
-        solutions.into_iter().zip(of_frames).map(|(solution, frame)| FrameShape { solution, ..frame }).collect();
+    shape.frames = solutions
+        .into_iter()
+        .zip(of_frames)
+        .map(|(solution, frame)| FrameShape { solution, ..frame })
+        .collect();
     Ok(shape)
 }

@@ -51,18 +51,39 @@ struct TaperedBeam {
 /// Place of the break of the trailing edge, as a fraction of the length: an airliner's.
 const CHORD_BREAK: f64 = 0.35;
 
-const REFERENCE: TaperedBeam =
-    TaperedBeam { taper: 0.3, root_extension: 0.0, power: 3.0, triangular: 0.0, relief: 0.0, reach: 0.0 };
+const REFERENCE: TaperedBeam = TaperedBeam {
+    taper: 0.3,
+    root_extension: 0.0,
+    power: 3.0,
+    triangular: 0.0,
+    relief: 0.0,
+    reach: 0.0,
+};
 
 /// Range of the parameters of the beams in the fleet, low and high.
 const FLEET_RANGE: [TaperedBeam; 2] = [
-    TaperedBeam { taper: 0.2, root_extension: 0.0, power: 2.5, triangular: 0.0, relief: 0.0, reach: 0.55 },
-    TaperedBeam { taper: 0.45, root_extension: 0.35, power: 4.0, triangular: 1.0, relief: 0.35, reach: 0.85 },
+    TaperedBeam {
+        taper: 0.2,
+        root_extension: 0.0,
+        power: 2.5,
+        triangular: 0.0,
+        relief: 0.0,
+        reach: 0.55,
+    },
+    TaperedBeam {
+        taper: 0.45,
+        root_extension: 0.35,
+        power: 4.0,
+        triangular: 1.0,
+        relief: 0.35,
+        reach: 0.85,
+    },
 ];
 
 /// Effects that the beams of the fleet do not include (steps in stiffness, engines, stores): standard deviations of the
 /// coefficients' ratios.
-const BEYOND_FLEET: [f64; CURVATURE_RATIOS] = [0.1, 0.07, 0.05, 0.035, 0.025, 0.02, 0.015, 0.012, 0.01];
+const BEYOND_FLEET: [f64; CURVATURE_RATIOS] =
+    [0.1, 0.07, 0.05, 0.035, 0.025, 0.02, 0.015, 0.012, 0.01];
 
 /// Exponent of the chord in the mass, for a box of skins, fuel and ribs.
 const MASS_POWER: i32 = 2;
@@ -85,11 +106,16 @@ impl TaperedBeam {
     fn load_at(&self, eta: f64) -> f64 {
         let elliptic = (1.0 - eta * eta).max(0.0).sqrt();
         let lift = elliptic + self.triangular * (1.0 - eta - elliptic);
-        lift - if eta < self.reach { self.relief * self.chord_at(eta) } else { 0.0 }
+        lift - if eta < self.reach {
+            self.relief * self.chord_at(eta)
+        } else {
+            0.0
+        }
     }
 
     fn chord_at(&self, eta: f64) -> f64 {
-        (1.0 - (1.0 - self.taper) * eta) * (1.0 + self.root_extension * (1.0 - eta / CHORD_BREAK).max(0.0))
+        (1.0 - (1.0 - self.taper) * eta)
+            * (1.0 + self.root_extension * (1.0 - eta / CHORD_BREAK).max(0.0))
     }
 
     /// Bending moment over stiffness at `count` points from root to tip, in arbitrary units, for the mean load on each interval,
@@ -131,7 +157,10 @@ pub fn shape_covariance(terms: usize) -> DMatrix<f64> {
     leading_block(&FLEET_COVARIANCE, terms.saturating_sub(1))
 }
 
-fn leading_block(covariance: &SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS>, n: usize) -> DMatrix<f64> {
+fn leading_block(
+    covariance: &SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS>,
+    n: usize,
+) -> DMatrix<f64> {
     DMatrix::from_fn(n, n, |i, j| covariance[(i, j)])
 }
 
@@ -165,15 +194,24 @@ fn compute_constant_bend_covariance() -> SMatrix<f64, CURVATURE_RATIOS, CURVATUR
     let fit = RatioFit::new();
     let count = fit.basis.len();
     let step = 1.0 / (count - 1) as f64;
-    let thermal = [0.0, 1.0]
-        .map(|power| -> Vec<f64> { (0..count).map(|k| REFERENCE.chord_at(k as f64 * step).powf(-power)).collect() });
+    let thermal = [0.0, 1.0].map(|power| -> Vec<f64> {
+        (0..count)
+            .map(|k| REFERENCE.chord_at(k as f64 * step).powf(-power))
+            .collect()
+    });
     let kink = |at: usize| (0..count).map(|k| f64::from(u8::from(k == at))).collect();
-    let kinks: Vec<Vec<f64>> = (0..count).filter(|k| KINKS.contains(&(*k as f64 * step))).map(kink).collect();
+    let kinks: Vec<Vec<f64>> = (0..count)
+        .filter(|k| KINKS.contains(&(*k as f64 * step)))
+        .map(kink)
+        .collect();
     let mut sum = SMatrix::zeros();
     for (shapes, weight) in [(&thermal[..], 0.25), (&kinks, 0.5 / kinks.len() as f64)] {
         for shape in shapes {
             let rise = integrate_twice(step, shape)[count - 1];
-            let c = fit.fit_basis_coefficients(shape).fixed_rows::<CURVATURE_RATIOS>(1) / rise;
+            let c = fit
+                .fit_basis_coefficients(shape)
+                .fixed_rows::<CURVATURE_RATIOS>(1)
+                / rise;
             sum += c * c.transpose() * weight;
         }
     }
@@ -203,7 +241,11 @@ fn compute_first_bending_mode() -> CurvatureTermValues {
     let values = sample_basis(TABLE);
     let share = |j: usize| -> f64 {
         let curvature: Vec<f64> = values.iter().map(|all| all[j]).collect();
-        integrate_twice(step, &curvature).iter().enumerate().map(|(k, w)| mass(k) * deflection[k] * w).sum()
+        integrate_twice(step, &curvature)
+            .iter()
+            .enumerate()
+            .map(|(k, w)| mass(k) * deflection[k] * w)
+            .sum()
     };
     let whole = share(0);
     std::array::from_fn(|j| share(j) / whole)
@@ -225,8 +267,10 @@ fn integrate_twice(step: f64, curvature: &[f64]) -> Vec<f64> {
 fn sample_basis(count: usize) -> Vec<CurvatureTermValues> {
     let curvature = REFERENCE.curvature(count, |_| 1.0);
     let mean = curvature.iter().sum::<f64>() / (count - 1) as f64;
-    let at =
-        |k: usize| legendre_polynomials(2.0 * k as f64 / (count - 1) as f64 - 1.0).map(|p| p * curvature[k] / mean);
+    let at = |k: usize| {
+        legendre_polynomials(2.0 * k as f64 / (count - 1) as f64 - 1.0)
+            .map(|p| p * curvature[k] / mean)
+    };
     (0..count).map(at).collect()
 }
 
@@ -236,7 +280,8 @@ fn tabulate_basis_integrals() -> Vec<CurvatureTermValues> {
     let mut sums = vec![[0.0; MAX_CURVATURE_TERMS]; TABLE];
     for k in 1..TABLE {
         let before = sums[k - 1];
-        sums[k] = std::array::from_fn(|j| before[j] + 0.5 * step * (values[k - 1][j] + values[k][j]));
+        sums[k] =
+            std::array::from_fn(|j| before[j] + 0.5 * step * (values[k - 1][j] + values[k][j]));
     }
     sums
 }
@@ -245,7 +290,10 @@ fn tabulate_basis_integrals() -> Vec<CurvatureTermValues> {
 fn compute_fleet_covariance() -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS> {
     let ratios = RatioFit::new();
     let beams = sample_fleet_beams();
-    let squares = beams.iter().map(|beam| ratios.beam_ratios(beam)).map(|r| r * r.transpose() / beams.len() as f64);
+    let squares = beams
+        .iter()
+        .map(|beam| ratios.beam_ratios(beam))
+        .map(|r| r * r.transpose() / beams.len() as f64);
     squares.fold(beyond_fleet_variances(1.0), |sum, square| sum + square)
 }
 
@@ -253,10 +301,20 @@ fn compute_fleet_covariance() -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS
 fn compute_burnt_covariance() -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS> {
     let ratios = RatioFit::new();
     let beams = sample_fleet_beams();
-    let change =
-        |beam: &TaperedBeam| ratios.beam_ratios(beam) - ratios.beam_ratios(&TaperedBeam { relief: 0.0, ..*beam });
-    let squares = beams.iter().map(change).map(|r| r * r.transpose() * (MEAN_SQUARE_BURNT / beams.len() as f64));
-    squares.fold(beyond_fleet_variances(BEYOND_BURNING), |sum, square| sum + square)
+    let change = |beam: &TaperedBeam| {
+        ratios.beam_ratios(beam)
+            - ratios.beam_ratios(&TaperedBeam {
+                relief: 0.0,
+                ..*beam
+            })
+    };
+    let squares = beams
+        .iter()
+        .map(change)
+        .map(|r| r * r.transpose() * (MEAN_SQUARE_BURNT / beams.len() as f64));
+    squares.fold(beyond_fleet_variances(BEYOND_BURNING), |sum, square| {
+        sum + square
+    })
 }
 
 fn beyond_fleet_variances(share: f64) -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS> {
@@ -271,10 +329,17 @@ struct RatioFit {
 
 impl RatioFit {
     fn new() -> Self {
-        let basis: Vec<_> = sample_basis(TABLE / STRIDE + 1).into_iter().map(SVector::from).collect();
-        let normal: SMatrix<f64, MAX_CURVATURE_TERMS, MAX_CURVATURE_TERMS> =
-            basis.iter().fold(SMatrix::zeros(), |sum, b| sum + b * b.transpose());
-        Self { basis, inverse: normal.try_inverse().unwrap_or_else(SMatrix::zeros) }
+        let basis: Vec<_> = sample_basis(TABLE / STRIDE + 1)
+            .into_iter()
+            .map(SVector::from)
+            .collect();
+        let normal: SMatrix<f64, MAX_CURVATURE_TERMS, MAX_CURVATURE_TERMS> = basis
+            .iter()
+            .fold(SMatrix::zeros(), |sum, b| sum + b * b.transpose());
+        Self {
+            basis,
+            inverse: normal.try_inverse().unwrap_or_else(SMatrix::zeros),
+        }
     }
 
     fn beam_ratios(&self, beam: &TaperedBeam) -> SVector<f64, CURVATURE_RATIOS> {
@@ -283,7 +348,11 @@ impl RatioFit {
     }
 
     fn fit_basis_coefficients(&self, curvature: &[f64]) -> SVector<f64, MAX_CURVATURE_TERMS> {
-        let right = self.basis.iter().zip(curvature).fold(SVector::zeros(), |sum, (b, k)| sum + b * *k);
+        let right = self
+            .basis
+            .iter()
+            .zip(curvature)
+            .fold(SVector::zeros(), |sum, (b, k)| sum + b * *k);
         self.inverse * right
     }
 }
@@ -293,7 +362,8 @@ impl RatioFit {
 /// these slopes (over s/L).
 pub fn shortening_effect(length_m: f64, slope_rad: impl Fn(f64) -> f64) -> [f64; CURVATURE_RATIOS] {
     let fit = RatioFit::new();
-    let at = |share: f64| shortened_ratios(&fit, length_m, &slope_rad, share * STRONG_CURVATURE_PER_M);
+    let at =
+        |share: f64| shortened_ratios(&fit, length_m, &slope_rad, share * STRONG_CURVATURE_PER_M);
     let bend = at(0.0) - at(0.5) * 2.0 + at(1.0);
     (bend * (2.0 / STRONG_CURVATURE_PER_M.powi(2))).into()
 }
@@ -310,7 +380,8 @@ fn shortened_ratios(
     let mut bent = vec![0.0; count];
     let mut ratios = SVector::zeros();
     for _ in 0..SHORTENING_PASSES {
-        let curvature = REFERENCE.curvature(count, |k| (slope_rad(k as f64 * step) + bent[k]).cos());
+        let curvature =
+            REFERENCE.curvature(count, |k| (slope_rad(k as f64 * step) + bent[k]).cos());
         let c = fit.fit_basis_coefficients(&curvature);
         ratios = c.fixed_rows::<CURVATURE_RATIOS>(1) / c[0];
         let scale = amplitude * length_m * step / c[0];

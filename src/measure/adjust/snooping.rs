@@ -32,13 +32,19 @@ pub struct ResidualSum {
 impl ResidualSum {
     /// Takes the sum from a solution.
     pub fn from_fit(fit: &Fit) -> Self {
-        Self { omega: fit.omega, redundancy: fit.redundancy }
+        Self {
+            omega: fit.omega,
+            redundancy: fit.redundancy,
+        }
     }
 
     /// Returns the sum if so much was removed that the remaining observations cannot be tested on their own; otherwise
     /// `None`.
     pub fn if_many_removed<'s>(self, removed: impl Iterator<Item = &'s Suspect>) -> Option<Self> {
-        let mut markers: Vec<_> = removed.filter(|s| !s.is_gross()).map(|s| s.marker).collect();
+        let mut markers: Vec<_> = removed
+            .filter(|s| !s.is_gross())
+            .map(|s| s.marker)
+            .collect();
         markers.sort_unstable();
         markers.dedup();
         (markers.len() >= MANY_MARKERS).then_some(self)
@@ -73,7 +79,11 @@ pub struct Suspect {
 impl Suspect {
     /// Returns whether the error is so large that only a wrong observation explains it.
     pub fn is_gross(&self) -> bool {
-        let limit = if self.target == SuspectTarget::Survey { GROSS_ERROR_LIMITS.1 } else { GROSS_ERROR_LIMITS.0 };
+        let limit = if self.target == SuspectTarget::Survey {
+            GROSS_ERROR_LIMITS.1
+        } else {
+            GROSS_ERROR_LIMITS.0
+        };
         self.size.abs() > limit
     }
 
@@ -94,7 +104,9 @@ impl Suspect {
             ),
             // The largest of all coordinates of good markers is as large.
             (SuspectTarget::Survey, _)
-                if w < quality::critical_w(options.snooping_alpha / (3 * setup.markers.len().max(1)) as f64) =>
+                if w < quality::critical_w(
+                    options.snooping_alpha / (3 * setup.markers.len().max(1)) as f64,
+                ) =>
             {
                 format!(
                     "marker {id} was removed: its surveyed position disagrees by about {size:.3} m (w = {w:.1}, limit {limit:.1}), \
@@ -153,7 +165,9 @@ pub fn snoop_one_by_one<M: SnoopingModel>(
     let mut removed: Vec<Suspect> = vec![];
     let mut with_all = ResidualSum::from_fit(model.solved_group(&solved).fit);
     while removed.len() < observations / OBSERVATIONS_PER_REMOVAL {
-        let Some(suspect) = model.solved_group(&solved).worst_suspect() else { break };
+        let Some(suspect) = model.solved_group(&solved).worst_suspect() else {
+            break;
+        };
         let mut without = model.clone();
         without.set_used(&suspect, false);
         if !without.is_sufficient(&solved) {
@@ -167,18 +181,30 @@ pub fn snoop_one_by_one<M: SnoopingModel>(
         }
     }
     if removed.len() < 2 {
-        return Ok(SnoopingResult { model, solved, removed, tested_sum: None });
+        return Ok(SnoopingResult {
+            model,
+            solved,
+            removed,
+            tested_sum: None,
+        });
     }
     let mut out = vec![];
     for suspect in removed {
         let mut with = model.clone();
         with.set_used(&suspect, true);
         match with.solve_from(Some(&solved)) {
-            Ok(again) if with.solved_group(&again).worst_suspect().is_none() => (model, solved) = (with, again),
+            Ok(again) if with.solved_group(&again).worst_suspect().is_none() => {
+                (model, solved) = (with, again)
+            }
             _ => out.push(suspect),
         }
     }
-    Ok(SnoopingResult { model, solved, tested_sum: with_all.if_many_removed(out.iter()), removed: out })
+    Ok(SnoopingResult {
+        model,
+        solved,
+        tested_sum: with_all.if_many_removed(out.iter()),
+        removed: out,
+    })
 }
 
 /// A group of a solved problem: a frame, or survey and ground frame.
@@ -205,10 +231,18 @@ impl SolvedGroup<'_> {
     pub fn worst_suspect_among(&self, selects: impl Fn(&BlockMember) -> bool) -> Option<Suspect> {
         let options = self.input.options;
         let limit = quality::critical_w(options.snooping_alpha);
-        let blocks = self.members.iter().enumerate().filter(|(_, member)| selects(member));
-        let best = blocks.filter_map(|(block, member)| self.block_suspect(block, member)).reduce(larger_suspect)?;
+        let blocks = self
+            .members
+            .iter()
+            .enumerate()
+            .filter(|(_, member)| selects(member));
+        let best = blocks
+            .filter_map(|(block, member)| self.block_suspect(block, member))
+            .reduce(larger_suspect)?;
         // The factor is at least 1 and expensive to compute, so it is computed last.
-        (best.w.abs() > limit && best.w.abs() / root_variance_factor(self.fit, best.w, options) > limit).then_some(best)
+        (best.w.abs() > limit
+            && best.w.abs() / root_variance_factor(self.fit, best.w, options) > limit)
+            .then_some(best)
     }
 
     /// Returns whether few fixed targets contradict each other in flight; they then move, and the wrong one cannot be
@@ -219,7 +253,11 @@ impl SolvedGroup<'_> {
             return false;
         }
         let limit = quality::critical_w(self.input.options.snooping_alpha / frames as f64);
-        let mut fixed = self.members.iter().enumerate().filter(|(_, m)| self.input.scene.is_fixed(m.marker));
+        let mut fixed = self
+            .members
+            .iter()
+            .enumerate()
+            .filter(|(_, m)| self.input.scene.is_fixed(m.marker));
         fixed.any(|(block, member)| {
             let all = self.reliability(block);
             let seen = member.flight.and_then(|first| all.get(first..first + 2));
@@ -245,14 +283,34 @@ impl SolvedGroup<'_> {
             let one = |r: &Reliability| {
                 let w = r.w?;
                 let size = w * r.minimal_detectable_bias? / shift;
-                Some(Suspect { marker: member.marker, target, w, size, has_ground_image: member.ground.is_some() })
+                Some(Suspect {
+                    marker: member.marker,
+                    target,
+                    w,
+                    size,
+                    has_ground_image: member.ground.is_some(),
+                })
             };
-            all.get(first..first + n)?.iter().filter_map(one).reduce(larger_suspect)
+            all.get(first..first + n)?
+                .iter()
+                .filter_map(one)
+                .reduce(larger_suspect)
         };
-        let flight = member.flight.filter(|_| !moves).and_then(|k| largest(k, 2, SuspectTarget::Flight));
-        let ground = member.ground.and_then(|k| largest(k, 2, SuspectTarget::Ground));
+        let flight = member
+            .flight
+            .filter(|_| !moves)
+            .and_then(|k| largest(k, 2, SuspectTarget::Flight));
+        let ground = member
+            .ground
+            .and_then(|k| largest(k, 2, SuspectTarget::Ground));
         let survey = largest(0, 3, SuspectTarget::Survey).map(|s| (s.w.abs() / SURVEY_LEAD, s));
-        match ([flight, ground].into_iter().flatten().reduce(larger_suspect), survey) {
+        match (
+            [flight, ground]
+                .into_iter()
+                .flatten()
+                .reduce(larger_suspect),
+            survey,
+        ) {
             (Some(image), Some((lead, _))) if image.w.abs() >= lead => Some(image),
             (_, Some((_, survey))) => Some(survey),
             (image, None) => image,
@@ -280,9 +338,12 @@ pub fn fixed_target_remark(factor: f64) -> Option<String> {
 /// Square root of the variance factor without the suspect, at least 1.
 pub(super) fn root_variance_factor(fit: &Fit, w: f64, options: &Options) -> f64 {
     if fit.redundancy < 2
-        || quality::global_test(fit.omega, fit.redundancy, options.global_alpha) == Some(GlobalTest::Passed)
+        || quality::global_test(fit.omega, fit.redundancy, options.global_alpha)
+            == Some(GlobalTest::Passed)
     {
         return 1.0;
     }
-    ((fit.omega - w * w).max(0.0) / (fit.redundancy - 1) as f64).sqrt().max(1.0)
+    ((fit.omega - w * w).max(0.0) / (fit.redundancy - 1) as f64)
+        .sqrt()
+        .max(1.0)
 }

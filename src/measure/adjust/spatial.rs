@@ -15,10 +15,18 @@ use super::outcome::FrameOutcome;
 use super::prior_scales::PriorScales;
 use super::scene::WingScene;
 use super::shapes::{TYPICAL_CURVATURE_PER_M, bounded_amplitude, shape_covariance};
-use super::snooping::{self, ResidualSum, SnoopingModel, SnoopingResult, SolvedGroup, Suspect, SuspectTarget};
-use super::stated_widths::{WIDENING_PASSES, WidenedPriors, contradiction_remark, widen_refuted_priors};
-use super::{AdjustError, AdjustResult, GlobalTest, Observation, Options, Solution, VarianceComponent};
-use crate::estimation::{EstimationError, Fit, SolveOptions, VarianceGroup, quality, variance_components};
+use super::snooping::{
+    self, ResidualSum, SnoopingModel, SnoopingResult, SolvedGroup, Suspect, SuspectTarget,
+};
+use super::stated_widths::{
+    WIDENING_PASSES, WidenedPriors, contradiction_remark, widen_refuted_priors,
+};
+use super::{
+    AdjustError, AdjustResult, GlobalTest, Observation, Options, Solution, VarianceComponent,
+};
+use crate::estimation::{
+    EstimationError, Fit, SolveOptions, VarianceGroup, quality, variance_components,
+};
 use crate::setup::{Orientation, Setup};
 
 /// Minimum number of wing markers in flight.
@@ -54,7 +62,11 @@ impl<'a> SolvedFrame<'a> {
             let (frame, fit) = solve_rough(single, amplitude, last)?;
             let found = bounded_amplitude(fit.global[0]);
             let settled = (found / amplitude).ln().abs() < AMPLITUDE_SETTLED;
-            solved = Some(Self { frame, fit, amplitude: if settled { amplitude } else { found } });
+            solved = Some(Self {
+                frame,
+                fit,
+                amplitude: if settled { amplitude } else { found },
+            });
             if settled {
                 break;
             }
@@ -64,14 +76,25 @@ impl<'a> SolvedFrame<'a> {
     }
 
     fn as_solved_group<'s>(&'s self, input: &'s AdjustmentInput) -> SolvedGroup<'s> {
-        let FrameProblem { problem, members, .. } = &self.frame;
-        SolvedGroup { input, problem, fit: &self.fit, group: 0, members }
+        let FrameProblem {
+            problem, members, ..
+        } = &self.frame;
+        SolvedGroup {
+            input,
+            problem,
+            fit: &self.fit,
+            group: 0,
+            members,
+        }
     }
 
     /// Iterates a rough solution to convergence.
     fn converge(&mut self) -> AdjustResult<()> {
         self.frame.problem.start = self.fit.global.clone();
-        self.fit = self.frame.solve(&SolveOptions { rough: false, residuals: Some(&self.fit) })?;
+        self.fit = self.frame.solve(&SolveOptions {
+            rough: false,
+            residuals: Some(&self.fit),
+        })?;
         Ok(())
     }
 
@@ -79,20 +102,36 @@ impl<'a> SolvedFrame<'a> {
     /// candidates.
     fn negative_log_evidence(&self) -> f64 {
         let terms = self.frame.layout.curvature_terms;
-        let log = |m: DMatrix<f64>| m.cholesky().map_or(f64::NEG_INFINITY, |c| c.ln_determinant());
-        let shape = log(shape_covariance(terms)) + 2.0 * (terms.saturating_sub(1) as f64) * self.amplitude.ln();
+        let log = |m: DMatrix<f64>| {
+            m.cholesky()
+                .map_or(f64::NEG_INFINITY, |c| c.ln_determinant())
+        };
+        let shape = log(shape_covariance(terms))
+            + 2.0 * (terms.saturating_sub(1) as f64) * self.amplitude.ln();
         self.fit.omega - log(self.fit.covariance.clone()) + shape
     }
 
     /// Estimates variance components of images and survey, with remarks; updates the solution.
-    fn estimate_variance_components(&mut self) -> AdjustResult<(Vec<VarianceComponent>, Vec<String>)> {
+    fn estimate_variance_components(
+        &mut self,
+    ) -> AdjustResult<(Vec<VarianceComponent>, Vec<String>)> {
         let (frame, mut problem) = (&self.frame, self.frame.problem.clone());
         let size = |block: usize| frame.problem.groups[0].blocks[block].observed.len();
         let image = |_: usize, block: usize| (3..size(block)).collect();
         let survey = |_: usize, _: usize| vec![0, 1, 2];
-        let groups =
-            [VarianceGroup { name: "image", members: &image }, VarianceGroup { name: "survey", members: &survey }];
-        let found = variance_components(&mut problem, &groups, |at, blocks| frame.linearise(at, blocks))?;
+        let groups = [
+            VarianceGroup {
+                name: "image",
+                members: &image,
+            },
+            VarianceGroup {
+                name: "survey",
+                members: &survey,
+            },
+        ];
+        let found = variance_components(&mut problem, &groups, |at, blocks| {
+            frame.linearise(at, blocks)
+        })?;
         (self.fit, self.frame.problem) = (found.fit, problem);
         Ok((found.components, found.remarks))
     }
@@ -105,8 +144,17 @@ fn solve_rough<'a>(
     last: Option<&SolvedFrame>,
 ) -> AdjustResult<(FrameProblem<'a>, Fit)> {
     let from = last.map(|s| (&s.frame.layout, &s.fit.global));
-    let frame = FrameProblem::new(single, &FrameStart { amplitude_per_m, from });
-    let fit = frame.solve(&SolveOptions { rough: true, residuals: last.map(|s| &s.fit) })?;
+    let frame = FrameProblem::new(
+        single,
+        &FrameStart {
+            amplitude_per_m,
+            from,
+        },
+    );
+    let fit = frame.solve(&SolveOptions {
+        rough: true,
+        residuals: last.map(|s| &s.fit),
+    })?;
     Ok((frame, fit))
 }
 
@@ -127,7 +175,10 @@ impl<'a> SnoopingModel for SingleFrame<'a> {
     }
 
     fn is_sufficient(&self, _: &SolvedFrame<'a>) -> bool {
-        let left = self.usage.frames[0].iter().zip(&self.observations).map(|(used, seen)| seen.filter(|_| *used));
+        let left = self.usage.frames[0]
+            .iter()
+            .zip(&self.observations)
+            .map(|(used, seen)| seen.filter(|_| *used));
         count_wing_markers(self.input.setup, &left.collect::<Vec<_>>()) >= MIN_MARKERS
     }
 
@@ -155,15 +206,22 @@ fn remove_outliers_and_widen(single: SingleFrame) -> AdjustResult<SnoopingResult
         let SolvedFrame { frame, fit, .. } = &clean.solved;
         // If the global test rejects all observations, the image or the survey is wrong, not only a width. Level 0: nothing is
         // tested.
-        let (sum, alpha) =
-            (clean.tested_sum.unwrap_or(ResidualSum::from_fit(fit)), clean.model.input.options.global_alpha);
-        let passes = quality::global_test(sum.omega, sum.redundancy, alpha) == Some(GlobalTest::Passed);
+        let (sum, alpha) = (
+            clean.tested_sum.unwrap_or(ResidualSum::from_fit(fit)),
+            clean.model.input.options.global_alpha,
+        );
+        let passes =
+            quality::global_test(sum.omega, sum.redundancy, alpha) == Some(GlobalTest::Passed);
         let widened = widen_refuted_priors(&frame.problem, fit, &clean.model.widened);
         if alpha <= 0.0 || !passes || !widened.differs_from(&clean.model.widened) {
             break;
         }
         let usage = flight::FlightUsage::all_used(1, clean.model.input.setup.markers.len());
-        let wider = remove_outliers(SingleFrame { widened, usage, ..clean.model.clone() });
+        let wider = remove_outliers(SingleFrame {
+            widened,
+            usage,
+            ..clean.model.clone()
+        });
         let Ok(mut wider) = wider else { break };
         if wider.solved.converge().is_err() {
             break;
@@ -174,24 +232,49 @@ fn remove_outliers_and_widen(single: SingleFrame) -> AdjustResult<SnoopingResult
 }
 
 /// Tries all common displacements and returns the result that fits best, if it removes only few markers.
-fn explain_by_displacement<'a>(single: &SingleFrame<'a>) -> Option<SnoopingResult<SingleFrame<'a>>> {
-    let with =
-        |displacement| remove_outliers(SingleFrame { common_displacement: Some(displacement), ..single.clone() }).ok();
-    let tried = candidate_displacements(&single.input, &single.observations).into_iter().filter_map(with);
+fn explain_by_displacement<'a>(
+    single: &SingleFrame<'a>,
+) -> Option<SnoopingResult<SingleFrame<'a>>> {
+    let with = |displacement| {
+        remove_outliers(SingleFrame {
+            common_displacement: Some(displacement),
+            ..single.clone()
+        })
+        .ok()
+    };
+    let tried = candidate_displacements(&single.input, &single.observations)
+        .into_iter()
+        .filter_map(with);
     let cost = |s: &SnoopingResult<SingleFrame<'a>>| {
         let limit = quality::critical_w(single.input.options.snooping_alpha);
         s.solved.fit.omega + s.removed.len() as f64 * limit * limit
     };
-    tried.filter(|s| s.tested_sum.is_none()).min_by(|a, b| cost(a).total_cmp(&cost(b)))
+    tried
+        .filter(|s| s.tested_sum.is_none())
+        .min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
 
 /// Chooses the most probable number of curvature terms, given the data and the prior of beam shapes.
-fn choose_curvature_order<'a>(single: &SingleFrame<'a>, default: SolvedFrame<'a>) -> AdjustResult<SolvedFrame<'a>> {
+fn choose_curvature_order<'a>(
+    single: &SingleFrame<'a>,
+    default: SolvedFrame<'a>,
+) -> AdjustResult<SolvedFrame<'a>> {
     let amplitude = default.amplitude;
     let mut best = default;
     for terms in CANDIDATE_ORDERS.into_iter().filter(|&t| t != DEFAULT_ORDER) {
-        let (frame, fit) = solve_rough(&SingleFrame { terms, ..single.clone() }, amplitude, Some(&best))?;
-        let other = SolvedFrame { frame, fit, amplitude };
+        let (frame, fit) = solve_rough(
+            &SingleFrame {
+                terms,
+                ..single.clone()
+            },
+            amplitude,
+            Some(&best),
+        )?;
+        let other = SolvedFrame {
+            frame,
+            fit,
+            amplitude,
+        };
         if other.negative_log_evidence() < best.negative_log_evidence() {
             best = other;
         }
@@ -209,7 +292,8 @@ pub fn solve_spatial(
     observations: &[Observation],
     options: &Options,
 ) -> AdjustResult<Solution> {
-    solve_spatial_with(setup, orientation, observations, options, &|_| ()).map(|(solution, ())| solution)
+    solve_spatial_with(setup, orientation, observations, options, &|_| ())
+        .map(|(solution, ())| solution)
 }
 
 /// Adjusts one frame and derives something else from the outcome.
@@ -224,13 +308,23 @@ pub fn solve_spatial_with<T>(
     let frame_observations = order_by_marker(setup, observations)?;
     let found = count_wing_markers(setup, &frame_observations);
     if found < MIN_MARKERS {
-        return Err(AdjustError::TooFewMarkers { found, needed: MIN_MARKERS });
+        return Err(AdjustError::TooFewMarkers {
+            found,
+            needed: MIN_MARKERS,
+        });
     }
-    let input = AdjustmentInput { setup, orientation, scene: &scene, options };
+    let input = AdjustmentInput {
+        setup,
+        orientation,
+        scene: &scene,
+        options,
+    };
     if options.flight_prior.is_some() && !options.variance_components {
         return flight::solve_frame_with_prior(&input, observations, derive);
     }
-    let terms = options.curvature_terms.map_or(DEFAULT_ORDER, |t| t.clamp(1, MAX_CURVATURE_TERMS));
+    let terms = options
+        .curvature_terms
+        .map_or(DEFAULT_ORDER, |t| t.clamp(1, MAX_CURVATURE_TERMS));
     let usage = flight::FlightUsage::all_used(1, setup.markers.len());
     let single = SingleFrame {
         input,
@@ -245,24 +339,49 @@ pub fn solve_spatial_with<T>(
     if clean.tested_sum.is_some() {
         clean = explain_by_displacement(&single).unwrap_or(clean);
     }
-    let SnoopingResult { model: single, mut solved, removed, tested_sum } = clean;
+    let SnoopingResult {
+        model: single,
+        mut solved,
+        removed,
+        tested_sum,
+    } = clean;
     if options.curvature_terms.is_none() {
         solved = choose_curvature_order(&single, solved)?;
     }
     solved.converge()?;
-    let (components, mut remarks) =
-        if options.variance_components { solved.estimate_variance_components()? } else { Default::default() };
+    let (components, mut remarks) = if options.variance_components {
+        solved.estimate_variance_components()?
+    } else {
+        Default::default()
+    };
     let SolvedFrame { frame, fit, .. } = &solved;
-    let outcome = FrameOutcome::new(solved.as_solved_group(&input), &frame.layout).judged_before_removal(tested_sum);
-    let blocks = BlockMembers { members: std::slice::from_ref(&frame.members), ground: &[] };
-    let solution =
-        with_variance_sources(blocks, &frame.problem, fit, None, |sources| outcome.solution(removed.iter(), sources));
+    let outcome = FrameOutcome::new(solved.as_solved_group(&input), &frame.layout)
+        .judged_before_removal(tested_sum);
+    let blocks = BlockMembers {
+        members: std::slice::from_ref(&frame.members),
+        ground: &[],
+    };
+    let solution = with_variance_sources(blocks, &frame.problem, fit, None, |sources| {
+        outcome.solution(removed.iter(), sources)
+    });
     let derived = derive(&outcome);
     remarks.extend(solution.remarks);
     let stayed = options.keeps_ground_mounting();
-    remarks.extend(decisive_width_remarks(&outcome, solution.budget.as_ref(), stayed, &single.widened));
-    remarks.extend(contradiction_remark(setup, stayed, (&frame.problem, fit), &single.widened));
-    remarks.extend(snooping::fixed_target_remark(single.prior_scales.fixed_targets));
+    remarks.extend(decisive_width_remarks(
+        &outcome,
+        solution.budget.as_ref(),
+        stayed,
+        &single.widened,
+    ));
+    remarks.extend(contradiction_remark(
+        setup,
+        stayed,
+        (&frame.problem, fit),
+        &single.widened,
+    ));
+    remarks.extend(snooping::fixed_target_remark(
+        single.prior_scales.fixed_targets,
+    ));
     remarks.extend(
         single
             .common_displacement
@@ -270,11 +389,23 @@ pub fn solve_spatial_with<T>(
             .map(|displacement| displacement.remark(fit.global[frame.layout.mounting.first])),
     );
     if options.curvature_terms.is_none() {
-        remarks.push(format!("curvature of {} terms, chosen by test", frame.layout.curvature_terms));
+        remarks.push(format!(
+            "curvature of {} terms, chosen by test",
+            frame.layout.curvature_terms
+        ));
     }
-    let is_weak = solution.pitch_bending_correlation.is_some_and(|c| c.abs() > 0.9);
+    let is_weak = solution
+        .pitch_bending_correlation
+        .is_some_and(|c| c.abs() > 0.9);
     remarks.extend((is_weak && !scene.has_ground_observations()).then(|| SEPARATION_REMARK.into()));
-    Ok((Solution { variance_components: components, remarks, ..solution }, derived))
+    Ok((
+        Solution {
+            variance_components: components,
+            remarks,
+            ..solution
+        },
+        derived,
+    ))
 }
 
 #[cfg(test)]

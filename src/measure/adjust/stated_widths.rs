@@ -50,8 +50,12 @@ const INCREASES: std::ops::Range<i32> = -2..14;
 /// bends are 50 % and 25 % of the slope. An assumption.
 const SKIN_HEIGHT_SHAPE: [f64; RAISE_TERMS] = [1.0, 0.2, 0.1, 0.05];
 /// Legendre polynomials of degree 0 to 3 on (0, 1) (rows) as powers of s/L (columns).
-const LEGENDRE_BY_POWERS: [[f64; RAISE_TERMS]; RAISE_TERMS] =
-    [[1.0, 0.0, 0.0, 0.0], [-1.0, 2.0, 0.0, 0.0], [1.0, -6.0, 6.0, 0.0], [-1.0, 12.0, -30.0, 20.0]];
+const LEGENDRE_BY_POWERS: [[f64; RAISE_TERMS]; RAISE_TERMS] = [
+    [1.0, 0.0, 0.0, 0.0],
+    [-1.0, 2.0, 0.0, 0.0],
+    [1.0, -6.0, 6.0, 0.0],
+    [-1.0, 12.0, -30.0, 20.0],
+];
 
 /// Step in which a stated skin height is widened, m: a drawing's precision.
 const AXIS_HEIGHT_STEP_M: f64 = 0.01;
@@ -65,7 +69,11 @@ pub fn axis_height_covariance(sigma_m: f64) -> DMatrix<f64> {
         let powers = DVector::from_column_slice(&powers) * (doubt * sigma_m);
         &powers * powers.transpose()
     };
-    SKIN_HEIGHT_SHAPE.into_iter().zip(LEGENDRE_BY_POWERS).map(of_shape).sum()
+    SKIN_HEIGHT_SHAPE
+        .into_iter()
+        .zip(LEGENDRE_BY_POWERS)
+        .map(of_shape)
+        .sum()
 }
 
 /// Increases of the stated variances of some unknowns, as multiples.
@@ -80,14 +88,20 @@ impl WidenedPriors {
 
     /// Returns the increase of an unknown's variance; 0: it has its stated width.
     pub fn increase(&self, unknown: Unknown) -> f64 {
-        self.0.iter().find(|(widened, _)| *widened == unknown).map_or(0.0, |(_, increase)| *increase)
+        self.0
+            .iter()
+            .find(|(widened, _)| *widened == unknown)
+            .map_or(0.0, |(_, increase)| *increase)
     }
 
     /// Adds the increase to the priors of a term with its stated widths.
     pub fn apply_to(&self, unknown: Unknown, prior: Prior) -> Prior {
         match self.increase(unknown) {
             0.0 => prior,
-            increase => Prior { covariance: &prior.covariance + step(unknown, &prior.covariance) * increase, ..prior },
+            increase => Prior {
+                covariance: &prior.covariance + step(unknown, &prior.covariance) * increase,
+                ..prior
+            },
         }
     }
 
@@ -123,19 +137,41 @@ impl WidthEvidence {
     /// Evidence from independent scores; see the fields.
     pub fn new(mut directions: Vec<(f64, f64)>, current: f64) -> Self {
         directions.retain(|(_, information)| *information > MIN_DETERMINED / (1.0 + current));
-        Self { directions, current, square: 0.0 }
+        Self {
+            directions,
+            current,
+            square: 0.0,
+        }
     }
 
-    fn from_fit(problem: &Problem, fit: &Fit, unknown: Unknown, widened: &WidenedPriors) -> Option<Self> {
-        let own: Vec<&Prior> = problem.priors.iter().filter(|prior| prior.name.unknown == unknown.name()).collect();
-        let columns: Vec<usize> = own.iter().flat_map(|prior| prior.columns.iter().copied()).collect();
+    fn from_fit(
+        problem: &Problem,
+        fit: &Fit,
+        unknown: Unknown,
+        widened: &WidenedPriors,
+    ) -> Option<Self> {
+        let own: Vec<&Prior> = problem
+            .priors
+            .iter()
+            .filter(|prior| prior.name.unknown == unknown.name())
+            .collect();
+        let columns: Vec<usize> = own
+            .iter()
+            .flat_map(|prior| prior.columns.iter().copied())
+            .collect();
         let current = widened.increase(unknown);
         let n = columns.len();
         if n == 0 {
             return None;
         }
         let means = own.iter().flat_map(|prior| prior.mean.iter());
-        let off = DVector::from_iterator(n, columns.iter().zip(means).map(|(column, mean)| fit.global[*column] - mean));
+        let off = DVector::from_iterator(
+            n,
+            columns
+                .iter()
+                .zip(means)
+                .map(|(column, mean)| fit.global[*column] - mean),
+        );
         let (mut weight, mut root) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
         let (mut first, mut square) = (0, 0.0);
         for prior in own {
@@ -149,20 +185,38 @@ impl WidthEvidence {
             square += values.dot(&factor.solve(&values));
             let at = ((first, first), (size, size));
             root.view_mut(at.0, at.1).copy_from(&factor.l());
-            weight.view_mut(at.0, at.1).copy_from(&prior.covariance.clone().cholesky()?.inverse());
+            weight
+                .view_mut(at.0, at.1)
+                .copy_from(&prior.covariance.clone().cholesky()?.inverse());
             first += size;
         }
-        let posterior = fit.covariance.select_columns(&columns).select_rows(&columns);
+        let posterior = fit
+            .covariance
+            .select_columns(&columns)
+            .select_rows(&columns);
         let information = &weight - &weight * posterior * &weight;
-        let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(root.tr_mul(&information) * &root);
+        let SymmetricEigen {
+            eigenvectors,
+            eigenvalues,
+        } = SymmetricEigen::new(root.tr_mul(&information) * &root);
         let score = eigenvectors.tr_mul(&root.tr_mul(&(&weight * &off)));
-        let model = if unknown == Unknown::AxisHeight { AXIS_HEIGHT_MODEL_M / AXIS_HEIGHT_STEP_M } else { 0.0 };
-        let pairs = score.iter().zip(eigenvalues.iter()).map(|(score, information)| {
-            let kept = 1.0 / (1.0 + information * model * model);
-            ((score * kept).powi(2), information * kept)
-        });
+        let model = if unknown == Unknown::AxisHeight {
+            AXIS_HEIGHT_MODEL_M / AXIS_HEIGHT_STEP_M
+        } else {
+            0.0
+        };
+        let pairs = score
+            .iter()
+            .zip(eigenvalues.iter())
+            .map(|(score, information)| {
+                let kept = 1.0 / (1.0 + information * model * model);
+                ((score * kept).powi(2), information * kept)
+            });
         let evidence = Self::new(pairs.collect(), current);
-        (!evidence.directions.is_empty()).then_some(Self { square: square / n as f64, ..evidence })
+        (!evidence.directions.is_empty()).then_some(Self {
+            square: square / n as f64,
+            ..evidence
+        })
     }
 
     /// Logarithm of the probability of the scores with an increase relative to that with the current one.
@@ -176,13 +230,17 @@ impl WidthEvidence {
 
     /// Increase with which the data are most probable, and the logarithm of how much more probable they are.
     fn best_increase(&self) -> Option<(f64, f64)> {
-        let found = INCREASES.map(|power| 2f64.powi(power)).map(|increase| (increase, self.gain(increase)));
+        let found = INCREASES
+            .map(|power| 2f64.powi(power))
+            .map(|increase| (increase, self.gain(increase)));
         found.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
     /// Increase that makes the data more probable than none; 0 without one.
     pub fn likely_increase(&self) -> f64 {
-        self.best_increase().filter(|(_, gain)| *gain > 0.0).map_or(0.0, |(increase, _)| increase)
+        self.best_increase()
+            .filter(|(_, gain)| *gain > 0.0)
+            .map_or(0.0, |(increase, _)| increase)
     }
 
     /// Increase that the data ask for, and how much more probable it makes them, as a logarithm; wide increases are less
@@ -202,7 +260,10 @@ impl WidthEvidence {
         let one = |(score, information): &(f64, f64)| {
             score / (information * (1.0 - self.current * information).max(MIN_DETERMINED))
         };
-        chi_square_tail(self.directions.len() as f64, self.directions.iter().map(one).sum())
+        chi_square_tail(
+            self.directions.len() as f64,
+            self.directions.iter().map(one).sum(),
+        )
     }
 }
 
@@ -211,7 +272,12 @@ fn all_evidence<'a>(
     fit: &'a Fit,
     widened: &'a WidenedPriors,
 ) -> impl Iterator<Item = (Unknown, WidthEvidence)> + 'a {
-    TESTED.into_iter().filter_map(|unknown| Some((unknown, WidthEvidence::from_fit(problem, fit, unknown, widened)?)))
+    TESTED.into_iter().filter_map(|unknown| {
+        Some((
+            unknown,
+            WidthEvidence::from_fit(problem, fit, unknown, widened)?,
+        ))
+    })
 }
 
 /// Largest number of widths that are increased in one result.
@@ -220,13 +286,23 @@ pub const WIDENING_PASSES: usize = 3;
 /// Returns the increases that a solution asks for, each counted from the stated width: of those that are increased already,
 /// and of the one whose increase explains the data best. One residual may refute several widths, such as those of the
 /// mounting's and the root's rotation; the smallest increase is the most probable.
-pub fn widen_refuted_priors(problem: &Problem, fit: &Fit, widened: &WidenedPriors) -> WidenedPriors {
-    let asked = |(unknown, evidence): (Unknown, WidthEvidence)| Some((unknown, evidence.increase()?));
+pub fn widen_refuted_priors(
+    problem: &Problem,
+    fit: &Fit,
+    widened: &WidenedPriors,
+) -> WidenedPriors {
+    let asked =
+        |(unknown, evidence): (Unknown, WidthEvidence)| Some((unknown, evidence.increase()?));
     let (mut again, new): (Vec<_>, Vec<_>) = all_evidence(problem, fit, widened)
         .filter_map(asked)
         .partition(|(unknown, _)| widened.increase(*unknown) > 0.0);
     again.extend(new.into_iter().max_by(|(_, a), (_, b)| a.1.total_cmp(&b.1)));
-    WidenedPriors(again.into_iter().map(|(unknown, (increase, _))| (unknown, increase)).collect())
+    WidenedPriors(
+        again
+            .into_iter()
+            .map(|(unknown, (increase, _))| (unknown, increase))
+            .collect(),
+    )
 }
 
 /// Words of the remark on a contradicted width.
@@ -234,7 +310,10 @@ const CONTRADICTED: &str = "is contradicted: the";
 
 /// Returns whether the data contradict a stated width of a result.
 pub fn is_width_contradicted(solution: &Solution) -> bool {
-    solution.remarks.iter().any(|remark| remark.contains(CONTRADICTED))
+    solution
+        .remarks
+        .iter()
+        .any(|remark| remark.contains(CONTRADICTED))
 }
 
 /// Formats a positive number with two significant digits.
@@ -258,7 +337,9 @@ pub struct StatedWidth {
 impl StatedWidth {
     /// Finds the width of an unknown. `stayed`: the camera is stated to have stayed since the ground frames.
     pub fn of_unknown(setup: &Setup, unknown: Unknown, stayed: bool) -> Self {
-        let row = Width::ROWS.iter().find(|row| row.unknowns.contains(&unknown));
+        let row = Width::ROWS
+            .iter()
+            .find(|row| row.unknowns.contains(&unknown));
         match (unknown, row) {
             (Unknown::MountingRotation, _) if !stayed => Self {
                 key: "camera.mount_repeatability_px".into(),
@@ -272,16 +353,25 @@ impl StatedWidth {
                 value: setup.uncertainty[row.width] / row.unit.factor,
                 default: row.default_for(setup.reach_m()) / row.unit.factor,
             },
-            (_, None) => {
-                Self { key: "thermal.sigma_k".into(), unit: "times the stated value", value: 1.0, default: 1.0 }
-            }
+            (_, None) => Self {
+                key: "thermal.sigma_k".into(),
+                unit: "times the stated value",
+                value: 1.0,
+                default: 1.0,
+            },
         }
     }
 
     /// Increase of the prior's covariance from the stated width to the default; `None` if the stated one is not much narrower.
-    pub fn increase_to_default(&self, unknown: Unknown, stated: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    pub fn increase_to_default(
+        &self,
+        unknown: Unknown,
+        stated: &DMatrix<f64>,
+    ) -> Option<DMatrix<f64>> {
         (self.value < NARROW_FRACTION * self.default).then(|| match unknown {
-            Unknown::AxisHeight => axis_height_covariance(self.default) - axis_height_covariance(self.value),
+            Unknown::AxisHeight => {
+                axis_height_covariance(self.default) - axis_height_covariance(self.value)
+            }
             _ => stated * ((self.default / self.value).powi(2) - 1.0),
         })
     }
@@ -295,16 +385,34 @@ pub fn contradiction_remark(
     (problem, fit): (&Problem, &Fit),
     widened: &WidenedPriors,
 ) -> Option<String> {
-    let contradicted = all_evidence(problem, fit, widened).filter(|(_, evidence)| evidence.current > 0.0);
-    let (unknown, evidence) = contradicted.min_by(|a, b| a.1.probability().total_cmp(&b.1.probability()))?;
-    let StatedWidth { key, unit, value: stated, .. } = StatedWidth::of_unknown(setup, unknown, stayed);
+    let contradicted =
+        all_evidence(problem, fit, widened).filter(|(_, evidence)| evidence.current > 0.0);
+    let (unknown, evidence) =
+        contradicted.min_by(|a, b| a.1.probability().total_cmp(&b.1.probability()))?;
+    let StatedWidth {
+        key,
+        unit,
+        value: stated,
+        ..
+    } = StatedWidth::of_unknown(setup, unknown, stayed);
     // The rotation is named by its size, other unknowns by the root mean square of their values.
-    let values = if unknown == Unknown::MountingRotation { 3.0 } else { 1.0 };
+    let values = if unknown == Unknown::MountingRotation {
+        3.0
+    } else {
+        1.0
+    };
     let (step, counted) = match unknown {
-        Unknown::AxisHeight => (AXIS_HEIGHT_STEP_M, stated.hypot(AXIS_HEIGHT_STEP_M * evidence.current.sqrt())),
+        Unknown::AxisHeight => (
+            AXIS_HEIGHT_STEP_M,
+            stated.hypot(AXIS_HEIGHT_STEP_M * evidence.current.sqrt()),
+        ),
         _ => (stated, stated * (1.0 + evidence.current).sqrt()),
     };
-    let moved = if stayed && unknown == Unknown::MountingRotation { "; the camera did not stay as it was" } else { "" };
+    let moved = if stayed && unknown == Unknown::MountingRotation {
+        "; the camera did not stay as it was"
+    } else {
+        ""
+    };
     Some(format!(
         "{key} = {stated} {CONTRADICTED} {} is off by about {} {unit}{moved}. The result counts with {} {unit}",
         unknown.name(),

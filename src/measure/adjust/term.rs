@@ -15,7 +15,10 @@ use crate::widths::Unknown;
 
 impl From<Unknown> for PriorName {
     fn from(unknown: Unknown) -> Self {
-        Self { unknown: unknown.name(), source: unknown.source() }
+        Self {
+            unknown: unknown.name(),
+            source: unknown.source(),
+        }
     }
 }
 
@@ -88,7 +91,11 @@ pub struct Displacement {
 
 impl Displacement {
     fn displacement_of(&self, k: usize, marker: usize, instant: DisplacementEpoch) -> Vector3<f64> {
-        if instant == self.epoch { self.fields[k][marker] } else { Vector3::zeros() }
+        if instant == self.epoch {
+            self.fields[k][marker]
+        } else {
+            Vector3::zeros()
+        }
     }
 
     fn add_displacements_to(&self, x: &[f64], values: &mut UnknownValues) {
@@ -99,7 +106,10 @@ impl Displacement {
         };
         for (field, x) in self.fields.iter().zip(x) {
             target.resize(field.len(), Vector3::zeros());
-            target.iter_mut().zip(field).for_each(|(moved, by)| *moved += by * *x);
+            target
+                .iter_mut()
+                .zip(field)
+                .for_each(|(moved, by)| *moved += by * *x);
         }
     }
 }
@@ -107,14 +117,20 @@ impl Displacement {
 impl ParameterTerm {
     /// Priors of `count` columns with mean 0 and this standard deviation.
     pub fn equal_priors(unknown: Unknown, count: usize, sigma: f64) -> Vec<Prior> {
-        (0..count).map(|k| Prior::scalar(unknown, k, 0.0, sigma)).collect()
+        (0..count)
+            .map(|k| Prior::scalar(unknown, k, 0.0, sigma))
+            .collect()
     }
 
     /// d position of a marker in flight, wing frame, m per unit of the unknown.
     pub fn position_derivative(&self, k: usize, state: &MarkerState) -> Vector3<f64> {
         match self.effect {
-            TermEffect::Wing { position, .. } | TermEffect::Vertical { position, .. } => position(state, k),
-            TermEffect::Displacement(ref moves) => moves.displacement_of(k, state.marker, DisplacementEpoch::InFlight),
+            TermEffect::Wing { position, .. } | TermEffect::Vertical { position, .. } => {
+                position(state, k)
+            }
+            TermEffect::Displacement(ref moves) => {
+                moves.displacement_of(k, state.marker, DisplacementEpoch::InFlight)
+            }
             TermEffect::Image { .. } => Vector3::zeros(),
         }
     }
@@ -122,7 +138,9 @@ impl ParameterTerm {
     /// d position of a marker in the ground frame, wing frame, m per unit of the unknown.
     pub fn ground_derivative(&self, k: usize, marker: usize) -> Vector3<f64> {
         match &self.effect {
-            TermEffect::Displacement(moves) => moves.displacement_of(k, marker, DisplacementEpoch::OnGround),
+            TermEffect::Displacement(moves) => {
+                moves.displacement_of(k, marker, DisplacementEpoch::OnGround)
+            }
             _ => Vector3::zeros(),
         }
     }
@@ -139,12 +157,20 @@ impl ParameterTerm {
     /// d motion of the sections along the curve, per unit of the unknown; empty if they are not affected.
     pub fn section_derivatives(&self, k: usize, curve: &AxisCurve) -> Vec<SectionMotion> {
         match &self.effect {
-            TermEffect::Wing { sections, .. } | TermEffect::Vertical { sections, .. } => sections(curve, k),
+            TermEffect::Wing { sections, .. } | TermEffect::Vertical { sections, .. } => {
+                sections(curve, k)
+            }
             TermEffect::Displacement(Displacement {
-                epoch: DisplacementEpoch::InFlight, of_section: Some(of), ..
+                epoch: DisplacementEpoch::InFlight,
+                of_section: Some(of),
+                ..
             }) => {
                 let length_m = curve.scene.ground.axis.length_m;
-                curve.arcs_m.iter().map(|arc_m| of(k, arc_m / length_m, length_m)).collect()
+                curve
+                    .arcs_m
+                    .iter()
+                    .map(|arc_m| of(k, arc_m / length_m, length_m))
+                    .collect()
             }
             _ => vec![],
         }
@@ -160,7 +186,12 @@ impl ParameterTerm {
     }
 
     /// d pixel in flight, px per unit of the unknown.
-    pub fn flight_pixel_derivative(&self, k: usize, state: &MarkerState, predicted: &PredictedPixel) -> Vector2<f64> {
+    pub fn flight_pixel_derivative(
+        &self,
+        k: usize,
+        state: &MarkerState,
+        predicted: &PredictedPixel,
+    ) -> Vector2<f64> {
         match self.effect {
             TermEffect::Wing { position, .. } | TermEffect::Vertical { position, .. } => {
                 predicted.by_point * position(state, k)
@@ -168,15 +199,24 @@ impl ParameterTerm {
             TermEffect::Image { pixel, .. } => pixel(predicted, k),
             TermEffect::Displacement(ref moves) => {
                 let at_row = moves.displacement_of(k, state.marker, DisplacementEpoch::AtMarkerRow);
-                predicted.by_point * (at_row + moves.displacement_of(k, state.marker, DisplacementEpoch::InFlight))
+                predicted.by_point
+                    * (at_row + moves.displacement_of(k, state.marker, DisplacementEpoch::InFlight))
             }
         }
     }
 
     /// d pixel in the ground frame, px per unit of the unknown.
-    pub fn ground_pixel_derivative(&self, k: usize, marker: usize, predicted: &PredictedPixel) -> Vector2<f64> {
+    pub fn ground_pixel_derivative(
+        &self,
+        k: usize,
+        marker: usize,
+        predicted: &PredictedPixel,
+    ) -> Vector2<f64> {
         match self.effect {
-            TermEffect::Image { pixel, on_ground: true } => pixel(predicted, k),
+            TermEffect::Image {
+                pixel,
+                on_ground: true,
+            } => pixel(predicted, k),
             TermEffect::Displacement(_) => predicted.by_point * self.ground_derivative(k, marker),
             _ => Vector2::zeros(),
         }
@@ -215,7 +255,12 @@ impl PlacedTerm {
     }
 
     /// Adds the term's values to the model's.
-    pub fn add_values(&self, global: &DVector<f64>, local: &DVector<f64>, values: &mut UnknownValues) {
+    pub fn add_values(
+        &self,
+        global: &DVector<f64>,
+        local: &DVector<f64>,
+        values: &mut UnknownValues,
+    ) {
         let x = self.values(global, local);
         (self.term.add_values)(x, values);
         if let TermEffect::Displacement(moves) = &self.term.effect {
@@ -239,12 +284,18 @@ pub struct ColumnAllocator {
 impl ColumnAllocator {
     /// Creates an allocator of global parameters.
     pub fn global(widened: &WidenedPriors) -> Self {
-        Self { widened: widened.clone(), ..Self::default() }
+        Self {
+            widened: widened.clone(),
+            ..Self::default()
+        }
     }
 
     /// Creates an allocator for a group's local parameters.
     pub fn local() -> Self {
-        Self { is_local: true, ..Self::default() }
+        Self {
+            is_local: true,
+            ..Self::default()
+        }
     }
 
     /// Allocates `n` columns without a term; returns the first.
@@ -257,9 +308,20 @@ impl ColumnAllocator {
     /// Allocates the columns of a term.
     pub fn allocate_term(&mut self, term: ParameterTerm) -> PlacedTerm {
         let first = self.allocate(term.size, term.missing);
-        let prior = |prior: &Prior| self.widened.apply_to(term.unknown, prior.clone()).shift_columns(first);
+        let prior = |prior: &Prior| {
+            self.widened
+                .apply_to(term.unknown, prior.clone())
+                .shift_columns(first)
+        };
         self.priors.extend(term.priors.iter().map(prior));
-        let scope = if self.is_local { ParameterScope::Local(first) } else { ParameterScope::Global(first) };
-        PlacedTerm { term: Arc::new(term), scope }
+        let scope = if self.is_local {
+            ParameterScope::Local(first)
+        } else {
+            ParameterScope::Global(first)
+        };
+        PlacedTerm {
+            term: Arc::new(term),
+            scope,
+        }
     }
 }

@@ -12,7 +12,9 @@ mod camera;
 mod motion;
 mod wing;
 
-pub use camera::{MIN_DRIFT_RAD, mount_drift_rad, mount_repeatability_rad, mounting_rotation_prior};
+pub use camera::{
+    MIN_DRIFT_RAD, mount_drift_rad, mount_repeatability_rad, mounting_rotation_prior,
+};
 pub use motion::{common_displacement, flight_terms, frame_terms, row_terms};
 pub use wing::{curvature_term, twist_term};
 
@@ -32,41 +34,73 @@ pub struct SharedTerms {
 }
 
 /// Allocates the columns of camera, window, temperature and dimensions from drawings.
-pub fn allocate_shared_terms(input: &AdjustmentInput, columns: &mut ColumnAllocator) -> SharedTerms {
+pub fn allocate_shared_terms(
+    input: &AdjustmentInput,
+    columns: &mut ColumnAllocator,
+) -> SharedTerms {
     let (setup, scene) = (input.setup, input.scene);
     let centre_sigma_m = setup.projection_centre_sigma_m;
     let before = [
-        scene.has_ground_observations().then(camera::ground_rotation),
+        scene
+            .has_ground_observations()
+            .then(camera::ground_rotation),
         (centre_sigma_m > 0.0).then(|| camera::projection_centre(centre_sigma_m)),
         scene.window_covariance_m2().map(camera::pane_shift),
         scene.bow_sigma().filter(|s| *s > 0.0).map(camera::pane_bow),
         wing::thermal_scale(setup.thermal.as_ref()),
     ];
-    let mut placed: Vec<_> = before.into_iter().flatten().map(|term| columns.allocate_term(term)).collect();
+    let mut placed: Vec<_> = before
+        .into_iter()
+        .flatten()
+        .map(|term| columns.allocate_term(term))
+        .collect();
     let height = columns.allocate_term(wing::axis_height(&scene.ground));
     let axis_height = height.scope;
     placed.push(height);
-    let lens = setup.uncertainty.lens.iter().map(camera::interior_orientation);
-    placed.extend(lens.chain(wing::dimension_terms(setup)).map(|term| columns.allocate_term(term)));
-    let root: Vec<_> = motion::root_motion(&setup.uncertainty).map(|term| columns.allocate_term(term)).collect();
+    let lens = setup
+        .uncertainty
+        .lens
+        .iter()
+        .map(camera::interior_orientation);
+    placed.extend(
+        lens.chain(wing::dimension_terms(setup))
+            .map(|term| columns.allocate_term(term)),
+    );
+    let root: Vec<_> = motion::root_motion(&setup.uncertainty)
+        .map(|term| columns.allocate_term(term))
+        .collect();
     placed.extend(root.iter().cloned());
     let others = motion::ground_state(input)
-        .chain(wing::compliance_terms(&setup.uncertainty, scene.ground.axis.length_m))
+        .chain(wing::compliance_terms(
+            &setup.uncertainty,
+            scene.ground.axis.length_m,
+        ))
         .chain(camera::flight_changes(&setup.uncertainty));
     placed.extend(others.map(|term| columns.allocate_term(term)));
-    SharedTerms { placed, axis_height, root }
+    SharedTerms {
+        placed,
+        axis_height,
+        root,
+    }
 }
 
 /// Rotation of a mounting. `stayed`: it is the mounting of the ground frames.
 pub fn mounting_rotation(input: &AdjustmentInput, stayed: bool) -> ParameterTerm {
-    let known = if stayed { drift_prior(input.setup) } else { mounting_rotation_prior(input) };
+    let known = if stayed {
+        drift_prior(input.setup)
+    } else {
+        mounting_rotation_prior(input)
+    };
     camera::rotation_term(known)
 }
 
 /// Further terms shared by the frames of one mounting.
 pub fn mounting_terms(input: &AdjustmentInput, stayed: bool) -> Vec<ParameterTerm> {
     let sigma_m = input.setup.uncertainty[Width::MountShift];
-    (sigma_m > 0.0 && !stayed).then(|| camera::mounting_shift(sigma_m)).into_iter().collect()
+    (sigma_m > 0.0 && !stayed)
+        .then(|| camera::mounting_shift(sigma_m))
+        .into_iter()
+        .collect()
 }
 
 /// Rotation of a frame about its mounting's, with this covariance, camera frame, rad^2.

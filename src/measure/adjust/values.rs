@@ -42,7 +42,10 @@ pub struct UnknownValues {
 impl UnknownValues {
     /// Creates the values with all unknowns at 0 and the given scale.
     pub fn nominal(scale: f64) -> Self {
-        Self { scale, ..Self::default() }
+        Self {
+            scale,
+            ..Self::default()
+        }
     }
 
     /// Displacement of a wing point by the root's motion, wing frame, m.

@@ -4,8 +4,8 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::bundle::{BoardBundle, BundleSolution};
 use super::model::{
-    BoardForm, BoardPose, GLOBAL, INTERIOR, ImageSize, ScalarPrior, add_common_variance, board_form,
-    lens_from_parameters, pack_parameters,
+    BoardForm, BoardPose, GLOBAL, INTERIOR, ImageSize, ScalarPrior, add_common_variance,
+    board_form, lens_from_parameters, pack_parameters,
 };
 use super::shape::BoardShape;
 use super::{BoardPoint, BoardView, CalibrateError, start};
@@ -43,9 +43,16 @@ impl CameraAdjustment {
     pub(super) fn residuals(&self, used: &[(usize, BoardView)]) -> Vec<Vec<Vector2<f64>>> {
         // A point behind the camera gets a huge residual that stays finite when squared.
         let far = Vector2::new(1e6, 1e6);
-        let one =
-            |k: usize, p: &BoardPoint| self.camera.lens.project(&self.camera_point(k, p)).map_or(far, |q| p.pixel - q);
-        used.iter().enumerate().map(|(k, (_, v))| v.iter().map(|p| one(k, p)).collect()).collect()
+        let one = |k: usize, p: &BoardPoint| {
+            self.camera
+                .lens
+                .project(&self.camera_point(k, p))
+                .map_or(far, |q| p.pixel - q)
+        };
+        used.iter()
+            .enumerate()
+            .map(|(k, (_, v))| v.iter().map(|p| one(k, p)).collect())
+            .collect()
     }
 
     /// Returns the covariance of a measured point, including the common variance.
@@ -60,16 +67,25 @@ impl CameraAdjustment {
         residuals: &[Vec<Vector2<f64>>],
     ) -> Vec<Vec<f64>> {
         let square = |(p, r): (&BoardPoint, &Vector2<f64>)| {
-            self.covariance_px2(p).try_inverse().map_or(0.0, |w| r.dot(&(w * r)))
+            self.covariance_px2(p)
+                .try_inverse()
+                .map_or(0.0, |w| r.dot(&(w * r)))
         };
-        used.iter().zip(residuals).map(|((_, v), r)| v.iter().zip(r).map(square).collect()).collect()
+        used.iter()
+            .zip(residuals)
+            .map(|((_, v), r)| v.iter().zip(r).map(square).collect())
+            .collect()
     }
 
     /// Estimates the common standard deviation, px, for which the median of the squared residual lengths has its expected
     /// value (Paule and Mandel 1982, with the median for the mean), by bisection.
     pub(super) fn common_sigma_px(&self, used: &[(usize, BoardView)]) -> f64 {
         let residuals = self.residuals(used).concat();
-        let own: Vec<f64> = used.iter().flat_map(|(_, v)| v).map(|p| 0.5 * p.covariance_px2.trace()).collect();
+        let own: Vec<f64> = used
+            .iter()
+            .flat_map(|(_, v)| v)
+            .map(|p| 0.5 * p.covariance_px2.trace())
+            .collect();
         let squares: Vec<f64> = residuals.iter().map(Vector2::norm_squared).collect();
         // The adjustment reduces the residuals by the fraction of redundancy.
         let share = self.solution.redundancy as f64 / (2 * residuals.len()).max(1) as f64;
@@ -90,22 +106,36 @@ pub(super) fn initial_adjustment(
 ) -> Result<CameraAdjustment, CalibrateError> {
     let views: Vec<&BoardView> = used.iter().map(|(_, v)| v).collect();
     let adjust_from = |f_px: Option<f64>| {
-        let (lens, poses) = start::start_from_homographies(&views, size, f_px).ok_or(CalibrateError::NoStart)?;
+        let (lens, poses) =
+            start::start_from_homographies(&views, size, f_px).ok_or(CalibrateError::NoStart)?;
         let common_px = vec![FIRST_SIGMA_PX; used.len()];
         // A stiff lens without distortion first: with all parameters free at once, few images diverge.
-        let start = CameraState { lens, form: BoardForm::zeros(), stretch_sigma, poses, fixed };
+        let start = CameraState {
+            lens,
+            form: BoardForm::zeros(),
+            stretch_sigma,
+            poses,
+            fixed,
+        };
         let mut rough = start.adjust_weighted(used, &common_px, PRIOR_STIFFNESS[0])?;
         for stiff in &PRIOR_STIFFNESS[1..] {
             rough = rough.camera.adjust_weighted(used, &common_px, *stiff)?;
         }
-        Ok(CameraAdjustment { model_sigma_px: FIRST_SIGMA_PX, ..rough })
+        Ok(CameraAdjustment {
+            model_sigma_px: FIRST_SIGMA_PX,
+            ..rough
+        })
     };
     let estimated = adjust_from(None);
     if estimated.is_ok() {
         return estimated;
     }
-    let tried = start::TYPICAL_FOCAL_RATIOS.iter().filter_map(|f| adjust_from(Some(f * f64::from(size.width))).ok());
-    tried.min_by(|a, b| a.solution.omega.total_cmp(&b.solution.omega)).map_or(estimated, Ok)
+    let tried = start::TYPICAL_FOCAL_RATIOS
+        .iter()
+        .filter_map(|f| adjust_from(Some(f * f64::from(size.width))).ok());
+    tried
+        .min_by(|a, b| a.solution.omega.total_cmp(&b.solution.omega))
+        .map_or(estimated, Ok)
 }
 
 /// Factors on the prior standard deviations of camera constant and distortion in the first rounds: with both free at once,
@@ -120,7 +150,10 @@ impl CameraState {
         model_sigma_px: f64,
     ) -> Result<CameraAdjustment, CalibrateError> {
         let found = self.adjust_weighted(used, &vec![model_sigma_px; used.len()], 1.0)?;
-        Ok(CameraAdjustment { model_sigma_px, ..found })
+        Ok(CameraAdjustment {
+            model_sigma_px,
+            ..found
+        })
     }
 
     /// Adjusts with a common standard deviation for each view, px, and the priors of camera constant and distortion scaled by
@@ -134,17 +167,35 @@ impl CameraState {
         let views: Vec<&BoardView> = used.iter().map(|(_, v)| v).collect();
         let size = ImageSize::from_lens(&self.lens);
         let shape = BoardShape::from_views(&views);
-        let priors = [lens_priors(&self.lens, stiff), shape.priors(INTERIOR, self.stretch_sigma)].concat();
-        let bundle = BoardBundle { views: &views, size, shape, common_px, priors: &priors, fixed: &self.fixed };
+        let priors = [
+            lens_priors(&self.lens, stiff),
+            shape.priors(INTERIOR, self.stretch_sigma),
+        ]
+        .concat();
+        let bundle = BoardBundle {
+            views: &views,
+            size,
+            shape,
+            common_px,
+            priors: &priors,
+            fixed: &self.fixed,
+        };
         let start = pack_parameters(&self.lens, &self.form);
-        let (solution, poses) = bundle.solve(start, &self.poses).ok_or(CalibrateError::NoFit)?;
+        let (solution, poses) = bundle
+            .solve(start, &self.poses)
+            .ok_or(CalibrateError::NoFit)?;
         let camera = Self {
             lens: lens_from_parameters(size, &solution.global),
             form: board_form(&solution.global),
             poses,
             ..*self
         };
-        Ok(CameraAdjustment { camera, shape, solution, model_sigma_px: 0.0 })
+        Ok(CameraAdjustment {
+            camera,
+            shape,
+            solution,
+            model_sigma_px: 0.0,
+        })
     }
 }
 
@@ -175,5 +226,12 @@ fn lens_priors(start: &Lens, stiff: f64) -> Vec<ScalarPrior> {
         (10, stiff * corner.powi(-4)),
         (11, stiff * corner.powi(-6)),
     ];
-    sigmas.into_iter().map(|(index, sigma)| ScalarPrior { index, mean: mean(index), sigma }).collect()
+    sigmas
+        .into_iter()
+        .map(|(index, sigma)| ScalarPrior {
+            index,
+            mean: mean(index),
+            sigma,
+        })
+        .collect()
 }

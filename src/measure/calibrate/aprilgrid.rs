@@ -51,18 +51,26 @@ pub(super) fn find_aprilgrid(
         let other = other_tags::describe_other_tags(raster, MIN_TAGS).map(BoardError::OtherTags);
         return Err(other.unwrap_or(match tags.len() {
             0 => BoardError::NotFound,
-            found => BoardError::Partial { found: 4 * found, expected: 4 * columns * rows },
+            found => BoardError::Partial {
+                found: 4 * found,
+                expected: 4 * columns * rows,
+            },
         }));
     }
     let mut view = BoardView::new();
     for (&id, tag) in &tags {
         for k in 0..4 {
-            let Some(found) = tag_corner_hint(raster, tag, k, spacing).and_then(|h| corner::fit_corner(raster, &h))
+            let Some(found) = tag_corner_hint(raster, tag, k, spacing)
+                .and_then(|h| corner::fit_corner(raster, &h))
             else {
                 continue;
             };
             let board_m = Board::tag_corner(columns, tag_m, spacing, id, k);
-            view.push(BoardPoint { board_m, pixel: found.pixel, covariance_px2: found.covariance_px2 });
+            view.push(BoardPoint {
+                board_m,
+                pixel: found.pixel,
+                covariance_px2: found.covariance_px2,
+            });
         }
     }
     Ok(BoardDetection { view, mismatch })
@@ -73,8 +81,16 @@ pub(super) fn find_aprilgrid(
 fn detect_tags(raster: &Raster, expected: usize) -> BTreeMap<usize, TagCorners> {
     let (small, scale) = reduced::reduce_image(raster);
     let mut tags = BTreeMap::new();
-    add_tags(small.as_ref().unwrap_or(raster), Vector2::zeros(), scale, &mut tags);
-    let (width, height) = (2 * raster.width() / (PARTS + 1), 2 * raster.height() / (PARTS + 1));
+    add_tags(
+        small.as_ref().unwrap_or(raster),
+        Vector2::zeros(),
+        scale,
+        &mut tags,
+    );
+    let (width, height) = (
+        2 * raster.width() / (PARTS + 1),
+        2 * raster.height() / (PARTS + 1),
+    );
     for k in 0..PARTS * PARTS {
         if tags.range(..expected).count() == expected {
             break;
@@ -88,36 +104,65 @@ fn detect_tags(raster: &Raster, expected: usize) -> BTreeMap<usize, TagCorners> 
 }
 
 /// Adds tags that are not in the map yet.
-fn add_tags(raster: &Raster, origin: Vector2<f64>, scale: f64, tags: &mut BTreeMap<usize, TagCorners>) {
+fn add_tags(
+    raster: &Raster,
+    origin: Vector2<f64>,
+    scale: f64,
+    tags: &mut BTreeMap<usize, TagCorners>,
+) {
     let (width, height) = (raster.width() as u32, raster.height() as u32);
-    let Some(gray) = GrayImage::from_raw(width, height, raster.luma().to_vec()) else { return };
-    for (id, corners) in TagDetector::new(&TagFamily::T36H11, None).detect(&DynamicImage::ImageLuma8(gray)) {
+    let Some(gray) = GrayImage::from_raw(width, height, raster.luma().to_vec()) else {
+        return;
+    };
+    for (id, corners) in
+        TagDetector::new(&TagFamily::T36H11, None).detect(&DynamicImage::ImageLuma8(gray))
+    {
         let place = |(x, y): (f32, f32)| {
-            Vector2::new(f64::from(x), f64::from(y)) * scale + Vector2::repeat(0.5 * (scale - 1.0)) + origin
+            Vector2::new(f64::from(x), f64::from(y)) * scale
+                + Vector2::repeat(0.5 * (scale - 1.0))
+                + origin
         };
-        tags.entry(id as usize).or_insert_with(|| corners.map(place));
+        tags.entry(id as usize)
+            .or_insert_with(|| corners.map(place));
     }
 }
 
 /// Returns start values for tag corner `k`, at which the small square touches the tag.
-fn tag_corner_hint(raster: &Raster, tag: &TagCorners, k: usize, spacing: f64) -> Option<CornerHint> {
+fn tag_corner_hint(
+    raster: &Raster,
+    tag: &TagCorners,
+    k: usize,
+    spacing: f64,
+) -> Option<CornerHint> {
     let edges = [tag[(k + 1) % 4] - tag[k], tag[(k + 3) % 4] - tag[k]];
     let sine = edges[0].normalize().perp(&edges[1].normalize()).abs();
     let square = edges[0].norm().min(edges[1].norm()) * spacing.min(1.0);
     let centre = saddle::refine_saddle(raster, &tag[k], saddle::half_window_for(1.5 * square))?;
     let radius_px = (WINDOW_FRACTION * square * sine).min(corner::MAX_REFINEMENT_PX);
-    Some(CornerHint { centre, edges, curvature_per_px: [0.0; 2], radius_px })
+    Some(CornerHint {
+        centre,
+        edges,
+        curvature_per_px: [0.0; 2],
+        radius_px,
+    })
 }
 
 /// Compares the tags' positions with the description: each tag predicts the next one's, in tag sides.
-fn find_mismatch(tags: &BTreeMap<usize, TagCorners>, columns: usize, spacing: f64) -> Option<BoardMismatch> {
+fn find_mismatch(
+    tags: &BTreeMap<usize, TagCorners>,
+    columns: usize,
+    spacing: f64,
+) -> Option<BoardMismatch> {
     let mut gaps = vec![];
     let mut ups: BTreeMap<usize, usize> = BTreeMap::new();
     let mut wrapped = 0;
     for (&id, tag) in tags {
-        let Some(tag_from_pixel) = start::tag_from_pixel(tag) else { continue };
+        let Some(tag_from_pixel) = start::tag_from_pixel(tag) else {
+            continue;
+        };
         for (&other, place) in tags.range(id + 1..) {
-            let middle = place.iter().map(&tag_from_pixel).sum::<Vector2<f64>>() / 4.0 - Vector2::repeat(0.5);
+            let middle = place.iter().map(&tag_from_pixel).sum::<Vector2<f64>>() / 4.0
+                - Vector2::repeat(0.5);
             // The neighbour on the right or above is one to two tag sides away.
             let next = |far: f64, aside: f64| (1.0..2.0).contains(&far) && aside.abs() < 0.3;
             if next(middle.x, middle.y) && other == id + 1 {
@@ -128,7 +173,10 @@ fn find_mismatch(tags: &BTreeMap<usize, TagCorners>, columns: usize, spacing: f6
             }
         }
     }
-    let seen = ups.into_iter().max_by_key(|(_, votes)| *votes).map(|(step, _)| step);
+    let seen = ups
+        .into_iter()
+        .max_by_key(|(_, votes)| *votes)
+        .map(|(step, _)| step);
     if let Some(seen) = seen.filter(|s| *s != columns) {
         return Some(BoardMismatch::Columns { seen });
     }

@@ -35,7 +35,9 @@ pub enum BoardError {
     #[error("no board found; show the complete board, in focus and evenly lit")]
     NotFound,
     /// Board found, but cut off or of another size.
-    #[error("only {found} of {expected} points found; show the complete board and check its description")]
+    #[error(
+        "only {found} of {expected} points found; show the complete board and check its description"
+    )]
     Partial { found: usize, expected: usize },
     /// Tags of another board; the text has the difference and the remedy.
     #[error("{0}")]
@@ -73,19 +75,39 @@ pub enum BoardMismatch {
 pub fn description_mismatch(board: &Board, mismatches: &[Option<BoardMismatch>]) -> Option<String> {
     let half = |n: usize| n > 0 && 2 * n > mismatches.len();
     let found = || mismatches.iter().flatten();
-    let larger = found().filter(|m| matches!(m, BoardMismatch::Larger)).count();
-    let first = found().filter(|m| matches!(m, BoardMismatch::FirstTag)).count();
-    let mut columns: Vec<usize> =
-        found().filter_map(|m| if let BoardMismatch::Columns { seen } = m { Some(*seen) } else { None }).collect();
-    let gaps: Vec<f64> =
-        found().filter_map(|m| if let BoardMismatch::Gap { seen } = m { Some(*seen) } else { None }).collect();
+    let larger = found()
+        .filter(|m| matches!(m, BoardMismatch::Larger))
+        .count();
+    let first = found()
+        .filter(|m| matches!(m, BoardMismatch::FirstTag))
+        .count();
+    let mut columns: Vec<usize> = found()
+        .filter_map(|m| {
+            if let BoardMismatch::Columns { seen } = m {
+                Some(*seen)
+            } else {
+                None
+            }
+        })
+        .collect();
+    let gaps: Vec<f64> = found()
+        .filter_map(|m| {
+            if let BoardMismatch::Gap { seen } = m {
+                Some(*seen)
+            } else {
+                None
+            }
+        })
+        .collect();
     columns.sort_unstable();
     match *board {
         Board::Checkerboard { columns, rows, .. } if half(larger) => Some(format!(
             "the board is not as described: images show more than its {columns} x {rows} inner corners; \
              count the corners at which four squares meet"
         )),
-        Board::AprilGrid { columns: described, .. } if half(columns.len()) => {
+        Board::AprilGrid {
+            columns: described, ..
+        } if half(columns.len()) => {
             let seen = columns[columns.len() / 2];
             Some(format!(
                 "the board is not as described: it has {seen} tags in a row, columns = {described}; correct \
@@ -110,12 +132,31 @@ pub fn description_mismatch(board: &Board, mismatches: &[Option<BoardMismatch>])
 /// Returns the columns or rows of a checkerboard that no image shows, as a reason; `None` if one shows it completely. A
 /// description that counts squares has one of each too many.
 pub fn missing_corner_lines(board: &Board, views: &[BoardView]) -> Option<String> {
-    let Board::Checkerboard { columns, rows, square_m } = *board else { return None };
-    let spanned = |view: &BoardView, axis: usize| {
-        let places = view.iter().map(|p| (p.board_m[axis] / square_m).round() as i64);
-        places.clone().max().zip(places.min()).map_or(0, |(last, first)| (last - first + 1) as usize)
+    let Board::Checkerboard {
+        columns,
+        rows,
+        square_m,
+    } = *board
+    else {
+        return None;
     };
-    let most = |axis: usize| views.iter().map(|view| spanned(view, axis)).max().unwrap_or(0);
+    let spanned = |view: &BoardView, axis: usize| {
+        let places = view
+            .iter()
+            .map(|p| (p.board_m[axis] / square_m).round() as i64);
+        places
+            .clone()
+            .max()
+            .zip(places.min())
+            .map_or(0, |(last, first)| (last - first + 1) as usize)
+    };
+    let most = |axis: usize| {
+        views
+            .iter()
+            .map(|view| spanned(view, axis))
+            .max()
+            .unwrap_or(0)
+    };
     let seen: Vec<String> = [(most(0), columns, "columns"), (most(1), rows, "rows")]
         .iter()
         .filter(|(seen, described, _)| (1..*described).contains(seen))

@@ -7,8 +7,9 @@
 use nalgebra::{Matrix2, Matrix6, SMatrix, Vector2, Vector6};
 
 use super::model::{
-    BoardPose, FORM, GLOBAL, GlobalCovariance, GlobalParameters, INTERIOR, ImageSize, ProjectionJacobians, ScalarPrior,
-    add_common_variance, board_form, lens_from_parameters, projection_jacobians,
+    BoardPose, FORM, GLOBAL, GlobalCovariance, GlobalParameters, INTERIOR, ImageSize,
+    ProjectionJacobians, ScalarPrior, add_common_variance, board_form, lens_from_parameters,
+    projection_jacobians,
 };
 use super::shape::BoardShape;
 use super::{BoardPoint, BoardView};
@@ -82,12 +83,20 @@ impl BoardBundle<'_> {
         let mut equations = self.assemble(&global, &poses)?;
         let mut damping = FIRST_DAMPING;
         for _ in 0..MAX_ITERATIONS {
-            let trial = equations.solve_damped_step(damping, self.fixed).and_then(|(step, pose_steps)| {
-                let next: Vec<_> = poses.iter().zip(&pose_steps).map(|(pose, s)| pose.moved(s)).collect();
-                let at =
-                    self.assemble(&(global + step), &next).filter(|n| n.omega <= equations.omega * (1.0 + ROUNDING))?;
-                Some((global + step, next, at))
-            });
+            let trial =
+                equations
+                    .solve_damped_step(damping, self.fixed)
+                    .and_then(|(step, pose_steps)| {
+                        let next: Vec<_> = poses
+                            .iter()
+                            .zip(&pose_steps)
+                            .map(|(pose, s)| pose.moved(s))
+                            .collect();
+                        let at = self
+                            .assemble(&(global + step), &next)
+                            .filter(|n| n.omega <= equations.omega * (1.0 + ROUNDING))?;
+                        Some((global + step, next, at))
+                    });
             match trial {
                 Some(next) => {
                     (global, poses, equations) = next;
@@ -96,12 +105,18 @@ impl BoardBundle<'_> {
                 None if damping < MAX_DAMPING => damping *= 10.0,
                 None => break,
             }
-            if equations.predicted_decrease(self.fixed).is_some_and(|p| p < CONVERGED) {
+            if equations
+                .predicted_decrease(self.fixed)
+                .is_some_and(|p| p < CONVERGED)
+            {
                 return self.build_solution(&equations, global, poses);
             }
         }
-        let near = equations.predicted_decrease(self.fixed).is_some_and(|p| p < NEARLY_CONVERGED);
-        near.then(|| self.build_solution(&equations, global, poses)).flatten()
+        let near = equations
+            .predicted_decrease(self.fixed)
+            .is_some_and(|p| p < NEARLY_CONVERGED);
+        near.then(|| self.build_solution(&equations, global, poses))
+            .flatten()
     }
 
     fn free_priors(&self) -> impl Iterator<Item = &ScalarPrior> {
@@ -115,7 +130,10 @@ impl BoardBundle<'_> {
         for ((pose, view), common_px) in poses.iter().zip(self.views).zip(self.common_px) {
             let mut own = PoseEquations::default();
             for p in view.iter() {
-                all.add_point(&mut own, self.linearise_point(&lens, global, pose, p, *common_px)?);
+                all.add_point(
+                    &mut own,
+                    self.linearise_point(&lens, global, pose, p, *common_px)?,
+                );
             }
             all.poses.push(own);
         }
@@ -143,10 +161,20 @@ impl BoardBundle<'_> {
         // Poses are rotated about the camera, as the camera's motion is.
         let ProjectionJacobians { by_motion, by_lens } = projection_jacobians(lens, &point)?;
         let mut by_global = SMatrix::<f64, 2, GLOBAL>::zeros();
-        by_global.fixed_columns_mut::<INTERIOR>(0).copy_from(&by_lens);
-        let by_form = by_point * pose.camera_from_board.matrix() * self.shape.form_jacobian(&p.board_m);
-        by_global.fixed_columns_mut::<FORM>(INTERIOR).copy_from(&by_form);
-        Some(LinearisedPoint { by_global, by_pose: by_motion, weight, residual: p.pixel - pixel })
+        by_global
+            .fixed_columns_mut::<INTERIOR>(0)
+            .copy_from(&by_lens);
+        let by_form =
+            by_point * pose.camera_from_board.matrix() * self.shape.form_jacobian(&p.board_m);
+        by_global
+            .fixed_columns_mut::<FORM>(INTERIOR)
+            .copy_from(&by_form);
+        Some(LinearisedPoint {
+            by_global,
+            by_pose: by_motion,
+            weight,
+            residual: p.pixel - pixel,
+        })
     }
 
     fn build_solution(
@@ -155,13 +183,25 @@ impl BoardBundle<'_> {
         global: GlobalParameters,
         poses: Vec<BoardPose>,
     ) -> Option<(BundleSolution, Vec<BoardPose>)> {
-        let covariance = scaled_inverse(&fix_parameters_in_matrix(equations.reduced_equations(0.0)?.0, self.fixed))?;
+        let covariance = scaled_inverse(&fix_parameters_in_matrix(
+            equations.reduced_equations(0.0)?.0,
+            self.fixed,
+        ))?;
         let free = |k: usize| if self.fixed[k] { 0.0 } else { 1.0 };
         let covariance = GlobalCovariance::from_fn(|i, j| covariance[(i, j)] * free(i) * free(j));
         let unknowns = self.fixed.iter().filter(|h| !**h).count() + POSE * poses.len();
-        let observations = 2 * self.views.iter().map(|view| view.len()).sum::<usize>() + self.free_priors().count();
+        let observations = 2 * self.views.iter().map(|view| view.len()).sum::<usize>()
+            + self.free_priors().count();
         let redundancy = observations.checked_sub(unknowns).filter(|r| *r > 0)?;
-        Some((BundleSolution { global, covariance, omega: equations.omega, redundancy }, poses))
+        Some((
+            BundleSolution {
+                global,
+                covariance,
+                omega: equations.omega,
+                redundancy,
+            },
+            poses,
+        ))
     }
 }
 
@@ -201,8 +241,14 @@ struct BundleEquations {
 
 impl BundleEquations {
     fn add_point(&mut self, pose: &mut PoseEquations, point: LinearisedPoint) {
-        let LinearisedPoint { by_global, by_pose, weight, residual } = point;
-        let (weighted, by_pose_weighted) = (by_global.transpose() * weight, by_pose.transpose() * weight);
+        let LinearisedPoint {
+            by_global,
+            by_pose,
+            weight,
+            residual,
+        } = point;
+        let (weighted, by_pose_weighted) =
+            (by_global.transpose() * weight, by_pose.transpose() * weight);
         self.global += weighted * by_global;
         self.right += weighted * residual;
         pose.cross += weighted * by_pose;
@@ -224,11 +270,20 @@ impl BundleEquations {
         Some((matrix, right))
     }
 
-    fn solve_damped_step(&self, damping: f64, fixed: &[bool; GLOBAL]) -> Option<(GlobalParameters, Vec<Vector6<f64>>)> {
+    fn solve_damped_step(
+        &self,
+        damping: f64,
+        fixed: &[bool; GLOBAL],
+    ) -> Option<(GlobalParameters, Vec<Vector6<f64>>)> {
         let (matrix, right) = self.reduced_equations(damping)?;
-        let step = scaled_inverse(&fix_parameters_in_matrix(matrix, fixed))? * fix_parameters_in_vector(right, fixed);
+        let step = scaled_inverse(&fix_parameters_in_matrix(matrix, fixed))?
+            * fix_parameters_in_vector(right, fixed);
         let back = |pose: &PoseEquations| {
-            Some(pose.damped_matrix(damping).cholesky()?.solve(&(pose.right - pose.cross.transpose() * step)))
+            Some(
+                pose.damped_matrix(damping)
+                    .cholesky()?
+                    .solve(&(pose.right - pose.cross.transpose() * step)),
+            )
         };
         Some((step, self.poses.iter().map(back).collect::<Option<_>>()?))
     }
@@ -236,12 +291,20 @@ impl BundleEquations {
     /// Returns the decrease of the sum of squares that an undamped step promises.
     fn predicted_decrease(&self, fixed: &[bool; GLOBAL]) -> Option<f64> {
         let (step, pose_steps) = self.solve_damped_step(0.0, fixed)?;
-        let own: f64 = self.poses.iter().zip(&pose_steps).map(|(pose, step)| pose.right.dot(step)).sum();
+        let own: f64 = self
+            .poses
+            .iter()
+            .zip(&pose_steps)
+            .map(|(pose, step)| pose.right.dot(step))
+            .sum();
         Some(fix_parameters_in_vector(self.right, fixed).dot(&step) + own)
     }
 }
 
-fn fix_parameters_in_matrix(mut matrix: GlobalCovariance, fixed: &[bool; GLOBAL]) -> GlobalCovariance {
+fn fix_parameters_in_matrix(
+    mut matrix: GlobalCovariance,
+    fixed: &[bool; GLOBAL],
+) -> GlobalCovariance {
     for k in (0..GLOBAL).filter(|k| fixed[*k]) {
         matrix.row_mut(k).fill(0.0);
         matrix.column_mut(k).fill(0.0);
@@ -250,8 +313,13 @@ fn fix_parameters_in_matrix(mut matrix: GlobalCovariance, fixed: &[bool; GLOBAL]
     matrix
 }
 
-fn fix_parameters_in_vector(mut right: GlobalParameters, fixed: &[bool; GLOBAL]) -> GlobalParameters {
-    (0..GLOBAL).filter(|k| fixed[*k]).for_each(|k| right[k] = 0.0);
+fn fix_parameters_in_vector(
+    mut right: GlobalParameters,
+    fixed: &[bool; GLOBAL],
+) -> GlobalParameters {
+    (0..GLOBAL)
+        .filter(|k| fixed[*k])
+        .for_each(|k| right[k] = 0.0);
     right
 }
 

@@ -31,36 +31,76 @@ pub struct ResidualPattern {
 }
 
 /// Calibrates from each half of the images; `None` if a half has too few images or does not converge.
-pub(super) fn compare_halves(adjusted: &CameraAdjustment, used: &[(usize, BoardView)]) -> Option<Halves> {
+pub(super) fn compare_halves(
+    adjusted: &CameraAdjustment,
+    used: &[(usize, BoardView)],
+) -> Option<Halves> {
     let calibrate_half = |part: usize| {
         let in_half = |k: &usize| k % 2 == part;
-        let views: Vec<(usize, BoardView)> =
-            used.iter().enumerate().filter(|(k, _)| in_half(k)).map(|(_, v)| v.clone()).collect();
+        let views: Vec<(usize, BoardView)> = used
+            .iter()
+            .enumerate()
+            .filter(|(k, _)| in_half(k))
+            .map(|(_, v)| v.clone())
+            .collect();
         let mut start = adjusted.camera.clone();
-        start.poses = adjusted.camera.poses.iter().enumerate().filter(|(k, _)| in_half(k)).map(|(_, p)| *p).collect();
-        (views.len() >= MIN_VIEWS).then(|| start.adjust(&views, adjusted.model_sigma_px).ok()).flatten()
+        start.poses = adjusted
+            .camera
+            .poses
+            .iter()
+            .enumerate()
+            .filter(|(k, _)| in_half(k))
+            .map(|(_, p)| *p)
+            .collect();
+        (views.len() >= MIN_VIEWS)
+            .then(|| start.adjust(&views, adjusted.model_sigma_px).ok())
+            .flatten()
     };
     let (a, b) = (calibrate_half(0)?, calibrate_half(1)?);
     let change = b.solution.global - a.solution.global;
     // The middle of the distances of markers.
     let distance_m = DISTANCES_M[1];
-    let effect_px =
-        |m: &GlobalCovariance| quality::uncertainty_at_distance(adjusted, used, m, distance_m).map(|p| p.sigma_px);
+    let effect_px = |m: &GlobalCovariance| {
+        quality::uncertainty_at_distance(adjusted, used, m, distance_m).map(|p| p.sigma_px)
+    };
     let difference_px = effect_px(&(change * change.transpose()))?;
-    let predicted_px = effect_px(&(a.solution.scaled_covariance() + b.solution.scaled_covariance()))?;
-    Some(Halves { distance_m, difference_px, predicted_px })
+    let predicted_px =
+        effect_px(&(a.solution.scaled_covariance() + b.solution.scaled_covariance()))?;
+    Some(Halves {
+        distance_m,
+        difference_px,
+        predicted_px,
+    })
 }
 
 /// Estimates the systematic part of the residuals over the image and over the board.
-pub(super) fn residual_pattern(adjusted: &CameraAdjustment, used: &[(usize, BoardView)]) -> ResidualPattern {
+pub(super) fn residual_pattern(
+    adjusted: &CameraAdjustment,
+    used: &[(usize, BoardView)],
+) -> ResidualPattern {
     let residuals = adjusted.residuals(used);
     let (low, high) = adjusted.shape.bounds_m();
     let side = high - low;
-    let size = Vector2::new(f64::from(adjusted.camera.lens.width), f64::from(adjusted.camera.lens.height));
-    let points = || used.iter().flat_map(|(_, v)| v).zip(residuals.iter().flatten());
+    let size = Vector2::new(
+        f64::from(adjusted.camera.lens.width),
+        f64::from(adjusted.camera.lens.height),
+    );
+    let points = || {
+        used.iter()
+            .flat_map(|(_, v)| v)
+            .zip(residuals.iter().flatten())
+    };
     let image = points().map(|(p, r)| (p.pixel.component_div(&size), *r));
-    let board = points().map(|(p, r)| ((p.board_m - low).component_div(&side.map(|s| s.max(1e-9))), *r));
-    ResidualPattern { image_px: systematic_rms(image), board_px: systematic_rms(board) }
+    let board = points().map(|(p, r)| {
+        (
+            (p.board_m - low).component_div(&side.map(|s| s.max(1e-9))),
+            *r,
+        )
+    });
+    ResidualPattern {
+        image_px: systematic_rms(image),
+        board_px: systematic_rms(board),
+    }
 }
 
 /// Returns the root mean square of the cells' means less the part expected of random residuals; positions from 0 to 1.
@@ -87,7 +127,10 @@ fn systematic_rms(residuals: impl Iterator<Item = (Vector2<f64>, Vector2<f64>)>)
 /// k1, and each free tangential one.
 pub(super) fn droppable_terms(fixed: &[bool; GLOBAL]) -> Vec<usize> {
     let radial = [11, 6, 10, 5, 9, 4].into_iter().find(|k| !fixed[*k]);
-    radial.into_iter().chain([7, 8].into_iter().filter(|k| !fixed[*k])).collect()
+    radial
+        .into_iter()
+        .chain([7, 8].into_iter().filter(|k| !fixed[*k]))
+        .collect()
 }
 
 /// Returns parameter `k` over its standard deviation; infinite if that is 0.

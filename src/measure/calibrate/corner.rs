@@ -62,7 +62,8 @@ pub(super) struct FittedCorner {
 pub(super) fn fit_corner(raster: &Raster, hint: &CornerHint) -> Option<FittedCorner> {
     let pixels = edge_pixels(raster, hint)?;
     let mut at = corner_start_values(hint);
-    let (mut normal, mut right, mut sum) = (CornerNormalMatrix::zeros(), CornerParameters::zeros(), 0.0);
+    let (mut normal, mut right, mut sum) =
+        (CornerNormalMatrix::zeros(), CornerParameters::zeros(), 0.0);
     // Mean, contrast and gradient are linear: one step is enough.
     assemble_normal_equations(&pixels, hint, &at, &mut normal, &mut right, &mut sum);
     solve_linear_start(&normal, &right, &mut at)?;
@@ -99,11 +100,15 @@ fn check_fitted_corner(
     pixels: usize,
 ) -> Option<FittedCorner> {
     let pixel = Vector2::new(at[0], at[1]);
-    let plausible =
-        (pixel - hint.centre).norm() < 0.5 * hint.radius_px && at[4] * MIN_BLURS < hint.radius_px && at[6].abs() > 1.0;
+    let plausible = (pixel - hint.centre).norm() < 0.5 * hint.radius_px
+        && at[4] * MIN_BLURS < hint.radius_px
+        && at[6].abs() > 1.0;
     let unit = (SMOOTHING_FACTOR * sum / (pixels - UNKNOWNS) as f64).max(ROUNDING);
     let inverse = normal.cholesky()?.inverse();
-    plausible.then(|| FittedCorner { pixel, covariance_px2: inverse.fixed_view::<2, 2>(0, 0) * unit })
+    plausible.then(|| FittedCorner {
+        pixel,
+        covariance_px2: inverse.fixed_view::<2, 2>(0, 0) * unit,
+    })
 }
 
 /// Returns (column, row, grey) of the pixels near the edges; `None` if too few lie in the image.
@@ -137,12 +142,30 @@ fn corner_start_values(hint: &CornerHint) -> CornerParameters {
     let angle = |e: &Vector2<f64>| e.y.atan2(e.x);
     let (c, e) = (hint.centre, hint.edges);
     let blur = START_BLUR_PX;
-    CornerParameters::from_column_slice(&[c.x, c.y, angle(&e[0]), angle(&e[1]), blur, 0.0, 1.0, 0.0, 0.0])
+    CornerParameters::from_column_slice(&[
+        c.x,
+        c.y,
+        angle(&e[0]),
+        angle(&e[1]),
+        blur,
+        0.0,
+        1.0,
+        0.0,
+        0.0,
+    ])
 }
 
 /// Solves for the linear unknowns with the others fixed.
-fn solve_linear_start(normal: &CornerNormalMatrix, right: &CornerParameters, at: &mut CornerParameters) -> Option<()> {
-    let step = normal.fixed_view::<4, 4>(5, 5).clone_owned().cholesky()?.solve(&right.fixed_rows::<4>(5));
+fn solve_linear_start(
+    normal: &CornerNormalMatrix,
+    right: &CornerParameters,
+    at: &mut CornerParameters,
+) -> Option<()> {
+    let step = normal
+        .fixed_view::<4, 4>(5, 5)
+        .clone_owned()
+        .cholesky()?
+        .solve(&right.fixed_rows::<4>(5));
     (0..4).for_each(|k| at[5 + k] += step[k]);
     Some(())
 }
@@ -155,16 +178,29 @@ fn edge_profile(d: &Vector2<f64>, angle: f64, curvature: f64, blur: f64) -> (f64
     let q = side / blur;
     let (erf, density) = erf(q * std::f64::consts::FRAC_1_SQRT_2);
     let by_side = density * std::f64::consts::FRAC_1_SQRT_2 / blur;
-    (erf, [by_side * sin, -by_side * cos, -by_side * along, -by_side * q])
+    (
+        erf,
+        [
+            by_side * sin,
+            -by_side * cos,
+            -by_side * along,
+            -by_side * q,
+        ],
+    )
 }
 
 /// Returns the error function (Abramowitz and Stegun 7.1.26, error below 1.5e-7) and its derivative.
 fn erf(x: f64) -> (f64, f64) {
     let gauss = (-x * x).exp();
     let t = 1.0 / (1.0 + 0.327_591_1 * x.abs());
-    let series =
-        t * (0.254_829_592 + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
-    ((1.0 - series * gauss).copysign(x), gauss * std::f64::consts::FRAC_2_SQRT_PI)
+    let series = t
+        * (0.254_829_592
+            + t * (-0.284_496_736
+                + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
+    (
+        (1.0 - series * gauss).copysign(x),
+        gauss * std::f64::consts::FRAC_2_SQRT_PI,
+    )
 }
 
 fn assemble_normal_equations(

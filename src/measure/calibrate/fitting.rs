@@ -26,7 +26,10 @@ pub(super) struct CalibrationProblem<'a> {
 
 impl CalibrationProblem<'_> {
     /// Fits Brown's or the rational model and removes the images and points that do not fit.
-    pub(super) fn fit_without_outliers(&self, rational: bool) -> Result<(CameraAdjustment, Selection), CalibrateError> {
+    pub(super) fn fit_without_outliers(
+        &self,
+        rational: bool,
+    ) -> Result<(CameraAdjustment, Selection), CalibrateError> {
         let mut selection = Selection::from_views(self.views, self.size);
         selection.check_count()?;
         let mut fixed = [false; GLOBAL];
@@ -43,32 +46,61 @@ impl CalibrationProblem<'_> {
             let robust = adjust_robustly(&adjusted, &selection.used)?;
             if !selection.remove_worst(&robust, self.views) {
                 let select = self.options.select;
-                let adjusted = if select { drop_insignificant_terms(adjusted, &selection.used)? } else { adjusted };
+                let adjusted = if select {
+                    drop_insignificant_terms(adjusted, &selection.used)?
+                } else {
+                    adjusted
+                };
                 return Ok((adjusted, selection));
             }
             selection.check_count()?;
             let stays = |k: &usize| selection.used.iter().any(|(index, _)| index == k);
             let mut stay = before.iter().map(stays);
-            adjusted.camera.poses.retain(|_| stay.next().unwrap_or(false));
+            adjusted
+                .camera
+                .poses
+                .retain(|_| stay.next().unwrap_or(false));
         }
     }
 
     /// Builds the calibration with the radius that the boards cover.
-    pub(super) fn calibration(&self, adjusted: &CameraAdjustment, selection: &Selection) -> Calibration {
+    pub(super) fn calibration(
+        &self,
+        adjusted: &CameraAdjustment,
+        selection: &Selection,
+    ) -> Calibration {
         let centre = Vector2::new(adjusted.camera.lens.cx, adjusted.camera.lens.cy);
-        let off = self.views.iter().flatten().map(|p| (p.pixel - centre).norm());
-        Calibration { covered_radius_px: off.fold(0.0, f64::max), ..build_calibration(adjusted, selection) }
+        let off = self
+            .views
+            .iter()
+            .flatten()
+            .map(|p| (p.pixel - centre).norm());
+        Calibration {
+            covered_radius_px: off.fold(0.0, f64::max),
+            ..build_calibration(adjusted, selection)
+        }
     }
 
     /// Fits the rational model if an F-test at 99 % prefers it to Brown's.
-    pub(super) fn rational_calibration(&self, brown: &CameraAdjustment, selection: &Selection) -> Option<Calibration> {
+    pub(super) fn rational_calibration(
+        &self,
+        brown: &CameraAdjustment,
+        selection: &Selection,
+    ) -> Option<Calibration> {
         let mut start = brown.camera.clone();
         start.fixed[BROWN..INTERIOR].fill(false);
-        let tried = start.adjust(&selection.used, brown.model_sigma_px).ok()?.solution;
+        let tried = start
+            .adjust(&selection.used, brown.model_sigma_px)
+            .ok()?
+            .solution;
         let terms = (INTERIOR - BROWN) as f64;
         let ratio = (brown.solution.omega - tried.omega) / terms / tried.variance_factor();
-        let limit = FisherSnedecor::new(terms, tried.redundancy as f64).ok()?.inverse_cdf(0.99);
-        let (adjusted, selection) = (ratio > limit).then(|| self.fit_without_outliers(true).ok()).flatten()?;
+        let limit = FisherSnedecor::new(terms, tried.redundancy as f64)
+            .ok()?
+            .inverse_cdf(0.99);
+        let (adjusted, selection) = (ratio > limit)
+            .then(|| self.fit_without_outliers(true).ok())
+            .flatten()?;
         Some(self.calibration(&adjusted, &selection))
     }
 }
@@ -83,11 +115,19 @@ fn adjust_robustly(
     used: &[(usize, BoardView)],
 ) -> Result<CameraAdjustment, CalibrateError> {
     let own_sigmas = |adjusted: &CameraAdjustment| -> Vec<f64> {
-        adjusted.residuals(used).iter().map(|r| coordinate_sigma_px(r)).collect()
+        adjusted
+            .residuals(used)
+            .iter()
+            .map(|r| coordinate_sigma_px(r))
+            .collect()
     };
-    let mut found = adjusted.camera.adjust_weighted(used, &own_sigmas(adjusted), 1.0)?;
+    let mut found = adjusted
+        .camera
+        .adjust_weighted(used, &own_sigmas(adjusted), 1.0)?;
     for _ in 1..ROBUST_ROUNDS {
-        found = found.camera.adjust_weighted(used, &own_sigmas(&found), 1.0)?;
+        found = found
+            .camera
+            .adjust_weighted(used, &own_sigmas(&found), 1.0)?;
     }
     found.model_sigma_px = found.common_sigma_px(used);
     Ok(found)
@@ -104,7 +144,9 @@ fn drop_insignificant_terms(
             .map(|k| (k, check::t_value(&adjusted, k)))
             .filter(|(_, t)| *t < T_LIMIT_95)
             .min_by(|a, b| a.1.total_cmp(&b.1));
-        let Some((k, _)) = weak else { return Ok(adjusted) };
+        let Some((k, _)) = weak else {
+            return Ok(adjusted);
+        };
         let mut start = adjusted.camera.clone();
         start.fixed[k] = true;
         let mut global = adjusted.solution.global;

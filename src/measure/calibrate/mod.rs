@@ -38,7 +38,9 @@ mod verdict;
 
 use nalgebra::{DMatrix, Matrix2, Vector2};
 
-pub use board::{Board, BoardDetection, BoardError, BoardMismatch, description_mismatch, missing_corner_lines};
+pub use board::{
+    Board, BoardDetection, BoardError, BoardMismatch, description_mismatch, missing_corner_lines,
+};
 
 use super::geometry::Lens;
 pub use check::{Halves, ResidualPattern};
@@ -64,7 +66,11 @@ pub struct BoardPoint {
 impl BoardPoint {
     /// Creates a point with the standard deviation `sigma_px` in every direction.
     pub fn new(board_m: Vector2<f64>, pixel: Vector2<f64>, sigma_px: f64) -> Self {
-        Self { board_m, pixel, covariance_px2: Matrix2::identity() * sigma_px * sigma_px }
+        Self {
+            board_m,
+            pixel,
+            covariance_px2: Matrix2::identity() * sigma_px * sigma_px,
+        }
     }
 }
 
@@ -125,10 +131,17 @@ const MIN_COVERED_FRACTION: f64 = 0.9;
 impl Calibration {
     /// Returns the vector from the principal point to the image's farthest corner, px.
     fn farthest_corner_px(&self) -> Vector2<f64> {
-        let (w, h) = (f64::from(self.lens.width) - 1.0, f64::from(self.lens.height) - 1.0);
+        let (w, h) = (
+            f64::from(self.lens.width) - 1.0,
+            f64::from(self.lens.height) - 1.0,
+        );
         let centre = Vector2::new(self.lens.cx, self.lens.cy);
-        let corners = [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)].map(|(u, v)| Vector2::new(u, v) - centre);
-        corners.into_iter().fold(Vector2::zeros(), |a, b| if b.norm() > a.norm() { b } else { a })
+        let corners =
+            [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)].map(|(u, v)| Vector2::new(u, v) - centre);
+        corners.into_iter().fold(
+            Vector2::zeros(),
+            |a, b| if b.norm() > a.norm() { b } else { a },
+        )
     }
 
     /// Returns true if boards were shown close to a corner of the image.
@@ -187,7 +200,11 @@ pub struct CalibrationOptions {
 ///
 /// # Errors
 /// Returns an error if too few views are usable or no camera fits them.
-pub fn calibrate(views: &[BoardView], width: u32, height: u32) -> Result<Calibration, CalibrateError> {
+pub fn calibrate(
+    views: &[BoardView],
+    width: u32,
+    height: u32,
+) -> Result<Calibration, CalibrateError> {
     calibrate_with_options(views, width, height, &CalibrationOptions::default())
 }
 
@@ -201,7 +218,11 @@ pub fn calibrate_with_options(
     height: u32,
     options: &CalibrationOptions,
 ) -> Result<Calibration, CalibrateError> {
-    let set = CalibrationProblem { views, size: ImageSize { width, height }, options };
+    let set = CalibrationProblem {
+        views,
+        size: ImageSize { width, height },
+        options,
+    };
     let (brown, selection) = set.fit_without_outliers(false)?;
     let found = set.calibration(&brown, &selection);
     // The rational model only if Brown's does not fit, as its terms would otherwise only weaken the others,
@@ -210,6 +231,8 @@ pub fn calibrate_with_options(
     if brown_fits || !found.covers_corner() {
         return Ok(found);
     }
-    let rational = set.rational_calibration(&brown, &selection).filter(|r| r.projections.is_some());
+    let rational = set
+        .rational_calibration(&brown, &selection)
+        .filter(|r| r.projections.is_some());
     Ok(rational.unwrap_or(found))
 }

@@ -45,12 +45,18 @@ pub(super) struct ImageSize {
 impl ImageSize {
     /// Returns the image size of a lens.
     pub(super) fn from_lens(lens: &Lens) -> Self {
-        Self { width: lens.width, height: lens.height }
+        Self {
+            width: lens.width,
+            height: lens.height,
+        }
     }
 
     /// Returns the image's centre, px.
     pub(super) fn centre(&self) -> Vector2<f64> {
-        Vector2::new(0.5 * (f64::from(self.width) - 1.0), 0.5 * (f64::from(self.height) - 1.0))
+        Vector2::new(
+            0.5 * (f64::from(self.width) - 1.0),
+            0.5 * (f64::from(self.height) - 1.0),
+        )
     }
 }
 
@@ -61,14 +67,26 @@ pub(super) fn board_form(global: &GlobalParameters) -> BoardForm {
 
 /// Packs a lens and a board's form into one parameter vector.
 pub(super) fn pack_parameters(lens: &Lens, form: &BoardForm) -> GlobalParameters {
-    GlobalParameters::from_iterator(lens.parameters().iter().chain(&lens.denominator).chain(form.iter()).copied())
+    GlobalParameters::from_iterator(
+        lens.parameters()
+            .iter()
+            .chain(&lens.denominator)
+            .chain(form.iter())
+            .copied(),
+    )
 }
 
 /// Extracts the lens from all parameters.
-pub(super) fn lens_from_parameters(ImageSize { width, height }: ImageSize, p: &GlobalParameters) -> Lens {
+pub(super) fn lens_from_parameters(
+    ImageSize { width, height }: ImageSize,
+    p: &GlobalParameters,
+) -> Lens {
     let zero = Lens::pinhole(width, height, 0.0, 0.0, 0.0);
     let lens = zero.with_changes(&p.fixed_rows::<BROWN>(0).into_owned());
-    Lens { denominator: [p[BROWN], p[BROWN + 1], p[BROWN + 2]], ..lens }
+    Lens {
+        denominator: [p[BROWN], p[BROWN + 1], p[BROWN + 2]],
+        ..lens
+    }
 }
 
 /// Adds the common variance of all points to a point's own covariance.
@@ -93,7 +111,10 @@ impl BoardPose {
     pub(super) fn moved(&self, step: &Vector6<f64>) -> Self {
         let turn = Rotation3::new(step.fixed_rows::<3>(0).clone_owned());
         let shift = step.fixed_rows::<3>(3).clone_owned();
-        Self { camera_from_board: turn * self.camera_from_board, translation_m: turn * self.translation_m + shift }
+        Self {
+            camera_from_board: turn * self.camera_from_board,
+            translation_m: turn * self.translation_m + shift,
+        }
     }
 }
 
@@ -106,14 +127,23 @@ pub(super) struct ProjectionJacobians {
 }
 
 /// Returns the derivatives of the pixel of a camera-frame point, m; `None` behind the camera.
-pub(super) fn projection_jacobians(lens: &Lens, point: &Vector3<f64>) -> Option<ProjectionJacobians> {
+pub(super) fn projection_jacobians(
+    lens: &Lens,
+    point: &Vector3<f64>,
+) -> Option<ProjectionJacobians> {
     let (_, by_point) = lens.project_with_jacobian(point)?;
     let mut by_motion = SMatrix::<f64, 2, 6>::zeros();
-    by_motion.fixed_columns_mut::<3>(0).copy_from(&(-by_point * cross_matrix(point)));
+    by_motion
+        .fixed_columns_mut::<3>(0)
+        .copy_from(&(-by_point * cross_matrix(point)));
     by_motion.fixed_columns_mut::<3>(3).copy_from(&by_point);
     let mut by_lens = InteriorJacobian::zeros();
-    by_lens.fixed_columns_mut::<BROWN>(0).copy_from(&lens.parameter_jacobian(point));
-    by_lens.fixed_columns_mut::<3>(BROWN).copy_from(&lens.denominator_jacobian(point));
+    by_lens
+        .fixed_columns_mut::<BROWN>(0)
+        .copy_from(&lens.parameter_jacobian(point));
+    by_lens
+        .fixed_columns_mut::<3>(BROWN)
+        .copy_from(&lens.denominator_jacobian(point));
     Some(ProjectionJacobians { by_motion, by_lens })
 }
 

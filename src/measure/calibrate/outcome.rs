@@ -14,7 +14,10 @@ use crate::geometry::{BROWN, Lens};
 const LOOSE_STRETCH_SIGMA: f64 = 0.01;
 
 /// Estimates the stretch, or its value and effect if the board is taken as exact.
-fn estimate_stretch(adjusted: &CameraAdjustment, used: &[(usize, BoardView)]) -> Option<BoardStretch> {
+fn estimate_stretch(
+    adjusted: &CameraAdjustment,
+    used: &[(usize, BoardView)],
+) -> Option<BoardStretch> {
     let is_unknown = !adjusted.camera.fixed[STRETCH];
     let mut start = adjusted.camera.clone();
     start.fixed[STRETCH] = is_unknown;
@@ -23,8 +26,12 @@ fn estimate_stretch(adjusted: &CameraAdjustment, used: &[(usize, BoardView)]) ->
     let other = start.adjust(used, adjusted.model_sigma_px).ok()?;
     let with = if is_unknown { adjusted } else { &other };
     let change = other.solution.global - adjusted.solution.global;
-    let effect =
-        quality::uncertainty_at_distance(adjusted, used, &(change * change.transpose()), BoardStretch::DISTANCE_M)?;
+    let effect = quality::uncertainty_at_distance(
+        adjusted,
+        used,
+        &(change * change.transpose()),
+        BoardStretch::DISTANCE_M,
+    )?;
     let variance = with.solution.scaled_covariance()[(STRETCH, STRETCH)];
     Some(BoardStretch {
         value: with.camera.form[STRETCH - INTERIOR],
@@ -36,7 +43,10 @@ fn estimate_stretch(adjusted: &CameraAdjustment, used: &[(usize, BoardView)]) ->
 
 /// Builds the calibration from the last adjustment.
 pub(super) fn build_calibration(adjusted: &CameraAdjustment, selection: &Selection) -> Calibration {
-    let Selection { used, rejections: dropped } = selection;
+    let Selection {
+        used,
+        rejections: dropped,
+    } = selection;
     let residuals = adjusted.residuals(used);
     let covariance = adjusted.solution.scaled_covariance();
     let brown = quality::brown_covariance(adjusted, &covariance)
@@ -50,7 +60,9 @@ pub(super) fn build_calibration(adjusted: &CameraAdjustment, selection: &Selecti
         lens: adjusted.camera.lens,
         bow: [bow(0), bow(1)],
         covariance: DMatrix::from_fn(BROWN, BROWN, |i, j| brown[(i, j)]),
-        denominator_sigma: std::array::from_fn(|k| covariance[(BROWN + k, BROWN + k)].max(0.0).sqrt()),
+        denominator_sigma: std::array::from_fn(|k| {
+            covariance[(BROWN + k, BROWN + k)].max(0.0).sqrt()
+        }),
         rms_px: rms_length(residuals.iter().flatten()),
         model_sigma_px: adjusted.model_sigma_px,
         view_rms_px: vec![None; dropped.len()],
@@ -71,7 +83,11 @@ pub(super) fn build_calibration(adjusted: &CameraAdjustment, selection: &Selecti
     for (((index, view), r), pose) in used.iter().zip(&residuals).zip(&adjusted.camera.poses) {
         found.view_rms_px[*index] = Some(rms_length(r.iter()));
         found.view_points[*index] = view.len();
-        found.residuals[*index] = view.iter().map(|p| p.pixel).zip(r.iter().copied()).collect();
+        found.residuals[*index] = view
+            .iter()
+            .map(|p| p.pixel)
+            .zip(r.iter().copied())
+            .collect();
         let normal_z = pose.camera_from_board.matrix()[(2, 2)];
         found.tilt_deg[*index] = Some(normal_z.abs().min(1.0).acos().to_degrees());
     }

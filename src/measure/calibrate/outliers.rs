@@ -11,7 +11,9 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use super::adjust::CameraAdjustment;
 use super::model::{ImageSize, ProjectionJacobians, projection_jacobians, rms_length};
 use super::{BoardView, CalibrateError, MIN_POINTS, MIN_VIEWS, start};
-use crate::estimation::robust::{MEDIAN_SQUARE_1D, RobustLocation, common_variance, median, scale_from_squares};
+use crate::estimation::robust::{
+    MEDIAN_SQUARE_1D, RobustLocation, common_variance, median, scale_from_squares,
+};
 
 /// Multiple of the scale above which a residual is a gross error (a wrong corner).
 const GROSS_FACTOR: f64 = 6.0;
@@ -87,9 +89,18 @@ pub(super) struct Selection {
 impl Selection {
     /// Rejects views that are unusable before any adjustment, which might not converge with them.
     pub(super) fn from_views(views: &[BoardView], size: ImageSize) -> Self {
-        let mut dropped: Vec<Option<ImageRejection>> = (0..views.len()).map(|k| view_rejection(views, k)).collect();
-        let misfits: Vec<f64> = views.iter().map(|v| start::min_plane_misfit_px(v, size)).collect();
-        let rest: Vec<f64> = misfits.iter().zip(&dropped).filter(|(_, d)| d.is_none()).map(|(m, _)| *m).collect();
+        let mut dropped: Vec<Option<ImageRejection>> =
+            (0..views.len()).map(|k| view_rejection(views, k)).collect();
+        let misfits: Vec<f64> = views
+            .iter()
+            .map(|v| start::min_plane_misfit_px(v, size))
+            .collect();
+        let rest: Vec<f64> = misfits
+            .iter()
+            .zip(&dropped)
+            .filter(|(_, d)| d.is_none())
+            .map(|(m, _)| *m)
+            .collect();
         let limit = NOT_PLANAR_FACTOR * median(rest.clone()).unwrap_or(0.0) + 1.0;
         let foreign = |misfit: f64| misfit.is_nan() || misfit > limit;
         // If too few images would be left, the adjustment decides.
@@ -100,8 +111,16 @@ impl Selection {
                 }
             }
         }
-        let used = views.iter().cloned().enumerate().filter(|(k, _)| dropped[*k].is_none()).collect();
-        Self { used, rejections: dropped }
+        let used = views
+            .iter()
+            .cloned()
+            .enumerate()
+            .filter(|(k, _)| dropped[*k].is_none())
+            .collect();
+        Self {
+            used,
+            rejections: dropped,
+        }
     }
 
     /// Checks that enough views are left.
@@ -111,14 +130,22 @@ impl Selection {
     pub(super) fn check_count(&self) -> Result<(), CalibrateError> {
         let (found, needed) = (self.used.len(), MIN_VIEWS);
         if found < needed {
-            return Err(CalibrateError::TooFewViews { found, needed, rejections: self.rejections.clone() });
+            return Err(CalibrateError::TooFewViews {
+                found,
+                needed,
+                rejections: self.rejections.clone(),
+            });
         }
         Ok(())
     }
 
     /// Removes the worst image or, if the images agree, the outliers among the points; returns true if anything was
     /// removed.
-    pub(super) fn remove_worst(&mut self, adjusted: &CameraAdjustment, views: &[BoardView]) -> bool {
+    pub(super) fn remove_worst(
+        &mut self,
+        adjusted: &CameraAdjustment,
+        views: &[BoardView],
+    ) -> bool {
         let residuals = adjusted.residuals(&self.used);
         let squares = adjusted.normalized_squares(&self.used, &residuals);
         let zoomed = self.zoom_outlier(adjusted, &residuals);
@@ -142,9 +169,14 @@ impl Selection {
         adjusted: &CameraAdjustment,
         residuals: &[Vec<Vector2<f64>>],
     ) -> Option<(usize, ImageRejection)> {
-        let constant_change =
-            |(k, r): (usize, &Vec<Vector2<f64>>)| own_camera_constant(adjusted, k, &self.used[k].1, r);
-        let own: Vec<(f64, f64)> = residuals.iter().enumerate().map(constant_change).collect::<Option<_>>()?;
+        let constant_change = |(k, r): (usize, &Vec<Vector2<f64>>)| {
+            own_camera_constant(adjusted, k, &self.used[k].1, r)
+        };
+        let own: Vec<(f64, f64)> = residuals
+            .iter()
+            .enumerate()
+            .map(constant_change)
+            .collect::<Option<_>>()?;
         // Deviations of lens and board from their models make good images differ by more than their standard
         // deviations: by a factor and, if those are small, by a common variance.
         let squares: Vec<f64> = own.iter().map(|(change, _)| change * change).collect();
@@ -155,7 +187,10 @@ impl Selection {
         let common = common_variance(&squares, &own_variances, MEDIAN_SQUARE_1D);
         let over = |k: usize| own[k].0.abs() / (variances[k] + common).sqrt();
         let k = (0..own.len()).max_by(|a, b| over(*a).total_cmp(&over(*b)))?;
-        let reason = ImageRejection::OtherZoom { percent: 100.0 * own[k].0, times: over(k) };
+        let reason = ImageRejection::OtherZoom {
+            percent: 100.0 * own[k].0,
+            times: over(k),
+        };
         (over(k) > student_limit(own.len(), 2.0)).then_some((k, reason))
     }
 
@@ -169,7 +204,13 @@ impl Selection {
     ) -> (usize, ImageRejection) {
         match own_camera_constant(adjusted, k, &self.used[k].1, &residuals[k]) {
             Some((change, sigma)) if change.abs() > sigma * student_limit(residuals.len(), 2.0) => {
-                (k, ImageRejection::OtherZoom { percent: 100.0 * change, times: change.abs() / sigma })
+                (
+                    k,
+                    ImageRejection::OtherZoom {
+                        percent: 100.0 * change,
+                        times: change.abs() / sigma,
+                    },
+                )
             }
             _ => (k, reason),
         }
@@ -181,9 +222,17 @@ impl Selection {
         residuals: &[Vec<Vector2<f64>>],
         squares: &[Vec<f64>],
     ) -> Option<(usize, ImageRejection)> {
-        let logs: Vec<f64> = squares.iter().map(|s| scale_from_squares(s).max(f64::MIN_POSITIVE).ln()).collect();
+        let logs: Vec<f64> = squares
+            .iter()
+            .map(|s| scale_from_squares(s).max(f64::MIN_POSITIVE).ln())
+            .collect();
         let all = RobustLocation::from_values(&logs);
-        let over = |k: usize| (logs[k] - all.median) / all.sigma.hypot(MEDIAN_SCALE / (squares[k].len() as f64).sqrt());
+        let over = |k: usize| {
+            (logs[k] - all.median)
+                / all
+                    .sigma
+                    .hypot(MEDIAN_SCALE / (squares[k].len() as f64).sqrt())
+        };
         let k = (0..logs.len()).max_by(|a, b| over(*a).total_cmp(&over(*b)))?;
         let reason = ImageRejection::LargeResiduals {
             rms_px: rms_length(residuals[k].iter()),
@@ -207,7 +256,10 @@ impl Selection {
             if 2 * kept.len() >= found && kept.len() >= MIN_POINTS {
                 self.used.push((index, kept));
             } else {
-                self.rejections[index] = Some(ImageRejection::TooManyOutliers { lost: found - kept.len(), found });
+                self.rejections[index] = Some(ImageRejection::TooManyOutliers {
+                    lost: found - kept.len(),
+                    found,
+                });
             }
         }
         changed
@@ -222,13 +274,19 @@ fn own_camera_constant(
     view: &BoardView,
     residuals: &[Vector2<f64>],
 ) -> Option<(f64, f64)> {
-    let (mut normal, mut right, mut sum) = (SMatrix::<f64, 7, 7>::zeros(), SVector::<f64, 7>::zeros(), 0.0);
+    let (mut normal, mut right, mut sum) = (
+        SMatrix::<f64, 7, 7>::zeros(),
+        SVector::<f64, 7>::zeros(),
+        0.0,
+    );
     for (p, r) in view.iter().zip(residuals) {
         let point = adjusted.camera_point(k, p);
-        let ProjectionJacobians { by_motion, by_lens } = projection_jacobians(&adjusted.camera.lens, &point)?;
+        let ProjectionJacobians { by_motion, by_lens } =
+            projection_jacobians(&adjusted.camera.lens, &point)?;
         let mut derivatives = SMatrix::<f64, 2, 7>::zeros();
         derivatives.fixed_columns_mut::<6>(0).copy_from(&by_motion);
-        let relative = by_lens.column(0) * adjusted.camera.lens.fx + by_lens.column(1) * adjusted.camera.lens.fy;
+        let relative = by_lens.column(0) * adjusted.camera.lens.fx
+            + by_lens.column(1) * adjusted.camera.lens.fy;
         derivatives.set_column(6, &relative);
         let weight = adjusted.covariance_px2(p).try_inverse()?;
         normal += derivatives.transpose() * weight * derivatives;
@@ -250,7 +308,9 @@ fn student_limit(n: usize, sides: f64) -> f64 {
 /// Returns why view `k` cannot be used: too few corners, or the same view as an earlier image.
 fn view_rejection(views: &[BoardView], k: usize) -> Option<ImageRejection> {
     if views[k].len() < MIN_POINTS {
-        return Some(ImageRejection::TooFewPoints { found: views[k].len() });
+        return Some(ImageRejection::TooFewPoints {
+            found: views[k].len(),
+        });
     }
     views[..k]
         .iter()
@@ -260,7 +320,9 @@ fn view_rejection(views: &[BoardView], k: usize) -> Option<ImageRejection> {
 
 /// Returns true if two views differ by no more than their points' noise.
 fn is_same_view(a: &BoardView, b: &BoardView) -> bool {
-    let pairs = a.iter().filter_map(|p| b.iter().find(|q| q.board_m == p.board_m).map(|q| (p, q)));
+    let pairs = a
+        .iter()
+        .filter_map(|p| b.iter().find(|q| q.board_m == p.board_m).map(|q| (p, q)));
     let (mut squares, mut variances, mut n) = (0.0, 0.0, 0);
     for (p, q) in pairs {
         squares += (p.pixel - q.pixel).norm_squared();
@@ -268,5 +330,6 @@ fn is_same_view(a: &BoardView, b: &BoardView) -> bool {
         n += 1;
     }
     // Three standard deviations: an image compressed twice differs by about one.
-    2 * n > a.len().min(b.len()) && squares < (9.0 * variances).max((n as f64) * STATIC_PX * STATIC_PX)
+    2 * n > a.len().min(b.len())
+        && squares < (9.0 * variances).max((n as f64) * STATIC_PX * STATIC_PX)
 }

@@ -9,7 +9,9 @@ use nalgebra::{DMatrix, Matrix6, SMatrix, Vector2, Vector3};
 
 use super::BoardView;
 use super::adjust::CameraAdjustment;
-use super::model::{DISTANCES_M, GlobalCovariance, INTERIOR, ProjectionJacobians, projection_jacobians};
+use super::model::{
+    DISTANCES_M, GlobalCovariance, INTERIOR, ProjectionJacobians, projection_jacobians,
+};
 use crate::geometry::{BROWN, Lens};
 
 /// Number of cells over the width and over the height of the image.
@@ -38,7 +40,9 @@ pub(super) fn projection_uncertainties(
     covariance: &GlobalCovariance,
 ) -> Option<Vec<ProjectionUncertainty>> {
     let motion = compensating_motion(adjusted, used)?;
-    let found = DISTANCES_M.into_iter().map(|d| projection_uncertainty(adjusted, &motion, covariance, d));
+    let found = DISTANCES_M
+        .into_iter()
+        .map(|d| projection_uncertainty(adjusted, &motion, covariance, d));
     let whole = |p: &ProjectionUncertainty| p.cells_px.iter().flatten().all(Option::is_some);
     found.map(|p| p.filter(whole)).collect()
 }
@@ -50,7 +54,12 @@ pub(super) fn uncertainty_at_distance(
     covariance: &GlobalCovariance,
     distance_m: f64,
 ) -> Option<ProjectionUncertainty> {
-    projection_uncertainty(adjusted, &compensating_motion(adjusted, used)?, covariance, distance_m)
+    projection_uncertainty(
+        adjusted,
+        &compensating_motion(adjusted, used)?,
+        covariance,
+        distance_m,
+    )
 }
 
 fn projection_uncertainty(
@@ -62,7 +71,8 @@ fn projection_uncertainty(
     let interior = covariance.fixed_view::<INTERIOR, INTERIOR>(0, 0);
     let variance = |row: usize, column: usize| {
         let point = cell_ray(&adjusted.camera.lens, column, row)? * distance_m;
-        let ProjectionJacobians { by_motion, by_lens } = projection_jacobians(&adjusted.camera.lens, &point)?;
+        let ProjectionJacobians { by_motion, by_lens } =
+            projection_jacobians(&adjusted.camera.lens, &point)?;
         let error = by_lens + by_motion * motion;
         Some((error * interior * error.transpose()).trace())
     };
@@ -84,9 +94,13 @@ fn summarize_projection_cells(
     cells_px: Vec<Vec<Option<f64>>>,
 ) -> Option<ProjectionUncertainty> {
     let mean = |(sum, n): (f64, usize)| if n > 0 { sum / n as f64 } else { 0.0 };
-    let worst =
-        (0..9).map(|k| (k % 3, k / 3)).max_by(|a, b| mean(ninths[a.1][a.0]).total_cmp(&mean(ninths[b.1][b.0])))?;
-    let (sum, n) = ninths.iter().flatten().fold((0.0, 0), |(s, n), c| (s + c.0, n + c.1));
+    let worst = (0..9)
+        .map(|k| (k % 3, k / 3))
+        .max_by(|a, b| mean(ninths[a.1][a.0]).total_cmp(&mean(ninths[b.1][b.0])))?;
+    let (sum, n) = ninths
+        .iter()
+        .flatten()
+        .fold((0.0, 0), |(s, n), c| (s + c.0, n + c.1));
     (n > 0).then(|| ProjectionUncertainty {
         distance_m,
         sigma_px: mean((sum, n)).sqrt(),
@@ -99,18 +113,24 @@ fn summarize_projection_cells(
 /// Returns the unit ray through a cell; the rays of the outermost cells run through the image's border.
 fn cell_ray(lens: &Lens, column: usize, row: usize) -> Option<Vector3<f64>> {
     let share = |k: usize| k as f64 / (CELLS - 1) as f64;
-    let pixel =
-        Vector2::new(share(column) * (f64::from(lens.width) - 1.0), share(row) * (f64::from(lens.height) - 1.0));
+    let pixel = Vector2::new(
+        share(column) * (f64::from(lens.width) - 1.0),
+        share(row) * (f64::from(lens.height) - 1.0),
+    );
     lens.ray(&pixel).ok().map(|r| r.normalize())
 }
 
 /// Estimates the camera motion that best compensates, at the boards, errors of the interior parameters.
-fn compensating_motion(adjusted: &CameraAdjustment, used: &[(usize, BoardView)]) -> Option<CompensatingMotion> {
+fn compensating_motion(
+    adjusted: &CameraAdjustment,
+    used: &[(usize, BoardView)],
+) -> Option<CompensatingMotion> {
     let (mut normal, mut right) = (Matrix6::zeros(), CompensatingMotion::zeros());
     for (k, (_, view)) in used.iter().enumerate() {
         for p in view {
             let point = adjusted.camera_point(k, p);
-            let ProjectionJacobians { by_motion, by_lens } = projection_jacobians(&adjusted.camera.lens, &point)?;
+            let ProjectionJacobians { by_motion, by_lens } =
+                projection_jacobians(&adjusted.camera.lens, &point)?;
             normal += by_motion.transpose() * by_motion;
             right += by_motion.transpose() * by_lens;
         }
@@ -125,8 +145,9 @@ pub(super) fn brown_covariance(
     covariance: &GlobalCovariance,
 ) -> Option<SMatrix<f64, BROWN, BROWN>> {
     let interior = covariance.fixed_view::<INTERIOR, INTERIOR>(0, 0);
-    let rays: Vec<Vector3<f64>> =
-        (0..CELLS * CELLS).filter_map(|k| cell_ray(&adjusted.camera.lens, k % CELLS, k / CELLS)).collect();
+    let rays: Vec<Vector3<f64>> = (0..CELLS * CELLS)
+        .filter_map(|k| cell_ray(&adjusted.camera.lens, k % CELLS, k / CELLS))
+        .collect();
     let mut derivatives = DMatrix::zeros(2 * rays.len(), INTERIOR);
     for (k, ray) in rays.iter().enumerate() {
         derivatives
@@ -134,9 +155,17 @@ pub(super) fn brown_covariance(
             .copy_from(&projection_jacobians(&adjusted.camera.lens, ray)?.by_lens);
     }
     // Columns of equal norm, for the condition of the inverse.
-    let size: Vec<f64> = (0..INTERIOR).map(|k| derivatives.column(k).norm().max(f64::MIN_POSITIVE)).collect();
-    let unit = DMatrix::from_fn(derivatives.nrows(), INTERIOR, |i, j| derivatives[(i, j)] / size[j]);
-    let transfer = unit.columns(0, BROWN).svd(true, true).solve(&unit.columns(BROWN, 3), 1e-12).ok()?;
+    let size: Vec<f64> = (0..INTERIOR)
+        .map(|k| derivatives.column(k).norm().max(f64::MIN_POSITIVE))
+        .collect();
+    let unit = DMatrix::from_fn(derivatives.nrows(), INTERIOR, |i, j| {
+        derivatives[(i, j)] / size[j]
+    });
+    let transfer = unit
+        .columns(0, BROWN)
+        .svd(true, true)
+        .solve(&unit.columns(BROWN, 3), 1e-12)
+        .ok()?;
     let onto = SMatrix::<f64, BROWN, INTERIOR>::from_fn(|i, j| match j {
         _ if j == i => 1.0,
         BROWN.. => transfer[(i, j - BROWN)] * size[j] / size[i],

@@ -26,18 +26,28 @@ fn halve_image(raster: &Raster) -> Option<Raster> {
     for y in 0..height {
         let (above, below) = (raster.row(2 * y), raster.row(2 * y + 1));
         let pairs = above.chunks_exact(2).zip(below.chunks_exact(2));
-        luma.extend(
-            pairs.map(|(a, b)| ((u16::from(a[0]) + u16::from(a[1]) + u16::from(b[0]) + u16::from(b[1]) + 2) / 4) as u8),
-        );
+        luma.extend(pairs.map(|(a, b)| {
+            ((u16::from(a[0]) + u16::from(a[1]) + u16::from(b[0]) + u16::from(b[1]) + 2) / 4) as u8
+        }));
     }
     Raster::new(width, height, luma)
 }
 
 /// Returns a part of the image; `None` if it has no pixels.
 #[cfg(feature = "aprilgrid")]
-pub(super) fn crop_image(raster: &Raster, left: usize, top: usize, width: usize, height: usize) -> Option<Raster> {
+pub(super) fn crop_image(
+    raster: &Raster,
+    left: usize,
+    top: usize,
+    width: usize,
+    height: usize,
+) -> Option<Raster> {
     let right = (left + width).min(raster.width());
     let rows = top..(top + height).min(raster.height());
-    let luma: Vec<u8> = rows.clone().flat_map(|y| raster.row(y).get(left..right).unwrap_or(&[])).copied().collect();
+    let luma: Vec<u8> = rows
+        .clone()
+        .flat_map(|y| raster.row(y).get(left..right).unwrap_or(&[]))
+        .copied()
+        .collect();
     Raster::new(right.saturating_sub(left), rows.len(), luma)
 }

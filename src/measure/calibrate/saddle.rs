@@ -17,7 +17,11 @@ pub(super) fn half_window_for(distance_px: f64) -> usize {
 
 /// Finds the point to which the gradient of every edge in the window is orthogonal (Förstner and Gülch 1987), iterated;
 /// `None` if it does not settle inside the window.
-pub(super) fn refine_saddle(raster: &Raster, start: &Vector2<f64>, half: usize) -> Option<Vector2<f64>> {
+pub(super) fn refine_saddle(
+    raster: &Raster,
+    start: &Vector2<f64>,
+    half: usize,
+) -> Option<Vector2<f64>> {
     let half = half as isize;
     let inside = |p: &Vector2<f64>| {
         p.x > half as f64 + 1.0
@@ -35,8 +39,10 @@ pub(super) fn refine_saddle(raster: &Raster, start: &Vector2<f64>, half: usize) 
             for dx in -half..=half {
                 let at = centre + Vector2::new(dx as f64, dy as f64);
                 let g = Vector2::new(
-                    sample_bilinear(raster, at.x + 1.0, at.y) - sample_bilinear(raster, at.x - 1.0, at.y),
-                    sample_bilinear(raster, at.x, at.y + 1.0) - sample_bilinear(raster, at.x, at.y - 1.0),
+                    sample_bilinear(raster, at.x + 1.0, at.y)
+                        - sample_bilinear(raster, at.x - 1.0, at.y),
+                    sample_bilinear(raster, at.x, at.y + 1.0)
+                        - sample_bilinear(raster, at.x, at.y - 1.0),
                 );
                 let weight = (-2.0 * ((dx * dx + dy * dy) as f64) / (half * half) as f64).exp();
                 let outer = g * g.transpose() * weight;
@@ -58,6 +64,7 @@ pub(super) fn refine_saddle(raster: &Raster, start: &Vector2<f64>, half: usize) 
 fn sample_bilinear(raster: &Raster, x: f64, y: f64) -> f64 {
     let (x0, y0) = (x.floor(), y.floor());
     let (fx, fy) = (x - x0, y - y0);
-    let g = |dx: isize, dy: isize| f64::from(raster.clamped_value(x0 as isize + dx, y0 as isize + dy));
+    let g =
+        |dx: isize, dy: isize| f64::from(raster.clamped_value(x0 as isize + dx, y0 as isize + dy));
     (g(0, 0) * (1.0 - fx) + g(1, 0) * fx) * (1.0 - fy) + (g(0, 1) * (1.0 - fx) + g(1, 1) * fx) * fy
 }

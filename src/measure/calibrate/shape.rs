@@ -71,7 +71,10 @@ impl BoardShape {
         let (low, high) = points.fold((first, first), |(low, high), p| (low.inf(&p), high.sup(&p)));
         // A single row has no bow across; any half side but 0 is right.
         let half_m = (0.5 * (high - low)).map(|h| if h > 0.0 { h } else { 1.0 });
-        Self { middle_m: 0.5 * (low + high), half_m }
+        Self {
+            middle_m: 0.5 * (low + high),
+            half_m,
+        }
     }
 
     /// Returns two opposite corners of the rectangle, m.
@@ -88,7 +91,11 @@ impl BoardShape {
     pub(super) fn priors(&self, first: usize, stretch_sigma: f64) -> Vec<ScalarPrior> {
         let bow = |k: usize| BOW_SIGMA_M_PER_M * 2.0 * self.half_m[k];
         let sigmas = [bow(0), bow(1), stretch_sigma];
-        let prior = |(k, sigma)| ScalarPrior { index: first + k, mean: 0.0, sigma };
+        let prior = |(k, sigma)| ScalarPrior {
+            index: first + k,
+            mean: 0.0,
+            sigma,
+        };
         sigmas.into_iter().enumerate().map(prior).collect()
     }
 
@@ -96,7 +103,17 @@ impl BoardShape {
     pub(super) fn form_jacobian(&self, board_m: &Vector2<f64>) -> Matrix3<f64> {
         let off = board_m - self.middle_m;
         let uv = off.component_div(&self.half_m);
-        Matrix3::new(0.0, 0.0, -0.5 * off.x, 0.0, 0.0, 0.5 * off.y, 1.0 - uv.x * uv.x, 1.0 - uv.y * uv.y, 0.0)
+        Matrix3::new(
+            0.0,
+            0.0,
+            -0.5 * off.x,
+            0.0,
+            0.0,
+            0.5 * off.y,
+            1.0 - uv.x * uv.x,
+            1.0 - uv.y * uv.y,
+            0.0,
+        )
     }
 
     /// Returns the position in space of a board point on the bent board, board frame, m: linear in the form.

@@ -18,11 +18,19 @@ pub(super) fn start_from_homographies(
     f_px: Option<f64>,
 ) -> Option<(Lens, Vec<BoardPose>)> {
     let centre = size.centre();
-    let homographies: Vec<Matrix3<f64>> =
-        views.iter().map(|v| fit_homography(v, &centre)).collect::<Option<Vec<_>>>()?;
+    let homographies: Vec<Matrix3<f64>> = views
+        .iter()
+        .map(|v| fit_homography(v, &centre))
+        .collect::<Option<Vec<_>>>()?;
     let f = f_px.or_else(|| estimate_camera_constant(&homographies))?;
-    let poses = homographies.iter().map(|h| pose_from_homography(h, f)).collect::<Option<Vec<_>>>()?;
-    Some((Lens::pinhole(size.width, size.height, f, centre.x, centre.y), poses))
+    let poses = homographies
+        .iter()
+        .map(|h| pose_from_homography(h, f))
+        .collect::<Option<Vec<_>>>()?;
+    Some((
+        Lens::pinhole(size.width, size.height, f, centre.x, centre.y),
+        poses,
+    ))
 }
 
 /// Distortions tried for the fit of a plane, as `1 + d r^2` with `r` over half the image's diagonal: from barrel to
@@ -37,15 +45,23 @@ pub(super) fn min_plane_misfit_px(view: &BoardView, size: ImageSize) -> f64 {
         let place = |p: &BoardPoint| {
             let off = p.pixel - centre;
             let stretched = off / (1.0 + distortion * off.norm_squared() / centre.norm_squared());
-            BoardPoint { pixel: centre + stretched, ..*p }
+            BoardPoint {
+                pixel: centre + stretched,
+                ..*p
+            }
         };
         view.iter().map(place).collect()
     };
-    TRIAL_DISTORTIONS.iter().map(|d| homography_misfit_px(&flattened(*d), &centre)).fold(f64::INFINITY, f64::min)
+    TRIAL_DISTORTIONS
+        .iter()
+        .map(|d| homography_misfit_px(&flattened(*d), &centre))
+        .fold(f64::INFINITY, f64::min)
 }
 
 fn homography_misfit_px(view: &BoardView, centre: &Vector2<f64>) -> f64 {
-    let Some(h) = fit_homography(view, centre) else { return f64::INFINITY };
+    let Some(h) = fit_homography(view, centre) else {
+        return f64::INFINITY;
+    };
     let squared = |p: &BoardPoint| {
         let q = h * Vector3::new(p.board_m.x, p.board_m.y, 1.0);
         (q.xy() / q.z + centre - p.pixel).norm_squared()
@@ -57,7 +73,12 @@ fn homography_misfit_px(view: &BoardView, centre: &Vector2<f64>) -> f64 {
 fn fit_homography(view: &[BoardPoint], centre: &Vector2<f64>) -> Option<Matrix3<f64>> {
     let n = view.len() as f64;
     let mean = view.iter().map(|p| p.board_m).sum::<Vector2<f64>>() / n;
-    let radius_m = (view.iter().map(|p| (p.board_m - mean).norm_squared()).sum::<f64>() / n).sqrt();
+    let radius_m = (view
+        .iter()
+        .map(|p| (p.board_m - mean).norm_squared())
+        .sum::<f64>()
+        / n)
+        .sqrt();
     let scale = 0.25 * (centre.x + centre.y);
     let mut rows = DMatrix::zeros(2 * view.len(), 9);
     for (k, p) in view.iter().enumerate() {
@@ -75,8 +96,17 @@ fn fit_homography(view: &[BoardPoint], centre: &Vector2<f64>) -> Option<Matrix3<
     let smallest = eigen.eigenvalues.imin();
     let h = eigen.eigenvectors.column(smallest);
     let h = Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], h[8]);
-    let board =
-        Matrix3::new(1.0 / radius_m, 0.0, -mean.x / radius_m, 0.0, 1.0 / radius_m, -mean.y / radius_m, 0.0, 0.0, 1.0);
+    let board = Matrix3::new(
+        1.0 / radius_m,
+        0.0,
+        -mean.x / radius_m,
+        0.0,
+        1.0 / radius_m,
+        -mean.y / radius_m,
+        0.0,
+        0.0,
+        1.0,
+    );
     let pixel = Matrix3::new(scale, 0.0, 0.0, 0.0, scale, 0.0, 0.0, 0.0, 1.0);
     let h = pixel * h * board;
     h.iter().all(|v| v.is_finite()).then_some(h)
@@ -84,9 +114,12 @@ fn fit_homography(view: &[BoardPoint], centre: &Vector2<f64>) -> Option<Matrix3<
 
 /// Returns the map from pixels to tag coordinates in tag sides, the tag's first corner at 0; without distortion.
 #[cfg(feature = "aprilgrid")]
-pub(super) fn tag_from_pixel(tag: &[Vector2<f64>; 4]) -> Option<impl Fn(&Vector2<f64>) -> Vector2<f64>> {
+pub(super) fn tag_from_pixel(
+    tag: &[Vector2<f64>; 4],
+) -> Option<impl Fn(&Vector2<f64>) -> Vector2<f64>> {
     let unit = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
-    let point = |(p, (x, y)): (&Vector2<f64>, (f64, f64))| BoardPoint::new(Vector2::new(x, y), *p, 1.0);
+    let point =
+        |(p, (x, y)): (&Vector2<f64>, (f64, f64))| BoardPoint::new(Vector2::new(x, y), *p, 1.0);
     let view: BoardView = tag.iter().zip(unit).map(point).collect();
     let middle = tag.iter().sum::<Vector2<f64>>() / 4.0;
     let back = fit_homography(&view, &middle)?.try_inverse()?;
@@ -105,7 +138,10 @@ fn estimate_camera_constant(homographies: &[Matrix3<f64>]) -> Option<f64> {
         let (a, b) = (h.column(0), h.column(1));
         let conditions = [
             (a[0] * b[0] + a[1] * b[1], a[2] * b[2]),
-            (a[0] * a[0] + a[1] * a[1] - b[0] * b[0] - b[1] * b[1], a[2] * a[2] - b[2] * b[2]),
+            (
+                a[0] * a[0] + a[1] * a[1] - b[0] * b[0] - b[1] * b[1],
+                a[2] * a[2] - b[2] * b[2],
+            ),
         ];
         for (image, depth) in conditions {
             top += image * image;

@@ -54,7 +54,10 @@ const MIN_SPREAD_DEG: f64 = 10.0;
 
 /// Returns the verdict with its reasons, the most serious first; `board` is the difference of the board from its
 /// description.
-pub fn judge_calibration(calibration: &Calibration, board: Option<String>) -> (Verdict, Vec<String>) {
+pub fn judge_calibration(
+    calibration: &Calibration,
+    board: Option<String>,
+) -> (Verdict, Vec<String>) {
     let found = collect_findings(calibration, board);
     let verdict = found.first().map_or(Verdict::Good, |f| f.0);
     (verdict, found.into_iter().map(|f| f.1).collect())
@@ -62,7 +65,10 @@ pub fn judge_calibration(calibration: &Calibration, board: Option<String>) -> (V
 
 /// Counts the reasons of [`judge_calibration`] that refuse the calibration.
 pub fn count_refusals(calibration: &Calibration, board: Option<String>) -> usize {
-    collect_findings(calibration, board).iter().filter(|f| f.0 == Verdict::Refused).count()
+    collect_findings(calibration, board)
+        .iter()
+        .filter(|f| f.0 == Verdict::Refused)
+        .count()
 }
 
 /// Collects the findings, the most serious first.
@@ -90,8 +96,13 @@ fn distortion_fold_finding(c: &Calibration) -> Option<(Verdict, String)> {
     }
     let (lens, corner, shown_px) = (&c.lens, c.farthest_corner_px(), c.covered_radius_px);
     let middle = Vector2::new(lens.cx, lens.cy);
-    let folds = |k: &i32| lens.ray(&(middle + corner * (f64::from(*k) / 100.0))).is_err();
-    let fold_px = (1..=100).find(folds).map_or(corner.norm(), |k| corner.norm() * f64::from(k) / 100.0);
+    let folds = |k: &i32| {
+        lens.ray(&(middle + corner * (f64::from(*k) / 100.0)))
+            .is_err()
+    };
+    let fold_px = (1..=100)
+        .find(folds)
+        .map_or(corner.norm(), |k| corner.norm() * f64::from(k) / 100.0);
     let why = if !c.covers_corner() {
         "the distortion is unconstrained there. Show the board in every corner of the image, or use \
          --select to drop insignificant terms"
@@ -114,7 +125,14 @@ fn large_residual_finding(c: &Calibration) -> Option<(Verdict, String)> {
         (_, pattern) if pattern > GOOD_PX => Verdict::Poor,
         _ => return None,
     };
-    Some((verdict, format!("the residuals are {:.2} px rms: {}", c.rms_px, residual_cause(c))))
+    Some((
+        verdict,
+        format!(
+            "the residuals are {:.2} px rms: {}",
+            c.rms_px,
+            residual_cause(c)
+        ),
+    ))
 }
 
 /// Describes the dependence of the residuals: on the position in the image, on the board, both (the stronger first), or
@@ -142,15 +160,25 @@ fn residual_cause(c: &Calibration) -> String {
 }
 
 fn distortion_model_name(c: &Calibration) -> &'static str {
-    if c.lens.denominator == [0.0; 3] { "Brown's model" } else { "the rational model" }
+    if c.lens.denominator == [0.0; 3] {
+        "Brown's model"
+    } else {
+        "the rational model"
+    }
 }
 
 /// Compares two halves of the images: if they differ by more than expected, the standard deviations are too small.
 fn halves_finding(c: &Calibration) -> Option<(Verdict, String)> {
-    let h = c.halves.filter(|h| h.difference_px > MAX_HALVES_RATIO * h.predicted_px)?;
+    let h = c
+        .halves
+        .filter(|h| h.difference_px > MAX_HALVES_RATIO * h.predicted_px)?;
     let times = h.difference_px / h.predicted_px;
     let why = if c.pattern.image_px.max(c.pattern.board_px) > PATTERN_FRACTION * c.rms_px {
-        format!("the residuals ({:.2} px rms) are not random: {}", c.rms_px, residual_cause(c))
+        format!(
+            "the residuals ({:.2} px rms) are not random: {}",
+            c.rms_px,
+            residual_cause(c)
+        )
     } else {
         "zoom, focus or the board's shape changed between the images; tape the rings and use a stiff board".to_owned()
     };
@@ -176,22 +204,35 @@ fn stretch_finding(c: &Calibration) -> Option<(Verdict, String)> {
              scale_sigma allows: measure it in both directions over many squares, and correct its \
              description"
         ),
-        None if s.value.abs() > MAX_STRETCH_SIGMAS * s.sigma && s.projection_change_px > GOOD_PX => format!(
-            "the images fit better to a board that is longer across its rows than along them by \
+        None if s.value.abs() > MAX_STRETCH_SIGMAS * s.sigma
+            && s.projection_change_px > GOOD_PX =>
+        {
+            format!(
+                "the images fit better to a board that is longer across its rows than along them by \
              {percent:+.2} % ({:.1} standard deviations); it changes the projection by {:.2} px. Measure \
              the board in both directions over many squares; if it is printed to a tolerance only, give \
              scale_sigma in its description",
-            s.value.abs() / s.sigma,
-            s.projection_change_px
-        ),
+                s.value.abs() / s.sigma,
+                s.projection_change_px
+            )
+        }
         _ => return None,
     };
     Some((Verdict::Poor, text))
 }
 
 fn rejected_images_finding(c: &Calibration) -> Option<(Verdict, String)> {
-    let other = c.rejections.iter().flatten().filter(|d| !matches!(d, ImageRejection::TooFewPoints { .. })).count();
-    let seen = c.rejections.iter().filter(|d| !matches!(d, Some(ImageRejection::TooFewPoints { .. }))).count();
+    let other = c
+        .rejections
+        .iter()
+        .flatten()
+        .filter(|d| !matches!(d, ImageRejection::TooFewPoints { .. }))
+        .count();
+    let seen = c
+        .rejections
+        .iter()
+        .filter(|d| !matches!(d, Some(ImageRejection::TooFewPoints { .. })))
+        .count();
     (3 * other >= seen && other > 0).then(|| {
         let text = format!(
             "{other} of {seen} images of the board do not fit the others: was zoom or focus changed? Tape \
@@ -204,20 +245,40 @@ fn rejected_images_finding(c: &Calibration) -> Option<(Verdict, String)> {
 /// Reports parts of the image without a board: there the distortion is extrapolated, and its standard deviation assumes
 /// that the lens follows the model exactly.
 fn coverage_finding(c: &Calibration) -> Option<(Verdict, String)> {
-    let empty: Vec<&str> =
-        (0..9).filter(|k| c.coverage[k / 3][k % 3] == 0).map(|k| image_region_name(k % 3, k / 3)).collect();
+    let empty: Vec<&str> = (0..9)
+        .filter(|k| c.coverage[k / 3][k % 3] == 0)
+        .map(|k| image_region_name(k % 3, k / 3))
+        .collect();
     (!empty.is_empty()).then(|| {
-        let text = format!("the board was not shown in these parts of the image: {}; show it there", empty.join(", "));
+        let text = format!(
+            "the board was not shown in these parts of the image: {}; show it there",
+            empty.join(", ")
+        );
         (Verdict::Poor, text)
     })
 }
 
 /// Reports the projection uncertainty, with a remedy.
 fn uncertainty_finding(c: &Calibration) -> Option<(Verdict, String)> {
-    let grade = |p: &&ProjectionUncertainty| p.sigma_px > GOOD_PX || p.worst_sigma_px > 2.0 * GOOD_PX;
-    let worst = c.projections.iter().flatten().filter(grade).max_by(|a, b| a.sigma_px.total_cmp(&b.sigma_px))?;
-    let verdict = if worst.sigma_px > REFUSED_PX { Verdict::Refused } else { Verdict::Poor };
-    let tilted = c.tilt_deg.iter().flatten().filter(|t| **t > MIN_TILT_DEG).count();
+    let grade =
+        |p: &&ProjectionUncertainty| p.sigma_px > GOOD_PX || p.worst_sigma_px > 2.0 * GOOD_PX;
+    let worst = c
+        .projections
+        .iter()
+        .flatten()
+        .filter(grade)
+        .max_by(|a, b| a.sigma_px.total_cmp(&b.sigma_px))?;
+    let verdict = if worst.sigma_px > REFUSED_PX {
+        Verdict::Refused
+    } else {
+        Verdict::Poor
+    };
+    let tilted = c
+        .tilt_deg
+        .iter()
+        .flatten()
+        .filter(|t| **t > MIN_TILT_DEG)
+        .count();
     let remedy = if tilted < 3 {
         format!(
             "only {tilted} images show the board tilted by more than {MIN_TILT_DEG} degrees; tilt it by 20 \

@@ -74,7 +74,13 @@ const MAX_REJECTED: usize = 200;
 
 /// Finds the markers of a frame without predictions. The result does not depend on the number of threads.
 pub fn detect(image: &Raster) -> Detections {
-    finish_detections(image, search_frame(image, GuidedDetector::new(image).search_options_for(Scope::Frame)))
+    finish_detections(
+        image,
+        search_frame(
+            image,
+            GuidedDetector::new(image).search_options_for(Scope::Frame),
+        ),
+    )
 }
 
 /// Finds the predicted markers, searching only around them. A marker that is found has the result of [`detect`]; others are
@@ -93,13 +99,21 @@ pub struct GuidedDetector {
 impl GuidedDetector {
     /// Creates a guided detector and estimates the frame's noise.
     pub fn new(image: &Raster) -> Self {
-        Self { noise: noise::estimate_noise(image), sharpening: Sharpening::Undetermined }
+        Self {
+            noise: noise::estimate_noise(image),
+            sharpening: Sharpening::Undetermined,
+        }
     }
 
     /// Creates a guided detector for a frame with detections, whose noise and sharpening it takes.
     pub fn from_detections(found: &Detections) -> Self {
-        let sharpening = found.overshoot.map_or(Sharpening::Absent, Sharpening::Sharpened);
-        Self { noise: found.noise, sharpening }
+        let sharpening = found
+            .overshoot
+            .map_or(Sharpening::Absent, Sharpening::Sharpened);
+        Self {
+            noise: found.noise,
+            sharpening,
+        }
     }
 
     /// Finds the predicted markers, as [`detect_guided`] does.
@@ -110,16 +124,32 @@ impl GuidedDetector {
     }
 
     /// Finds the predicted markers that need no second pass, to some 0.1 px.
-    pub fn detect_coarse(&mut self, image: &Raster, predictions: &[MarkerPrediction]) -> Vec<Detection> {
-        let options = SearchOptions { rough: true, ..self.search_options_for(Scope::Around(predictions)) };
-        let SearchResult { mut found, sharpening, .. } = search_frame(image, options);
+    pub fn detect_coarse(
+        &mut self,
+        image: &Raster,
+        predictions: &[MarkerPrediction],
+    ) -> Vec<Detection> {
+        let options = SearchOptions {
+            rough: true,
+            ..self.search_options_for(Scope::Around(predictions))
+        };
+        let SearchResult {
+            mut found,
+            sharpening,
+            ..
+        } = search_frame(image, options);
         self.sharpening = sharpening;
         scope::keep_predicted(&mut found, predictions);
         found.measured.into_iter().map(|m| m.detection).collect()
     }
 
     fn search_options_for<'p>(&self, scope: Scope<'p>) -> SearchOptions<'p> {
-        SearchOptions { scope, noise: self.noise, sharpening: self.sharpening, rough: false }
+        SearchOptions {
+            scope,
+            noise: self.noise,
+            sharpening: self.sharpening,
+            rough: false,
+        }
     }
 }
 
@@ -128,7 +158,11 @@ impl GuidedDetector {
 fn search_frame(image: &Raster, options: SearchOptions) -> SearchResult {
     let smooth = |scope: Scope, from: f64| {
         let tiles = || scope.tiles(image.width(), image.height());
-        if options.noise > from { noise::smooth_image(image, &tiles()) } else { None }
+        if options.noise > from {
+            noise::smooth_image(image, &tiles())
+        } else {
+            None
+        }
     };
     let smoothed = smooth(options.scope, noise::FRAYING_NOISE);
     let seen = smoothed.as_ref().unwrap_or(image);
@@ -136,18 +170,37 @@ fn search_frame(image: &Raster, options: SearchOptions) -> SearchResult {
     progress.search(seen, false);
     let missing = options.scope.missing(&progress.found.measured);
     let is_done = options.rough || missing.as_ref().is_some_and(Vec::is_empty);
-    if !is_done && is_faint(&progress.found, windows::block_size(image.width(), image.height())) {
+    if !is_done
+        && is_faint(
+            &progress.found,
+            windows::block_size(image.width(), image.height()),
+        )
+    {
         let scope = missing.as_deref().map_or(options.scope, Scope::Around);
-        let faint = if smoothed.is_none() { smooth(scope, noise::FRAYING_NOISE_FAINT) } else { None };
+        let faint = if smoothed.is_none() {
+            smooth(scope, noise::FRAYING_NOISE_FAINT)
+        } else {
+            None
+        };
         let seen = faint.as_ref().unwrap_or(seen);
         if missing.is_some() {
             progress = progress.with_scope(seen, scope);
         }
         progress.search(seen, true);
     }
-    let SearchProgress { mut found, options: SearchOptions { noise, sharpening, .. }, .. } = progress;
+    let SearchProgress {
+        mut found,
+        options: SearchOptions {
+            noise, sharpening, ..
+        },
+        ..
+    } = progress;
     inflate_length_outliers(&mut found);
-    SearchResult { found, noise, sharpening }
+    SearchResult {
+        found,
+        noise,
+        sharpening,
+    }
 }
 
 /// Result of a search, with the frame's noise, grey levels, and its sharpening.
@@ -158,9 +211,20 @@ struct SearchResult {
 }
 
 /// Inflates covariances for correlated noise, dirt, misfit and lost contrast, and sorts markers and rejected ones.
-fn finish_detections(image: &Raster, SearchResult { mut found, noise, sharpening }: SearchResult) -> Detections {
+fn finish_detections(
+    image: &Raster,
+    SearchResult {
+        mut found,
+        noise,
+        sharpening,
+    }: SearchResult,
+) -> Detections {
     let inflation = correlated::correlation_factor(&found.measured);
-    let ellipses: Vec<ellipse::Ellipse> = found.measured.iter().map(|m| m.detection.ellipse()).collect();
+    let ellipses: Vec<ellipse::Ellipse> = found
+        .measured
+        .iter()
+        .map(|m| m.detection.ellipse())
+        .collect();
     for measured in &mut found.measured {
         correlated::raise_for_correlation(measured, inflation);
         dirt::inflate_for_dirt(image, measured, &ellipses);
@@ -170,12 +234,22 @@ fn finish_detections(image: &Raster, SearchResult { mut found, noise, sharpening
     // The largest are kept, because markers are larger than dirt.
     sort_by_value(&mut found.rejected, |one| -one.semi_major_px);
     found.rejected.truncate(MAX_REJECTED);
-    found.rejected.sort_by(|a, b| compare_positions(&a.centre_px, &b.centre_px));
+    found
+        .rejected
+        .sort_by(|a, b| compare_positions(&a.centre_px, &b.centre_px));
     let psf_sigma_px = median(found.measured.iter().map(|m| m.blur).collect());
     let mut markers: Vec<Detection> = found.measured.into_iter().map(|m| m.detection).collect();
     markers.sort_by(|a, b| compare_positions(&a.centre_px, &b.centre_px));
     let overshoot = sharpening.overshoot();
-    Detections { markers, rejected: found.rejected, psf_sigma_px, noise, inflation, lost_contrast_px, overshoot }
+    Detections {
+        markers,
+        rejected: found.rejected,
+        psf_sigma_px,
+        noise,
+        inflation,
+        lost_contrast_px,
+        overshoot,
+    }
 }
 
 /// Returns the tiles of a frame of `width` x `height` px that [`detect_guided`] reads; others need not be decoded.
@@ -186,5 +260,9 @@ pub fn tiles_read(predictions: &[MarkerPrediction], width: usize, height: usize)
 /// Returns whether all predicted markers that the earlier frame showed were found; false without such markers.
 pub fn is_complete(found: &Detections, predictions: &[MarkerPrediction]) -> bool {
     let there = scope::match_predictions(&found.markers.iter().collect::<Vec<_>>(), predictions).1;
-    predictions.iter().any(|p| p.seen) && predictions.iter().zip(there).all(|(p, there)| there || !p.seen)
+    predictions.iter().any(|p| p.seen)
+        && predictions
+            .iter()
+            .zip(there)
+            .all(|(p, there)| there || !p.seen)
 }

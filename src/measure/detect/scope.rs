@@ -43,10 +43,14 @@ impl MarkerPrediction {
 
     /// Returns whether a detection can be the predicted marker.
     fn matches_detection(&self, found: &Detection) -> bool {
-        let within = |a: f64, b: f64, px: f64| a < b * MAX_AXIS_RATIO + px && b < a * MAX_AXIS_RATIO + px;
+        let within =
+            |a: f64, b: f64, px: f64| a < b * MAX_AXIS_RATIO + px && b < a * MAX_AXIS_RATIO + px;
         found.shape == self.shape
-            && (found.centre_px - self.centre_px)
-                .zip_fold(&self.search_range(), true, |all, off, reach| all && off.abs() <= reach)
+            && (found.centre_px - self.centre_px).zip_fold(
+                &self.search_range(),
+                true,
+                |all, off, reach| all && off.abs() <= reach,
+            )
             && within(found.semi_major_px, self.semi_major_px, AXIS_MARGIN_PX)
             && within(found.semi_minor_px, self.semi_minor_px, AXIS_MARGIN_PX)
     }
@@ -58,11 +62,16 @@ impl MarkerPrediction {
     /// Returns whether a hypothesis can be the marker, or its visible part.
     fn is_near(&self, hypothesis: &Hypothesis) -> bool {
         let seen = &hypothesis.ellipse;
-        let shape = if hypothesis.pattern == MarkerPattern::Disc { Shape::Circle } else { Shape::Quadrant };
+        let shape = if hypothesis.pattern == MarkerPattern::Disc {
+            Shape::Circle
+        } else {
+            Shape::Quadrant
+        };
         let near = |ellipse: Ellipse| {
             let (s, t) = ellipse.local_position(self.shifted_to_prediction(seen.centre));
             let part = |a: f64, b: f64| {
-                a > MIN_VISIBLE_FRACTION * b - AXIS_MARGIN_PX && a < MAX_RAW_AXIS_RATIO * b + AXIS_MARGIN_PX
+                a > MIN_VISIBLE_FRACTION * b - AXIS_MARGIN_PX
+                    && a < MAX_RAW_AXIS_RATIO * b + AXIS_MARGIN_PX
             };
             is_in_unit_circle(s / ellipse.major, t / ellipse.minor)
                 && part(seen.major, ellipse.major)
@@ -96,28 +105,39 @@ impl Scope<'_> {
             let extent = ellipse.half_extent() * MAX_ENLARGEMENT;
             let half = (extent + p.search_range()).add_scalar(SKIN_MARGIN_PX);
             let (low, high) = (ellipse.centre - half, ellipse.centre + half);
-            Some(SearchWindow { low: low.into(), high: high.into(), thick: 2.0 * extent.min() })
+            Some(SearchWindow {
+                low: low.into(),
+                high: high.into(),
+                thick: 2.0 * extent.min(),
+            })
         };
         Some(self.predictions()?.iter().filter_map(window).collect())
     }
 
     /// Returns the part of a frame of `width` x `height` px in which markers may lie.
     pub fn search_area(&self, width: usize, height: usize) -> SearchArea {
-        self.windows()
-            .map_or_else(|| SearchArea::full_frame(width, height), |w| SearchArea::from_windows(&w, width, height))
+        self.windows().map_or_else(
+            || SearchArea::full_frame(width, height),
+            |w| SearchArea::from_windows(&w, width, height),
+        )
     }
 
     /// Returns the largest length of a blob to segment, px.
     pub fn longest_px(&self) -> f64 {
-        let Some(predictions) = self.predictions() else { return f64::INFINITY };
-        let long = |p: &MarkerPrediction| 2.0 * (MAX_RAW_AXIS_RATIO * p.semi_major_px + AXIS_MARGIN_PX);
+        let Some(predictions) = self.predictions() else {
+            return f64::INFINITY;
+        };
+        let long =
+            |p: &MarkerPrediction| 2.0 * (MAX_RAW_AXIS_RATIO * p.semi_major_px + AXIS_MARGIN_PX);
         predictions.iter().map(long).fold(0.0, f64::max)
     }
 
     /// Returns the tiles of a frame of `width` x `height` px that a search uses: those around the markers.
     pub fn tiles(&self, width: usize, height: usize) -> Tiles {
         let all = || Tiles::all(width, height);
-        self.windows().map_or_else(all, |targets| windows::required_tiles(&targets, width, height, READ_MARGIN_PX))
+        self.windows().map_or_else(all, |targets| {
+            windows::required_tiles(&targets, width, height, READ_MARGIN_PX)
+        })
     }
 
     /// Returns the tiles that are read, including the rows sampled for the noise.
@@ -129,13 +149,16 @@ impl Scope<'_> {
 
     /// Returns whether a hypothesis can be a marker that is searched for, or its visible part.
     pub fn includes(&self, hypothesis: &Hypothesis) -> bool {
-        self.predictions().is_none_or(|targets| targets.iter().any(|p| p.is_near(hypothesis)))
+        self.predictions()
+            .is_none_or(|targets| targets.iter().any(|p| p.is_near(hypothesis)))
     }
 
     /// Returns whether a hypothesis is none of the markers that are searched for, because all that are near have been found
     /// whole next to it.
     pub fn is_explained(&self, hypothesis: &Hypothesis, found: &[MeasuredMarker]) -> bool {
-        let Some(predictions) = self.predictions() else { return false };
+        let Some(predictions) = self.predictions() else {
+            return false;
+        };
         let seen = &hypothesis.ellipse;
         let beside = |m: &&MeasuredMarker| {
             let own = m.detection.ellipse();
@@ -143,18 +166,30 @@ impl Scope<'_> {
         };
         let found: Vec<&Detection> = found.iter().filter(beside).map(|m| &m.detection).collect();
         let there = match_predictions(&found, predictions).1;
-        predictions.iter().zip(there).all(|(p, there)| there || !p.is_near(hypothesis))
+        predictions
+            .iter()
+            .zip(there)
+            .all(|(p, there)| there || !p.is_near(hypothesis))
     }
 
     /// Returns the predicted markers that have not been found; `None` for the full frame.
     pub fn missing(&self, found: &[MeasuredMarker]) -> Option<Vec<MarkerPrediction>> {
-        Some(missing_predictions(found, self.predictions()?).cloned().collect())
+        Some(
+            missing_predictions(found, self.predictions()?)
+                .cloned()
+                .collect(),
+        )
     }
 
     /// Returns the predicted quadrants that have not been found; `None` for the full frame.
     pub fn missing_quadrants(&self, found: &[MeasuredMarker]) -> Option<Vec<MarkerPrediction>> {
         let quadrants = |p: &&MarkerPrediction| p.shape == Shape::Quadrant;
-        Some(missing_predictions(found, self.predictions()?).filter(quadrants).cloned().collect())
+        Some(
+            missing_predictions(found, self.predictions()?)
+                .filter(quadrants)
+                .cloned()
+                .collect(),
+        )
     }
 }
 
@@ -170,25 +205,43 @@ fn missing_predictions<'a>(
 ) -> impl Iterator<Item = &'a MarkerPrediction> + use<'a> {
     let found: Vec<&Detection> = found.iter().map(|m| &m.detection).collect();
     let there = match_predictions(&found, predictions).1;
-    predictions.iter().zip(there).filter(|(_, there)| !there).map(|(p, _)| p)
+    predictions
+        .iter()
+        .zip(there)
+        .filter(|(_, there)| !there)
+        .map(|(p, _)| p)
 }
 
 /// Returns whether an outline can be a part of one of the predicted markers.
 pub fn may_show_part_of(seen: &Ellipse, predictions: &[MarkerPrediction]) -> bool {
-    predictions.iter().filter_map(|p| Some((p.ellipse()?, p.shifted_to_prediction(seen.centre)))).any(
-        |(ellipse, at)| {
+    predictions
+        .iter()
+        .filter_map(|p| Some((p.ellipse()?, p.shifted_to_prediction(seen.centre))))
+        .any(|(ellipse, at)| {
             let (s, t) = ellipse.local_position(at);
-            is_in_unit_circle(s / (MAX_RAW_AXIS_RATIO * ellipse.major), t / (MAX_RAW_AXIS_RATIO * ellipse.minor))
-        },
-    )
+            is_in_unit_circle(
+                s / (MAX_RAW_AXIS_RATIO * ellipse.major),
+                t / (MAX_RAW_AXIS_RATIO * ellipse.minor),
+            )
+        })
 }
 
 /// Matches detections and predictions: nearest compatible pairs first, none twice. Returns for each detection whether it is
 /// a predicted marker, and for each prediction whether it was found.
-pub fn match_predictions(found: &[&Detection], predictions: &[MarkerPrediction]) -> (Vec<bool>, Vec<bool>) {
+pub fn match_predictions(
+    found: &[&Detection],
+    predictions: &[MarkerPrediction],
+) -> (Vec<bool>, Vec<bool>) {
     let mut pairs = Vec::new();
-    for (i, prediction) in predictions.iter().enumerate().filter(|(_, p)| p.ellipse().is_some()) {
-        let similar = found.iter().enumerate().filter(|(_, d)| prediction.matches_detection(d));
+    for (i, prediction) in predictions
+        .iter()
+        .enumerate()
+        .filter(|(_, p)| p.ellipse().is_some())
+    {
+        let similar = found
+            .iter()
+            .enumerate()
+            .filter(|(_, d)| prediction.matches_detection(d));
         pairs.extend(similar.map(|(j, d)| (prediction.distance(&d.centre_px), i, j)));
     }
     sort_by_value(&mut pairs, |one| one.0);
@@ -254,14 +307,23 @@ mod tests {
 
     #[test]
     fn hypotheses_next_to_found_markers_are_not_measured() {
-        let sure = |x: f64| Detection { covariance_px2: (Matrix2::identity() * 1e-3).into(), ..detection(x, 20.0) };
+        let sure = |x: f64| Detection {
+            covariance_px2: (Matrix2::identity() * 1e-3).into(),
+            ..detection(x, 20.0)
+        };
         let found = |x: f64| MeasuredMarker::whole(sure(x));
         let seen = |x: f64| {
-            let ellipse = Ellipse { centre: Vector2::new(x, 52.0), major: 8.0, minor: 3.0, angle: 0.0 };
+            let ellipse = Ellipse {
+                centre: Vector2::new(x, 52.0),
+                major: 8.0,
+                minor: 3.0,
+                angle: 0.0,
+            };
             Hypothesis::new(MarkerPattern::Disc, ellipse, Vec::new())
         };
         let two = [prediction(100.0), prediction(150.0)];
-        let is_beside = |at: f64, found: &[MeasuredMarker]| Scope::Around(&two).is_explained(&seen(at), found);
+        let is_beside =
+            |at: f64, found: &[MeasuredMarker]| Scope::Around(&two).is_explained(&seen(at), found);
         assert!(is_beside(125.0, &[found(100.0), found(150.0)]));
         // The hypothesis may be the other marker; the first may be only a part of it; or the other is imprecise.
         assert!(!is_beside(125.0, &[found(100.0)]));
@@ -272,11 +334,21 @@ mod tests {
 
     #[test]
     fn only_missing_markers_are_searched_for() {
-        let quadrants = MarkerPrediction { shape: Shape::Quadrant, ..prediction(1000.0) };
+        let quadrants = MarkerPrediction {
+            shape: Shape::Quadrant,
+            ..prediction(1000.0)
+        };
         let targets = [prediction(100.0), quadrants.clone()];
-        let missing = Scope::Around(&targets).missing_quadrants(&[]).expect("predictions");
+        let missing = Scope::Around(&targets)
+            .missing_quadrants(&[])
+            .expect("predictions");
         assert_eq!(missing, [quadrants]);
-        let part = |x: f64| Ellipse { centre: Vector2::new(x, 52.0), major: 8.0, minor: 2.0, angle: 0.0 };
+        let part = |x: f64| Ellipse {
+            centre: Vector2::new(x, 52.0),
+            major: 8.0,
+            minor: 2.0,
+            angle: 0.0,
+        };
         let seen = [1060.0, 1110.0, 100.0].map(|x| may_show_part_of(&part(x), &missing));
         assert_eq!(seen, [true, false, false]);
     }
@@ -285,14 +357,22 @@ mod tests {
     fn only_tiles_around_the_predictions_are_read() {
         let tiles = |targets: &[MarkerPrediction]| Scope::Around(targets).tiles_read(4000, 3000);
         let about = tiles(&[prediction(1000.0)]);
-        let read = (0..375).map(|row| about.row(row).iter().filter(|m| **m).count()).sum::<usize>();
+        let read = (0..375)
+            .map(|row| about.row(row).iter().filter(|m| **m).count())
+            .sum::<usize>();
         let none = tiles(&[]);
         let rows = (0..375).filter(|row| none.row(*row)[0]).count();
         assert!(about.row(6)[115..135].iter().all(|m| *m) && !about.row(6)[250]);
         assert!(read < rows * 500 + 375 * 500 / 20, "{read} tiles are read");
         // Predictions outside the frame or without numbers need no tiles.
-        let absent = MarkerPrediction { centre_px: Vector2::new(-1e12, f64::NAN), ..prediction(0.0) };
-        let outside = MarkerPrediction { centre_px: Vector2::new(9e9, 9e9), ..prediction(0.0) };
+        let absent = MarkerPrediction {
+            centre_px: Vector2::new(-1e12, f64::NAN),
+            ..prediction(0.0)
+        };
+        let outside = MarkerPrediction {
+            centre_px: Vector2::new(9e9, 9e9),
+            ..prediction(0.0)
+        };
         assert!(tiles(&[absent, outside]) == none && rows == noise::sampled_rows(3000).count());
     }
 }

@@ -2,14 +2,18 @@
 
 use crate::detect::accept::{consistency, found::FoundMarkers, verdict::MeasuredMarker};
 use crate::detect::attempt::strategies::{AttemptOutcome, Measurer};
-use crate::detect::attempt::{measure::Bounds, sharpening, sharpening_candidates::SharpeningCandidates};
+use crate::detect::attempt::{
+    measure::Bounds, sharpening, sharpening_candidates::SharpeningCandidates,
+};
 use crate::detect::detection::{RejectReason, Rejected};
 use crate::detect::estimate::overshoot::Sharpening;
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::propose::gather::{self, BlobCollector};
 use crate::detect::propose::{blurred_quadrants, moments};
-use crate::detect::revise::neighbours::{find_against_one_level, is_unsure, revise_with_edge_prior, revise_with_size};
+use crate::detect::revise::neighbours::{
+    find_against_one_level, is_unsure, revise_with_edge_prior, revise_with_size,
+};
 use crate::detect::revise::under_decal::revise_under_decals;
 use crate::detect::scope::{self, Scope};
 use crate::detect::segment::blob::Blob;
@@ -34,10 +38,21 @@ pub fn is_faint(found: &FoundMarkers, factor: usize) -> bool {
     // A marker thinner than a block covers only a part of it.
     let covered = |m: &MeasuredMarker| (2.0 * m.detection.semi_minor_px / factor as f64).min(1.0);
     let is_weak = |m: &&&MeasuredMarker| !m.through_glare && covered(m) * m.darkness < MIN_DARKNESS;
-    let median_size = median(found.measured.iter().map(|m| m.detection.semi_major_px).collect()).unwrap_or(0.0);
-    let large: Vec<&MeasuredMarker> =
-        found.measured.iter().filter(|m| m.detection.semi_major_px > MIN_RELATIVE_SIZE * median_size).collect();
-    large.len() < MIN_FOR_ORIENTATION || large.iter().filter(is_weak).count() * FAINT_ONE_IN > large.len()
+    let median_size = median(
+        found
+            .measured
+            .iter()
+            .map(|m| m.detection.semi_major_px)
+            .collect(),
+    )
+    .unwrap_or(0.0);
+    let large: Vec<&MeasuredMarker> = found
+        .measured
+        .iter()
+        .filter(|m| m.detection.semi_major_px > MIN_RELATIVE_SIZE * median_size)
+        .collect();
+    large.len() < MIN_FOR_ORIENTATION
+        || large.iter().filter(is_weak).count() * FAINT_ONE_IN > large.len()
 }
 
 /// Order in which hypotheses are measured.
@@ -67,16 +82,38 @@ struct MarkerSearch<'a> {
 
 impl MarkerSearch<'_> {
     fn stage_hypotheses(&mut self, stage: SearchStage) -> Vec<Hypothesis> {
-        let Self { scope, seen, blobs, pairs, measurer, taken, found, .. } = self;
+        let Self {
+            scope,
+            seen,
+            blobs,
+            pairs,
+            measurer,
+            taken,
+            found,
+            ..
+        } = self;
         match stage {
-            SearchStage::Quadrants => gather::quadrant_hypotheses(seen, measurer.bounds.noise, blobs, pairs),
+            SearchStage::Quadrants => {
+                gather::quadrant_hypotheses(seen, measurer.bounds.noise, blobs, pairs)
+            }
             SearchStage::Narrow => {
                 let missing = scope.missing_quadrants(&found.measured);
-                let is_included =
-                    |seen: &Ellipse| missing.as_ref().is_none_or(|missing| scope::may_show_part_of(seen, missing));
+                let is_included = |seen: &Ellipse| {
+                    missing
+                        .as_ref()
+                        .is_none_or(|missing| scope::may_show_part_of(seen, missing))
+                };
                 let (image, noise) = (measurer.image, measurer.bounds.noise);
                 let is_disc = |i| measurer.is_sure_disc(i);
-                blurred_quadrants::find_narrow_quadrants(image, blobs, pairs, taken, noise, is_included, is_disc)
+                blurred_quadrants::find_narrow_quadrants(
+                    image,
+                    blobs,
+                    pairs,
+                    taken,
+                    noise,
+                    is_included,
+                    is_disc,
+                )
             }
             SearchStage::Discs => gather::disc_hypotheses(blobs),
         }
@@ -91,10 +128,18 @@ impl MarkerSearch<'_> {
 
     /// Measures a hypothesis and stores the marker or the reason for its rejection.
     fn measure(&mut self, hypothesis: &Hypothesis) {
-        let AttemptOutcome { measured, needs_size } = self.measurer.try_strategies(hypothesis);
-        let holds_discs =
-            |m: &MeasuredMarker| m.detection.shape == Shape::Quadrant && self.measurer.contain_discs(&m.detection);
-        let measured = if measured.as_ref().is_ok_and(holds_discs) { Err(RejectReason::Duplicate) } else { measured };
+        let AttemptOutcome {
+            measured,
+            needs_size,
+        } = self.measurer.try_strategies(hypothesis);
+        let holds_discs = |m: &MeasuredMarker| {
+            m.detection.shape == Shape::Quadrant && self.measurer.contain_discs(&m.detection)
+        };
+        let measured = if measured.as_ref().is_ok_and(holds_discs) {
+            Err(RejectReason::Duplicate)
+        } else {
+            measured
+        };
         let index = measured.is_ok().then_some(self.found.measured.len());
         self.hidden.extend(needs_size.map(|hidden| (index, hidden)));
         match measured {
@@ -103,8 +148,11 @@ impl MarkerSearch<'_> {
                 self.found.measured.push(measured);
             }
             Err(reason) => {
-                self.found.rejected.push(Rejected::from_ellipse(&hypothesis.ellipse, reason));
-                self.unsure.extend(is_unsure(reason, hypothesis).then(|| hypothesis.clone()));
+                self.found
+                    .rejected
+                    .push(Rejected::from_ellipse(&hypothesis.ellipse, reason));
+                self.unsure
+                    .extend(is_unsure(reason, hypothesis).then(|| hypothesis.clone()));
             }
         }
     }
@@ -135,13 +183,24 @@ impl<'a> SearchProgress<'a> {
     pub fn new(image: &'a Raster, seen: &Raster, options: SearchOptions<'a>) -> Self {
         let part = options.scope.search_area(seen.width(), seen.height());
         let gathered = BlobCollector::new(seen, part, options.scope.longest_px());
-        Self { image, gathered, options, found: FoundMarkers::default() }
+        Self {
+            image,
+            gathered,
+            options,
+            found: FoundMarkers::default(),
+        }
     }
 
     /// Returns the search with its results for another part of the segmented image.
     pub fn with_scope(self, seen: &Raster, scope: Scope<'a>) -> Self {
-        let options = SearchOptions { scope, ..self.options };
-        Self { found: self.found, ..Self::new(self.image, seen, options) }
+        let options = SearchOptions {
+            scope,
+            ..self.options
+        };
+        Self {
+            found: self.found,
+            ..Self::new(self.image, seen, options)
+        }
     }
 
     /// Runs all stages, at the default thresholds or also at lower ones. Only regions not covered by an earlier call are
@@ -155,7 +214,8 @@ impl<'a> SearchProgress<'a> {
         let (found, candidates) = self.run_stages(seen, first);
         self.found = found;
         if self.options.sharpening == Sharpening::Undetermined {
-            self.options.sharpening = sharpening::estimate_sharpening(candidates, self.image, self.options.noise);
+            self.options.sharpening =
+                sharpening::estimate_sharpening(candidates, self.image, self.options.noise);
             if let Sharpening::Sharpened(_) = self.options.sharpening {
                 // The search is repeated with the estimated sharpening.
                 self.found = self.run_stages(seen, Vec::new()).0;
@@ -169,11 +229,27 @@ impl<'a> SearchProgress<'a> {
 
     /// Runs the stages at the thresholds searched so far, in addition to previous measurements. Also returns the candidates
     /// for the estimation of sharpening.
-    fn run_stages(&self, seen: &Raster, before: Vec<MeasuredMarker>) -> (FoundMarkers, SharpeningCandidates) {
-        let SearchOptions { scope, noise, sharpening, rough } = self.options;
-        let bounds = Bounds { overshoot: sharpening.overshoot(), rough, ..Bounds::from_noise(noise) };
+    fn run_stages(
+        &self,
+        seen: &Raster,
+        before: Vec<MeasuredMarker>,
+    ) -> (FoundMarkers, SharpeningCandidates) {
+        let SearchOptions {
+            scope,
+            noise,
+            sharpening,
+            rough,
+        } = self.options;
+        let bounds = Bounds {
+            overshoot: sharpening.overshoot(),
+            rough,
+            ..Bounds::from_noise(noise)
+        };
         let blobs = self.gathered.blobs();
-        let found = FoundMarkers { measured: before, rejected: Vec::new() };
+        let found = FoundMarkers {
+            measured: before,
+            rejected: Vec::new(),
+        };
         let within = |blob: &Blob| found.contains(blob.centroid);
         let mut search = MarkerSearch {
             scope,
@@ -186,14 +262,24 @@ impl<'a> SearchProgress<'a> {
             hidden: Vec::new(),
             unsure: Vec::new(),
         };
-        for stage in [SearchStage::Quadrants, SearchStage::Narrow, SearchStage::Discs] {
+        for stage in [
+            SearchStage::Quadrants,
+            SearchStage::Narrow,
+            SearchStage::Discs,
+        ] {
             for hypothesis in &search.stage_hypotheses(stage) {
                 if !search.skips(hypothesis) {
                     search.measure(hypothesis);
                 }
             }
         }
-        let MarkerSearch { measurer, mut found, hidden, unsure, .. } = search;
+        let MarkerSearch {
+            measurer,
+            mut found,
+            hidden,
+            unsure,
+            ..
+        } = search;
         if !rough {
             let is_included = |hypothesis: &Hypothesis| scope.includes(hypothesis);
             revise_with_size(&measurer, &mut found, hidden);

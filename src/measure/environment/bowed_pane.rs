@@ -27,7 +27,10 @@ pub(super) fn trace_bowed_pane(
     ray: &Vector3<f64>,
 ) -> Option<(Vector3<f64>, Vector3<f64>)> {
     let inner = (normal * pane.distance_m, 1.0 / radius_m);
-    let outer = (normal * (pane.distance_m + pane.thickness_m), 1.0 / (radius_m + pane.thickness_m));
+    let outer = (
+        normal * (pane.distance_m + pane.thickness_m),
+        1.0 / (radius_m + pane.thickness_m),
+    );
     let (enters, facing) = intersect_face(&Vector3::zeros(), ray, normal, inner)?;
     let inside = refract_ray(ray, &facing, 1.0 / pane.index)?;
     let (leaves, facing) = intersect_face(&enters, &inside, normal, outer)?;

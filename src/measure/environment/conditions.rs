@@ -35,7 +35,10 @@ impl FlightConditions {
         };
         set(&mut window.cabin.pressure_hpa, self.cabin_pressure_hpa);
         set(&mut window.outside.pressure_hpa, self.outside_pressure_hpa);
-        set(&mut window.outside.temperature_c, self.outside_temperature_c);
+        set(
+            &mut window.outside.temperature_c,
+            self.outside_temperature_c,
+        );
     }
 
     /// Returns the relative standard deviation of the refraction from those of the measured air. A shift is proportional to
@@ -54,8 +57,14 @@ impl FlightConditions {
             excess(&other) - excess(&nominal)
         };
         let by_cabin = moved(|w, by| w.cabin.pressure_hpa += by, self.cabin_pressure_hpa);
-        let by_pressure = moved(|w, by| w.outside.pressure_hpa += by, self.outside_pressure_hpa);
-        let by_temperature = moved(|w, by| w.outside.temperature_c += by, self.outside_temperature_c);
+        let by_pressure = moved(
+            |w, by| w.outside.pressure_hpa += by,
+            self.outside_pressure_hpa,
+        );
+        let by_temperature = moved(
+            |w, by| w.outside.temperature_c += by,
+            self.outside_temperature_c,
+        );
         (by_cabin.hypot(by_pressure).hypot(by_temperature) / excess(&nominal)).abs()
     }
 }
@@ -67,7 +76,12 @@ mod tests {
 
     #[test]
     fn measured_air_replaces_the_constants_with_its_sigma() {
-        let air = |temperature_c, pressure_hpa| Air { temperature_c, pressure_hpa, humidity: 0.0, co2_ppm: 450.0 };
+        let air = |temperature_c, pressure_hpa| Air {
+            temperature_c,
+            pressure_hpa,
+            humidity: 0.0,
+            co2_ppm: 450.0,
+        };
         let window = Window {
             normal: None,
             cabin: air(22.0, 752.6),
@@ -75,15 +89,29 @@ mod tests {
             wavelength_nm: 550.0,
             pane: None,
         };
-        let known = |value, sigma| Some(Estimate { value, sigma: Some(sigma) });
-        let measured = FlightConditions { cabin_pressure_hpa: known(800.0, 8.0), ..FlightConditions::default() };
+        let known = |value, sigma| {
+            Some(Estimate {
+                value,
+                sigma: Some(sigma),
+            })
+        };
+        let measured = FlightConditions {
+            cabin_pressure_hpa: known(800.0, 8.0),
+            ..FlightConditions::default()
+        };
         let mut set = window.clone();
         measured.apply_to_window(&mut set);
-        assert_eq!((set.cabin.pressure_hpa, set.outside), (800.0, window.outside));
+        assert_eq!(
+            (set.cabin.pressure_hpa, set.outside),
+            (800.0, window.outside)
+        );
         // n - 1 is proportional to the pressure: 1 % of the cabin's 211e-6 over the difference to the
         // outside's 79e-6.
         let share = measured.relative_refraction_sigma(&window);
         assert!((share - 0.01 * 2.1 / (2.1 - 0.79)).abs() < 1e-3, "{share}");
-        assert_eq!(FlightConditions::default().relative_refraction_sigma(&window), 0.0);
+        assert_eq!(
+            FlightConditions::default().relative_refraction_sigma(&window),
+            0.0
+        );
     }
 }

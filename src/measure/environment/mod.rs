@@ -10,7 +10,7 @@ mod thermal;
 pub use conditions::FlightConditions;
 pub use pane::{Plate, apparent_point};
 pub use refraction::{
-    PAPER_INCIDENCE_RAD, RefractionReport, correct_observations, deflection_rad, refract_ray, refraction_shift_px,
-    refractive_index,
+    PAPER_INCIDENCE_RAD, RefractionReport, correct_observations, deflection_rad, refract_ray,
+    refraction_shift_px, refractive_index,
 };
 pub use thermal::{length_change_m, scale_with_sigma};

@@ -34,17 +34,29 @@ pub struct Plate {
 impl Plate {
     /// Returns the plate in front of the camera, its normal rotated from the survey frame by `turn`; `None` if no pane is
     /// configured, or for a ground frame without it.
-    pub fn from_window(window: Option<&Window>, turn: &Rotation3<f64>, in_flight: bool) -> Option<Self> {
+    pub fn from_window(
+        window: Option<&Window>,
+        turn: &Rotation3<f64>,
+        in_flight: bool,
+    ) -> Option<Self> {
         let window = window?;
-        let mut pane = window.pane.filter(|pane| in_flight || pane.same_on_ground)?;
+        let mut pane = window
+            .pane
+            .filter(|pane| in_flight || pane.same_on_ground)?;
         // On ground no pressure bows it.
         pane.bow_radius_m = pane.bow_radius_m.filter(|_| in_flight);
-        Some(Self { normal: turn * window.normal?, pane })
+        Some(Self {
+            normal: turn * window.normal?,
+            pane,
+        })
     }
 
     /// Returns the plate with its normal rotated into another frame.
     pub fn rotated(&self, turn: &Matrix3<f64>) -> Self {
-        Self { normal: turn * self.normal, ..*self }
+        Self {
+            normal: turn * self.normal,
+            ..*self
+        }
     }
 
     /// Returns the plate with its curvature changed by a fraction of it or, if no bow is configured, of the typical one.
@@ -53,7 +65,13 @@ impl Plate {
             Some(radius) => Some(radius / (1.0 + change)),
             None => (change != 0.0).then(|| DEFAULT_BOW_RADIUS_M / change),
         };
-        Self { pane: Pane { bow_radius_m: radius, ..self.pane }, ..*self }
+        Self {
+            pane: Pane {
+                bow_radius_m: radius,
+                ..self.pane
+            },
+            ..*self
+        }
     }
 
     /// Returns the outside ray that the camera sees in the direction of the unit vector `ray`: a point on it from the
@@ -67,7 +85,10 @@ impl Plate {
             .pane
             .bow_radius_m
             .and_then(|radius| bowed_pane::trace_bowed_pane(&self.pane, &self.normal, radius, ray));
-        curved.unwrap_or((self.normal * shift_m(self.pane.thickness_m, self.pane.index, cosine), *ray))
+        curved.unwrap_or((
+            self.normal * shift_m(self.pane.thickness_m, self.pane.index, cosine),
+            *ray,
+        ))
     }
 
     /// Returns the apparent position of a point from the projection centre, m, in the direction in which the camera sees
@@ -90,15 +111,23 @@ impl Plate {
     pub fn apparent_with_jacobian(&self, point_m: &Vector3<f64>) -> (Vector3<f64>, Matrix3<f64>) {
         const STEP_M: f64 = 1e-3;
         let seen = self.apparent_point(point_m);
-        let column = |axis: Vector3<f64>| (self.apparent_point(&(point_m + axis * STEP_M)) - seen) / STEP_M;
-        (seen, Matrix3::from_columns(&[Vector3::x(), Vector3::y(), Vector3::z()].map(column)))
+        let column =
+            |axis: Vector3<f64>| (self.apparent_point(&(point_m + axis * STEP_M)) - seen) / STEP_M;
+        (
+            seen,
+            Matrix3::from_columns(&[Vector3::x(), Vector3::y(), Vector3::z()].map(column)),
+        )
     }
 
     /// Returns the covariance, m^2, of the projection centre's shift due to the uncertainty of thickness, index and normal,
     /// for rays near `axis` (unit length). For rays up to 15 degrees from it a shift of the centre represents an error of
     /// the pane to 10 %.
     pub fn shift_covariance_m2(&self, axis: &Vector3<f64>) -> Matrix3<f64> {
-        let Pane { thickness_m: t, index: n, .. } = self.pane;
+        let Pane {
+            thickness_m: t,
+            index: n,
+            ..
+        } = self.pane;
         let cosine = axis.dot(&self.normal).clamp(0.1, 1.0);
         let k = shift_m(t, n, cosine);
         let tilted = (cosine.acos() + self.pane.normal_sigma_rad).cos();

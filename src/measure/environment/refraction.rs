@@ -25,7 +25,8 @@ pub fn refractive_index(air: &Air, wavelength_nm: f64) -> f64 {
     let moles = molar_density(t, p, x);
     let standard_dry = dry_mass * molar_density(15.0, 101_325.0, 0.0);
     let standard_vapour = WATER_MOLAR_MASS * molar_density(20.0, 1333.0, 1.0);
-    let dry = dry_mass * (1.0 - x) * moles / standard_dry * dry_refractivity(wavenumber2, air.co2_ppm);
+    let dry =
+        dry_mass * (1.0 - x) * moles / standard_dry * dry_refractivity(wavenumber2, air.co2_ppm);
     let vapour = WATER_MOLAR_MASS * x * moles / standard_vapour * vapour_refractivity(wavenumber2);
     1.0 + dry + vapour
 }
@@ -71,12 +72,13 @@ fn water_fraction(air: &Air) -> f64 {
 fn saturation_pressure_pa(t: f64) -> f64 {
     let kelvin = t + KELVIN;
     if t >= 0.0 {
-        let exponent =
-            1.237_884_7e-5 * kelvin * kelvin - 1.912_131_6e-2 * kelvin + 33.937_110_47 - 6.343_164_5e3 / kelvin;
+        let exponent = 1.237_884_7e-5 * kelvin * kelvin - 1.912_131_6e-2 * kelvin + 33.937_110_47
+            - 6.343_164_5e3 / kelvin;
         return exponent.exp();
     }
     let theta = kelvin / 273.16;
-    let exponent = -13.928_169 * (1.0 - theta.powf(-1.5)) + 34.707_823_8 * (1.0 - theta.powf(-1.25));
+    let exponent =
+        -13.928_169 * (1.0 - theta.powf(-1.5)) + 34.707_823_8 * (1.0 - theta.powf(-1.25));
     611.657 * exponent.exp()
 }
 
@@ -94,7 +96,11 @@ pub fn refraction_shift_px(window: &Window, incidence_rad: f64, focal_px: f64) -
 
 /// Returns the direction outside of a ray that the camera sees, by Snell's law; `outward_normal` of the window and `ray` of
 /// unit length in one frame. `None` beyond total reflection or if the ray does not leave through the window.
-pub fn refract_ray(ray: &Vector3<f64>, outward_normal: &Vector3<f64>, index_ratio: f64) -> Option<Vector3<f64>> {
+pub fn refract_ray(
+    ray: &Vector3<f64>,
+    outward_normal: &Vector3<f64>,
+    index_ratio: f64,
+) -> Option<Vector3<f64>> {
     let cosine = ray.dot(outward_normal);
     let squared = 1.0 - index_ratio * index_ratio * (1.0 - cosine * cosine);
     (cosine > 0.0 && squared >= 0.0)
@@ -103,7 +109,8 @@ pub fn refract_ray(ray: &Vector3<f64>, outward_normal: &Vector3<f64>, index_rati
 
 /// Returns the index in the cabin over that outside.
 fn index_ratio(window: &Window) -> f64 {
-    refractive_index(&window.cabin, window.wavelength_nm) / refractive_index(&window.outside, window.wavelength_nm)
+    refractive_index(&window.cabin, window.wavelength_nm)
+        / refractive_index(&window.outside, window.wavelength_nm)
 }
 
 /// Refraction at the window in one frame.
@@ -133,7 +140,9 @@ pub fn correct_observations(
     orientation: &Orientation,
     observations: &mut [Observation],
 ) -> Result<Option<RefractionReport>, LensError> {
-    let Some(window) = &setup.window else { return Ok(None) };
+    let Some(window) = &setup.window else {
+        return Ok(None);
+    };
     let mut report = RefractionReport {
         applied: window.normal.is_some(),
         max_shift_px: refraction_shift_px(window, PAPER_INCIDENCE_RAD, setup.lens.focal_px()),
@@ -145,8 +154,11 @@ pub fn correct_observations(
         report.max_shift_px = 0.0;
         let normal = orientation.camera_from_survey * normal.normalize();
         for observation in observations {
-            let corrected = unrefracted_pixel(setup, &normal, index_ratio(window), &observation.pixel)?;
-            report.max_shift_px = report.max_shift_px.max((corrected - observation.pixel).norm());
+            let corrected =
+                unrefracted_pixel(setup, &normal, index_ratio(window), &observation.pixel)?;
+            report.max_shift_px = report
+                .max_shift_px
+                .max((corrected - observation.pixel).norm());
             observation.pixel = corrected;
         }
     }
@@ -171,12 +183,23 @@ mod tests {
     use proptest::prelude::*;
 
     fn air(temperature_c: f64, pressure_hpa: f64, humidity: f64) -> Air {
-        Air { temperature_c, pressure_hpa, humidity, co2_ppm: 450.0 }
+        Air {
+            temperature_c,
+            pressure_hpa,
+            humidity,
+            co2_ppm: 450.0,
+        }
     }
 
     /// ICAO standard atmosphere at flight level 370.
     fn cruise(cabin: Air) -> Window {
-        Window { normal: None, cabin, outside: air(-56.5, 216.6, 0.0), wavelength_nm: 550.0, pane: None }
+        Window {
+            normal: None,
+            cabin,
+            outside: air(-56.5, 216.6, 0.0),
+            wavelength_nm: 550.0,
+            pane: None,
+        }
     }
 
     #[test]
@@ -191,7 +214,10 @@ mod tests {
         ];
         for (t, p, expected) in table {
             let refractivity = 1e8 * (refractive_index(&air(t, p, 0.0), 633.0) - 1.0);
-            assert!((refractivity - expected).abs() < 0.051, "{t} {p}: {refractivity}");
+            assert!(
+                (refractivity - expected).abs() < 0.051,
+                "{t} {p}: {refractivity}"
+            );
         }
         let check = refractive_index(&air(20.0, 1013.25, 0.0), 633.0) - 1.0;
         assert!((check - 2.71800e-4).abs() < 0.5e-9, "{check}");
@@ -215,7 +241,10 @@ mod tests {
         for (t, p, humidity, wavelength_nm, expected) in table {
             let index = refractive_index(&air(t, p, humidity), wavelength_nm);
             let tolerance = if humidity > 0.0 { 2e-9 } else { 0.6e-9 };
-            assert!((index - expected).abs() < tolerance, "{t} {p} {humidity}: {index}");
+            assert!(
+                (index - expected).abs() < tolerance,
+                "{t} {p} {humidity}: {index}"
+            );
         }
     }
 
@@ -223,7 +252,11 @@ mod tests {
     fn the_figures_of_the_paper_are_reproduced() {
         let window = cruise(air(15.0, 1013.25, 0.0));
         let angle = deflection_rad(&window, PAPER_INCIDENCE_RAD);
-        assert!((angle.to_degrees() - 0.00658).abs() < 0.5e-5, "{}", angle.to_degrees());
+        assert!(
+            (angle.to_degrees() - 0.00658).abs() < 0.5e-5,
+            "{}",
+            angle.to_degrees()
+        );
         assert!((35.0 * angle.tan() - 4.02e-3).abs() < 0.5e-5);
         let shift = refraction_shift_px(&window, PAPER_INCIDENCE_RAD, 7800.0);
         assert!((shift - 0.895).abs() < 1e-3, "{shift}");
@@ -234,7 +267,11 @@ mod tests {
         let window = cruise(air(20.0, 752.6, 0.0));
         let angle = deflection_rad(&window, PAPER_INCIDENCE_RAD);
         // Manually: 550 nm, ideal gas, (2.782e-4 * 0.7428 * 288.15/293.15 - 0.79e-4) tan 30 deg.
-        assert!((angle.to_degrees() - 0.0041).abs() < 0.5e-4, "{}", angle.to_degrees());
+        assert!(
+            (angle.to_degrees() - 0.0041).abs() < 0.5e-4,
+            "{}",
+            angle.to_degrees()
+        );
         let shift = refraction_shift_px(&window, PAPER_INCIDENCE_RAD, 7800.0);
         assert!((shift - 0.557).abs() < 2e-3, "{shift}");
     }

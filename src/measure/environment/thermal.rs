@@ -7,19 +7,29 @@ use crate::setup::Thermal;
 /// flight temperature; `None` if neither is configured.
 pub fn scale_with_sigma(thermal: &Thermal) -> Estimate {
     let difference_k = thermal.flight_temperature_c - thermal.ground_temperature_c;
-    let by_coefficient = thermal.expansion_sigma_per_k.map(|sigma| sigma * difference_k);
-    let by_temperature = thermal.flight_temperature_sigma_k.map(|sigma| sigma * thermal.expansion_per_k);
+    let by_coefficient = thermal
+        .expansion_sigma_per_k
+        .map(|sigma| sigma * difference_k);
+    let by_temperature = thermal
+        .flight_temperature_sigma_k
+        .map(|sigma| sigma * thermal.expansion_per_k);
     let sigma = match (by_coefficient, by_temperature) {
         (None, None) => None,
         (c, t) => Some(c.unwrap_or(0.0).hypot(t.unwrap_or(0.0))),
     };
-    Estimate { value: thermal.scale(), sigma }
+    Estimate {
+        value: thermal.scale(),
+        sigma,
+    }
 }
 
 /// Returns the change of a length measured on ground, m; negative if it shrinks.
 pub fn length_change_m(thermal: &Thermal, length_m: f64) -> Estimate {
     let scale = scale_with_sigma(thermal);
-    Estimate { value: (scale.value - 1.0) * length_m, sigma: scale.sigma.map(|s| s * length_m.abs()) }
+    Estimate {
+        value: (scale.value - 1.0) * length_m,
+        sigma: scale.sigma.map(|s| s * length_m.abs()),
+    }
 }
 
 #[cfg(test)]
@@ -45,8 +55,11 @@ mod tests {
 
     #[test]
     fn both_uncertainties_count() {
-        let thermal =
-            Thermal { expansion_sigma_per_k: Some(0.3e-6), flight_temperature_sigma_k: Some(5.0), ..aluminium() };
+        let thermal = Thermal {
+            expansion_sigma_per_k: Some(0.3e-6),
+            flight_temperature_sigma_k: Some(5.0),
+            ..aluminium()
+        };
         let sigma_m = length_change_m(&thermal, 40.0).sigma.unwrap_or(f64::NAN);
         let expected = 40.0 * (0.3e-6f64 * 70.0).hypot(23.1e-6 * 5.0);
         assert!((sigma_m - expected).abs() < 1e-12);

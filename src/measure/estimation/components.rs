@@ -82,16 +82,23 @@ pub fn variance_components(
     let (mut share, mut before) = (1.0_f64, vec![0.0; groups.len()]);
     for iteration in 0..MAX_ITERATIONS {
         *problem = scale_covariances(&given, groups, &logs);
-        let Ok(fit) = solve_groups(problem, &SolveOptions::default(), &linearise) else { break };
+        let Ok(fit) = solve_groups(problem, &SolveOptions::default(), &linearise) else {
+            break;
+        };
         let shares = ScoringEquations::new(problem, &fit, groups);
         let (steps, gain) = shares.scoring_steps(&free);
         let settled = gain < MIN_GAIN;
         if settled || iteration >= MIN_ITERATIONS {
             let sigmas = shares.log_sigmas(&free);
             let vague = |i: &usize| free[*i] && sigmas[*i] > MAX_RELATIVE_SIGMA;
-            let worst = (0..groups.len()).filter(vague).max_by(|&a, &b| sigmas[a].total_cmp(&sigmas[b]));
+            let worst = (0..groups.len())
+                .filter(vague)
+                .max_by(|&a, &b| sigmas[a].total_cmp(&sigmas[b]));
             if let Some(worst) = worst {
-                remarks.push(unestimated_component_remark(groups[worst].name, shares.redundancy[worst]));
+                remarks.push(unestimated_component_remark(
+                    groups[worst].name,
+                    shares.redundancy[worst],
+                ));
                 (free[worst], logs[worst]) = (false, 0.0);
                 continue;
             }
@@ -105,12 +112,19 @@ pub fn variance_components(
         }
         // The expected information may be too small: steps that change their sign were too long.
         let turned = steps.iter().zip(&before).map(|(a, b)| a * b).sum::<f64>() < 0.0;
-        share = if turned { 0.5 * share } else { (1.5 * share).min(1.0) };
+        share = if turned {
+            0.5 * share
+        } else {
+            (1.5 * share).min(1.0)
+        };
         before.clone_from(&steps);
         for i in 0..groups.len() {
             logs[i] += share * steps[i].clamp(-MAX_STEP, MAX_STEP);
             if logs[i] < MIN_COMPONENT.ln() {
-                remarks.push(unestimated_component_remark(groups[i].name, shares.redundancy[i]));
+                remarks.push(unestimated_component_remark(
+                    groups[i].name,
+                    shares.redundancy[i],
+                ));
                 (free[i], logs[i]) = (false, 0.0);
             }
         }
@@ -119,8 +133,13 @@ pub fn variance_components(
     let fit = solve_groups(problem, &SolveOptions::default(), &linearise)?;
     let shares = ScoringEquations::new(problem, &fit, groups);
     let components = shares.build_components(groups, &vec![false; groups.len()], &logs);
-    let sentence = "the variance components did not converge; all standard deviations stay as given";
-    Ok(ComponentEstimate { fit, components, remarks: vec![sentence.into()] })
+    let sentence =
+        "the variance components did not converge; all standard deviations stay as given";
+    Ok(ComponentEstimate {
+        fit,
+        components,
+        remarks: vec![sentence.into()],
+    })
 }
 
 fn unestimated_component_remark(name: &str, redundancy: f64) -> String {
@@ -158,12 +177,19 @@ struct ScoringEquations {
 impl ScoringEquations {
     fn new(problem: &Problem, fit: &Fit, groups: &[VarianceGroup]) -> Self {
         let conditions = StackedConditions::new(problem, fit);
-        let products: Vec<_> = groups.iter().map(|g| conditions.cofactor_product(problem, fit, g)).collect();
+        let products: Vec<_> = groups
+            .iter()
+            .map(|g| conditions.cofactor_product(problem, fit, g))
+            .collect();
         let n = groups.len();
-        let information =
-            DMatrix::from_fn(n, n, |i, j| 0.5 * products[i].component_mul(&products[j].transpose()).sum());
+        let information = DMatrix::from_fn(n, n, |i, j| {
+            0.5 * products[i].component_mul(&products[j].transpose()).sum()
+        });
         Self {
-            omega: groups.iter().map(|g| weighted_squares(problem, fit, g)).collect(),
+            omega: groups
+                .iter()
+                .map(|g| weighted_squares(problem, fit, g))
+                .collect(),
             redundancy: products.iter().map(DMatrix::trace).collect(),
             information,
         }
@@ -184,8 +210,12 @@ impl ScoringEquations {
         let score = |&i: &usize| 0.5 * (self.omega[i] - self.redundancy[i]);
         let score = DVector::from_iterator(list.len(), list.iter().map(score));
         let mut steps = vec![0.0; free.len()];
-        let Some(found) = part.cholesky().map(|c| c.solve(&score)) else { return (steps, 0.0) };
-        list.iter().zip(found.iter()).for_each(|(&i, &step)| steps[i] = step);
+        let Some(found) = part.cholesky().map(|c| c.solve(&score)) else {
+            return (steps, 0.0);
+        };
+        list.iter()
+            .zip(found.iter())
+            .for_each(|(&i, &step)| steps[i] = step);
         (steps, found.dot(&score))
     }
 
@@ -193,12 +223,17 @@ impl ScoringEquations {
     fn log_sigmas(&self, free: &[bool]) -> Vec<f64> {
         let (list, part) = self.information_of_free_components(free);
         let mut sigmas = vec![f64::INFINITY; free.len()];
-        let Some(inverse) = part.cholesky().map(|c| c.inverse()) else { return sigmas };
+        let Some(inverse) = part.cholesky().map(|c| c.inverse()) else {
+            return sigmas;
+        };
         for (k, &i) in list.iter().enumerate() {
             let kept = (0..free.len()).filter(|&h| !free[h]);
             let through = kept.map(|h| {
-                let coefficient: f64 =
-                    list.iter().enumerate().map(|(m, &j)| inverse[(k, m)] * self.information[(j, h)]).sum();
+                let coefficient: f64 = list
+                    .iter()
+                    .enumerate()
+                    .map(|(m, &j)| inverse[(k, m)] * self.information[(j, h)])
+                    .sum();
                 (coefficient * MAX_RELATIVE_SIGMA).powi(2)
             });
             sigmas[i] = (inverse[(k, k)] + through.sum::<f64>()).sqrt();
@@ -206,7 +241,12 @@ impl ScoringEquations {
         sigmas
     }
 
-    fn build_components(&self, groups: &[VarianceGroup], free: &[bool], logs: &[f64]) -> Vec<VarianceComponent> {
+    fn build_components(
+        &self,
+        groups: &[VarianceGroup],
+        free: &[bool],
+        logs: &[f64],
+    ) -> Vec<VarianceComponent> {
         let sigmas = self.log_sigmas(free);
         let one = |i: usize| {
             let value = logs[i].exp();
@@ -227,7 +267,12 @@ fn weighted_squares(problem: &Problem, fit: &Fit, group: &VarianceGroup) -> f64 
     for (g, data) in problem.groups.iter().enumerate() {
         for (b, block) in data.blocks.iter().enumerate() {
             let members = (group.members)(g, b);
-            let Some(factor) = block.covariance.select_rows(&members).select_columns(&members).cholesky() else {
+            let Some(factor) = block
+                .covariance
+                .select_rows(&members)
+                .select_columns(&members)
+                .cholesky()
+            else {
                 continue;
             };
             let residuals = fit.groups[g].blocks[b].residuals.select_rows(&members);
@@ -261,20 +306,30 @@ impl StackedConditions {
         let mut cofactor = DMatrix::zeros(rows, rows);
         for (g, group) in fit.groups.iter().enumerate() {
             let start = first[g].first().copied().unwrap_or(0);
-            let own = group.blocks.iter().map(|b| b.linearised.misclosure.len()).sum();
+            let own = group
+                .blocks
+                .iter()
+                .map(|b| b.linearised.misclosure.len())
+                .sum();
             let mut local = DMatrix::zeros(own, group.local.len());
             for (b, block) in group.blocks.iter().enumerate() {
                 let (lin, row) = (&block.linearised, first[g][b]);
                 let n = lin.misclosure.len();
-                let normal = &lin.observations * &problem.groups[g].blocks[b].covariance * lin.observations.transpose();
-                let weight = normal.cholesky().map_or_else(|| DMatrix::zeros(n, n), |c| c.inverse());
+                let normal = &lin.observations
+                    * &problem.groups[g].blocks[b].covariance
+                    * lin.observations.transpose();
+                let weight = normal
+                    .cholesky()
+                    .map_or_else(|| DMatrix::zeros(n, n), |c| c.inverse());
                 let mut total = &lin.local * &group.sensitivity;
                 for (k, &column) in lin.columns.iter().enumerate() {
                     let mut target = total.column_mut(column);
                     target += lin.global.column(k);
                 }
                 weighted.rows_mut(row, n).copy_from(&(&weight * total));
-                local.rows_mut(row - start, n).copy_from(&(&weight * &lin.local));
+                local
+                    .rows_mut(row - start, n)
+                    .copy_from(&(&weight * &lin.local));
                 cofactor.view_mut((row, row), (n, n)).copy_from(&weight);
             }
             if !group.local.is_empty() {
@@ -287,13 +342,24 @@ impl StackedConditions {
     }
 
     /// Returns `R V` of a group; `V` is block diagonal.
-    fn cofactor_product(&self, problem: &Problem, fit: &Fit, group: &VarianceGroup) -> DMatrix<f64> {
+    fn cofactor_product(
+        &self,
+        problem: &Problem,
+        fit: &Fit,
+        group: &VarianceGroup,
+    ) -> DMatrix<f64> {
         let mut product = DMatrix::zeros(self.cofactor.nrows(), self.cofactor.ncols());
         for (g, data) in problem.groups.iter().enumerate() {
             for (b, block) in data.blocks.iter().enumerate() {
                 let members = (group.members)(g, b);
-                let by = fit.groups[g].blocks[b].linearised.observations.select_columns(&members);
-                let own = block.covariance.select_rows(&members).select_columns(&members);
+                let by = fit.groups[g].blocks[b]
+                    .linearised
+                    .observations
+                    .select_columns(&members);
+                let own = block
+                    .covariance
+                    .select_rows(&members)
+                    .select_columns(&members);
                 let (row, n) = (self.first[g][b], by.nrows());
                 let share = self.cofactor.columns(row, n) * (&by * own * by.transpose());
                 product.columns_mut(row, n).copy_from(&share);

@@ -87,16 +87,31 @@ impl Gradient {
     /// Returns these functions, followed by some global parameters as functions of their own.
     pub fn with_parameters(&self, parameters: &[usize]) -> Self {
         let mut columns = self.columns.clone();
-        columns.extend(parameters.iter().filter(|column| !self.columns.contains(column)));
+        columns.extend(
+            parameters
+                .iter()
+                .filter(|column| !self.columns.contains(column)),
+        );
         let count = self.function_count() + parameters.len();
         let mut global = self.global.clone().resize(columns.len(), count, 0.0);
         for (row, column) in columns.iter().enumerate() {
             let function = parameters.iter().position(|parameter| parameter == column);
-            function.into_iter().for_each(|k| global[(row, self.function_count() + k)] = 1.0);
+            function
+                .into_iter()
+                .for_each(|k| global[(row, self.function_count() + k)] = 1.0);
         }
         let widen = |m: &DMatrix<f64>| m.clone().resize_horizontally(count, 0.0);
-        let observed = self.observed.iter().map(|(block, by)| (*block, widen(by))).collect();
-        Self { columns, global, local: widen(&self.local), observed }
+        let observed = self
+            .observed
+            .iter()
+            .map(|(block, by)| (*block, widen(by)))
+            .collect();
+        Self {
+            columns,
+            global,
+            local: widen(&self.local),
+            observed,
+        }
     }
 
     /// Returns a single function.
@@ -131,7 +146,11 @@ impl Fit {
     /// Returns the solution's information about the global parameters, as a prior for another problem.
     pub fn information_prior(&self) -> InformationPrior {
         let conditions = self.global.len();
-        InformationPrior { mean: self.global.clone(), information: self.information.clone(), conditions }
+        InformationPrior {
+            mean: self.global.clone(),
+            information: self.information.clone(),
+            conditions,
+        }
     }
 
     /// Replaces adjusted observations by the parameters on which they depend. Returns functions of parameters alone and the
@@ -146,17 +165,24 @@ impl Fit {
         if gradient.observed.is_empty() {
             return (Cow::Borrowed(gradient), own);
         }
-        let mut by = Gradient { observed: vec![], ..gradient.clone() };
+        let mut by = Gradient {
+            observed: vec![],
+            ..gradient.clone()
+        };
         for (index, derivative) in &gradient.observed {
             let block = &self.groups[group].blocks[*index];
             let lin = &block.linearised;
             let answer = small_product(&block.gain, derivative);
             for (k, column) in lin.columns.iter().enumerate() {
-                let at = by.columns.iter().position(|c| c == column).unwrap_or_else(|| {
-                    by.columns.push(*column);
-                    by.global.resize_vertically_mut(by.columns.len(), 0.0);
-                    by.columns.len() - 1
-                });
+                let at = by
+                    .columns
+                    .iter()
+                    .position(|c| c == column)
+                    .unwrap_or_else(|| {
+                        by.columns.push(*column);
+                        by.global.resize_vertically_mut(by.columns.len(), 0.0);
+                        by.columns.len() - 1
+                    });
                 for f in 0..functions {
                     by.global[(at, f)] -= lin.global.column(k).dot(&answer.column(f));
                 }
@@ -177,7 +203,10 @@ impl Fit {
         if by.local.nrows() > 0 {
             own += by.local.transpose() * (&self.groups[group].conditional * &by.local);
         }
-        PropagatedCovariance { total: self.total_derivative(group, &by), own }
+        PropagatedCovariance {
+            total: self.total_derivative(group, &by),
+            own,
+        }
     }
 
     /// Derivative of functions of parameters alone with respect to the global ones, on which the local ones depend.
@@ -195,7 +224,11 @@ impl Fit {
     /// Returns a factor `F` of the covariance of functions of one group for given global parameters: `own = F F'` of
     /// [`Fit::propagate`] (functions x any number of independent sources). Also returns the total derivative with respect
     /// to the global parameters.
-    pub fn propagate_factors(&self, group: usize, gradient: &Gradient) -> (DMatrix<f64>, DMatrix<f64>) {
+    pub fn propagate_factors(
+        &self,
+        group: usize,
+        gradient: &Gradient,
+    ) -> (DMatrix<f64>, DMatrix<f64>) {
         let (by, _) = self.eliminate_observations(group, gradient);
         let total = self.total_derivative(group, &by);
         let fit = &self.groups[group];
@@ -259,8 +292,13 @@ pub fn symmetric_root(matrix: &DMatrix<f64>) -> DMatrix<f64> {
     if matrix.is_empty() {
         return matrix.clone();
     }
-    let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(matrix.clone());
-    &eigenvectors * DMatrix::from_diagonal(&eigenvalues.map(|l| l.max(0.0).sqrt())) * eigenvectors.transpose()
+    let SymmetricEigen {
+        eigenvectors,
+        eigenvalues,
+    } = SymmetricEigen::new(matrix.clone());
+    &eigenvectors
+        * DMatrix::from_diagonal(&eigenvalues.map(|l| l.max(0.0).sqrt()))
+        * eigenvectors.transpose()
 }
 
 /// Covariance of functions through the parameters that they share.
@@ -287,8 +325,19 @@ impl<'a> SharedCovariance<'a> {
             shared.extend(by.columns.iter().map(|&c| covariance[c]));
             cross.extend_from_slice(&group.cross.as_slice()[column * q..(column + 1) * q]);
         }
-        let local = if q > 0 { group.covariance.as_slice() } else { &[] };
-        Self { by, shared, cross, local, with_global: vec![0.0; n], with_local: vec![0.0; q] }
+        let local = if q > 0 {
+            group.covariance.as_slice()
+        } else {
+            &[]
+        };
+        Self {
+            by,
+            shared,
+            cross,
+            local,
+            with_global: vec![0.0; n],
+            with_local: vec![0.0; q],
+        }
     }
 
     /// Selects a function and computes its covariance with the parameters.
@@ -301,12 +350,20 @@ impl<'a> SharedCovariance<'a> {
             let cross = &self.cross[k * q..(k + 1) * q];
             self.with_global[k] += dot_product(cross, local.as_slice());
             if derivative != 0.0 {
-                add_scaled(&mut self.with_global, derivative, &self.shared[k * n..(k + 1) * n]);
+                add_scaled(
+                    &mut self.with_global,
+                    derivative,
+                    &self.shared[k * n..(k + 1) * n],
+                );
                 add_scaled(&mut self.with_local, derivative, cross);
             }
         }
         for (k, &derivative) in local.iter().enumerate().filter(|(_, d)| **d != 0.0) {
-            add_scaled(&mut self.with_local, derivative, &self.local[k * q..(k + 1) * q]);
+            add_scaled(
+                &mut self.with_local,
+                derivative,
+                &self.local[k * q..(k + 1) * q],
+            );
         }
     }
 
@@ -321,7 +378,11 @@ impl<'a> SharedCovariance<'a> {
 fn small_product(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     let n = a.nrows().max(1);
     let mut out = DMatrix::zeros(a.ncols(), b.ncols());
-    for (column, b) in out.as_mut_slice().chunks_exact_mut(a.ncols().max(1)).zip(b.as_slice().chunks_exact(n)) {
+    for (column, b) in out
+        .as_mut_slice()
+        .chunks_exact_mut(a.ncols().max(1))
+        .zip(b.as_slice().chunks_exact(n))
+    {
         for (target, a) in column.iter_mut().zip(a.as_slice().chunks_exact(n)) {
             *target = dot_product(a, b);
         }

@@ -49,7 +49,8 @@ where
             break;
         }
         next /= length;
-        let difference = normal * &next - half_gradient_change((system, &mut there), problem, state, &next, linearise)?;
+        let difference = normal * &next
+            - half_gradient_change((system, &mut there), problem, state, &next, linearise)?;
         directions.push(next);
         next = system.solve_right_side(problem, &difference)?;
         excess.push(difference);

@@ -17,7 +17,11 @@ pub(super) struct Whitener {
 
 impl Whitener {
     /// Computes `W` for derivatives and covariance of the observations, unless the derivatives are unchanged.
-    pub(super) fn update(&mut self, by: &DMatrix<f64>, covariance: &DMatrix<f64>) -> EstimationResult<()> {
+    pub(super) fn update(
+        &mut self,
+        by: &DMatrix<f64>,
+        covariance: &DMatrix<f64>,
+    ) -> EstimationResult<()> {
         if self.by.shape() == by.shape() && self.by.as_slice() == by.as_slice() {
             return Ok(());
         }
@@ -27,12 +31,16 @@ impl Whitener {
         if regular {
             invert_lower(&mut self.lower);
         }
-        regular.then_some(()).ok_or_else(|| singular_error("a condition has no observation of its own"))
+        regular
+            .then_some(())
+            .ok_or_else(|| singular_error("a condition has no observation of its own"))
     }
 
     /// Returns entry `i` of `W` times a vector.
     pub(super) fn row_times(&self, i: usize, values: &[f64]) -> f64 {
-        let row = self.lower.as_slice()[i..].iter().step_by(self.lower.nrows().max(1));
+        let row = self.lower.as_slice()[i..]
+            .iter()
+            .step_by(self.lower.nrows().max(1));
         row.zip(&values[..=i]).map(|(w, v)| w * v).sum()
     }
 
@@ -44,7 +52,9 @@ impl Whitener {
 
     /// Returns the squared length of `W` times a vector.
     pub(super) fn weighted_square(&self, values: &[f64]) -> f64 {
-        (0..values.len()).map(|i| self.row_times(i, values).powi(2)).sum()
+        (0..values.len())
+            .map(|i| self.row_times(i, values).powi(2))
+            .sum()
     }
 
     /// Multiplies a vector by `W' W` in place.
@@ -125,7 +135,9 @@ pub(super) fn dot_product(a: &[f64], b: &[f64]) -> f64 {
 }
 
 pub(super) fn singular_error(missing: &str) -> EstimationError {
-    EstimationError::Singular { missing: missing.into() }
+    EstimationError::Singular {
+        missing: missing.into(),
+    }
 }
 
 /// Inverts a small symmetric positive definite matrix; 1 x 1 and 2 x 2 in closed form.
@@ -150,7 +162,9 @@ pub(super) struct NormalFactor {
 
 impl NormalFactor {
     pub(super) fn solve(&self, right: &DVector<f64>) -> DVector<f64> {
-        self.cholesky.solve(&right.component_mul(&self.scale)).component_mul(&self.scale)
+        self.cholesky
+            .solve(&right.component_mul(&self.scale))
+            .component_mul(&self.scale)
     }
 
     /// Computes `(L^-1 S)' (L^-1 S)`. Inverting the factor costs a sixth of solving for all columns, and a library does the
@@ -163,7 +177,11 @@ impl NormalFactor {
             for k in j..n {
                 column[k] /= lower[(k, k)];
                 let value = column[k];
-                add_scaled(&mut column[k + 1..], -value, &lower.as_slice()[k * n + k + 1..(k + 1) * n]);
+                add_scaled(
+                    &mut column[k + 1..],
+                    -value,
+                    &lower.as_slice()[k * n + k + 1..(k + 1) * n],
+                );
             }
         }
         root.transpose() * &root
@@ -174,14 +192,20 @@ impl NormalFactor {
 ///
 /// # Errors
 /// Returns an error if a number is not finite, or one that names the missing information if the matrix is singular.
-pub(super) fn factor_normal_matrix(normal: &DMatrix<f64>, missing: &[&'static str]) -> EstimationResult<NormalFactor> {
+pub(super) fn factor_normal_matrix(
+    normal: &DMatrix<f64>,
+    missing: &[&'static str],
+) -> EstimationResult<NormalFactor> {
     let n = normal.nrows();
     if normal.as_slice().iter().any(|v| !v.is_finite()) {
         return Err(EstimationError::Input(
-            "a number in the adjustment is not finite; check survey, camera and observations".into(),
+            "a number in the adjustment is not finite; check survey, camera and observations"
+                .into(),
         ));
     }
-    let scale = normal.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
+    let scale = normal
+        .diagonal()
+        .map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
     let scaled = || {
         let mut scaled = normal.clone();
         for (mut column, by) in scaled.column_iter_mut().zip(scale.iter()) {
@@ -191,7 +215,10 @@ pub(super) fn factor_normal_matrix(normal: &DMatrix<f64>, missing: &[&'static st
         scaled
     };
     let undetermined = |column: usize| {
-        let text = missing.get(column).copied().unwrap_or("a parameter has no observation");
+        let text = missing
+            .get(column)
+            .copied()
+            .unwrap_or("a parameter has no observation");
         singular_error(text)
     };
     if let Some(column) = scale.iter().position(|&s| s == 0.0) {

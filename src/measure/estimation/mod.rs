@@ -45,7 +45,9 @@ mod variance_budget;
 pub use components::{ComponentEstimate, VarianceComponent, VarianceGroup, variance_components};
 pub use error::{EstimationError, EstimationResult};
 pub use fit::{BlockFit, Fit, Gradient, GroupFit, PropagatedCovariance, symmetric_root};
-pub use problem::{Block, BlockPoint, Group, GroupPoint, InformationPrior, Linearised, Prior, PriorName, Problem};
+pub use problem::{
+    Block, BlockPoint, Group, GroupPoint, InformationPrior, Linearised, Prior, PriorName, Problem,
+};
 pub use quality::{GlobalTest, SigmaKind};
 pub use solve::{SolveOptions, solve, solve_groups};
 pub use variance_budget::{

@@ -32,7 +32,10 @@ pub struct PriorName {
 
 impl From<&'static str> for PriorName {
     fn from(name: &'static str) -> Self {
-        Self { unknown: name, source: name }
+        Self {
+            unknown: name,
+            source: name,
+        }
     }
 }
 
@@ -52,13 +55,21 @@ impl Prior {
     /// Creates a prior on one parameter.
     pub fn scalar(name: impl Into<PriorName>, column: usize, mean: f64, sigma: f64) -> Self {
         let covariance = DMatrix::from_element(1, 1, sigma * sigma);
-        Self { mean: DVector::from_element(1, mean), ..Self::centred(name, column, covariance) }
+        Self {
+            mean: DVector::from_element(1, mean),
+            ..Self::centred(name, column, covariance)
+        }
     }
 
     /// Creates a prior with expected value 0 on consecutive parameters from `first` on.
     pub fn centred(name: impl Into<PriorName>, first: usize, covariance: DMatrix<f64>) -> Self {
         let count = covariance.nrows();
-        Self { name: name.into(), columns: (first..first + count).collect(), mean: DVector::zeros(count), covariance }
+        Self {
+            name: name.into(),
+            columns: (first..first + count).collect(),
+            mean: DVector::zeros(count),
+            covariance,
+        }
     }
 
     /// Returns the prior with its columns shifted by `offset`.
@@ -137,7 +148,12 @@ pub struct Linearised {
 
 impl Linearised {
     /// Creates conditions with value and derivatives 0.
-    pub fn empty(conditions: usize, columns: Vec<usize>, local: usize, observations: usize) -> Self {
+    pub fn empty(
+        conditions: usize,
+        columns: Vec<usize>,
+        local: usize,
+        observations: usize,
+    ) -> Self {
         Self {
             misclosure: DVector::zeros(conditions),
             global: DMatrix::zeros(conditions, columns.len()),

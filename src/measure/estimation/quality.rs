@@ -41,8 +41,14 @@ const MIN_REDUNDANCY: f64 = 1e-6;
 /// Tests the variance factor against 1 by chi-square, one-sided; `None` without redundancy.
 pub fn global_test(omega: f64, redundancy: usize, alpha: f64) -> Option<GlobalTest> {
     // The tail's probability instead of its quantile, which is found by bisection.
-    let law = ChiSquared::new(redundancy as f64).ok().filter(|_| redundancy > 0)?;
-    Some(if law.sf(omega) >= alpha { GlobalTest::Passed } else { GlobalTest::Rejected })
+    let law = ChiSquared::new(redundancy as f64)
+        .ok()
+        .filter(|_| redundancy > 0)?;
+    Some(if law.sf(omega) >= alpha {
+        GlobalTest::Passed
+    } else {
+        GlobalTest::Rejected
+    })
 }
 
 /// Returns the limit that a chi-square variable of `freedom` degrees of freedom exceeds with probability `alpha`; infinite
@@ -68,7 +74,11 @@ pub fn is_posterior(kind: SigmaKind, test: Option<GlobalTest>) -> bool {
 
 /// Returns the two-sided critical value of the w-test; infinite at level 0.
 pub fn critical_w(alpha: f64) -> f64 {
-    if alpha > 0.0 { normal_quantile(1.0 - 0.5 * alpha) } else { f64::INFINITY }
+    if alpha > 0.0 {
+        normal_quantile(1.0 - 0.5 * alpha)
+    } else {
+        f64::INFINITY
+    }
 }
 
 /// Returns the root of the non-centrality at which the w-test finds a bias with Baarda's power.
@@ -103,7 +113,11 @@ pub fn observation_reliability(
     let data = &problem.groups[group].blocks[block];
     let residuals = &fit.groups[group].blocks[block].residuals;
     let n = residuals.len();
-    let weight = data.covariance.clone().cholesky().map_or_else(|| DMatrix::zeros(n, n), |c| c.inverse());
+    let weight = data
+        .covariance
+        .clone()
+        .cholesky()
+        .map_or_else(|| DMatrix::zeros(n, n), |c| c.inverse());
     let cofactor = &data.covariance - fit.adjusted_covariance(group, block);
     let weighted = &weight * residuals;
     let power = &weight * &cofactor * &weight;

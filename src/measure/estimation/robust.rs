@@ -40,7 +40,10 @@ impl RobustLocation {
     pub fn from_values(values: &[f64]) -> Self {
         let median = median_or_0(values.to_vec());
         let off = values.iter().map(|v| (v - median).abs());
-        Self { median, sigma: SIGMA_OVER_MEDIAN * median_or_0(off.collect()) }
+        Self {
+            median,
+            sigma: SIGMA_OVER_MEDIAN * median_or_0(off.collect()),
+        }
     }
 }
 
@@ -52,20 +55,37 @@ pub fn scale_from_squares(squares: &[f64]) -> f64 {
 
 /// Estimates the standard deviation of a coordinate from the median of the residuals' lengths, px.
 pub fn coordinate_sigma_px(residuals: &[Vector2<f64>]) -> f64 {
-    scale_from_squares(&residuals.iter().map(Vector2::norm_squared).collect::<Vec<f64>>())
+    scale_from_squares(
+        &residuals
+            .iter()
+            .map(Vector2::norm_squared)
+            .collect::<Vec<f64>>(),
+    )
 }
 
 /// Estimates the additional variance, common to all values, with which the median of their normalised squares is `goal`
 /// (Paule and Mandel 1982, with the median instead of the mean), by bisection.
 pub fn common_variance(squares: &[f64], own: &[f64], goal: f64) -> f64 {
-    let over = |common: f64| median_or_0(squares.iter().zip(own).map(|(s, v)| s / (v + common)).collect());
+    let over = |common: f64| {
+        median_or_0(
+            squares
+                .iter()
+                .zip(own)
+                .map(|(s, v)| s / (v + common))
+                .collect(),
+        )
+    };
     if over(0.0) <= goal {
         return 0.0;
     }
     let (mut low, mut high) = (0.0, median_or_0(squares.to_vec()) / goal);
     for _ in 0..BISECTIONS {
         let half = 0.5 * (low + high);
-        if over(half) > goal { low = half } else { high = half }
+        if over(half) > goal {
+            low = half
+        } else {
+            high = half
+        }
     }
     high
 }
@@ -78,11 +98,17 @@ pub fn robust_sigma(distances: Vec<f64>) -> f64 {
 /// Fits points robustly by iterated weights: first for the sum of distances, to which one point contributes little, then
 /// Hampel's weights, 1 up to [`OUTLIER_SIGMAS`] robust standard deviations and 0 from twice that on. `fit` takes weights;
 /// `distances` returns the distances of the points from a fit, in standard deviations. Points of weight 0 do not count.
-pub fn fit_robustly<F>(weights: &[f64], fit: impl Fn(&[f64]) -> F, distances: impl Fn(&F) -> Vec<f64>) -> F {
+pub fn fit_robustly<F>(
+    weights: &[f64],
+    fit: impl Fn(&[f64]) -> F,
+    distances: impl Fn(&F) -> Vec<f64>,
+) -> F {
     let hampel = |off: &[f64]| {
         let counting = off.iter().zip(weights).filter(|(_, w)| **w > 0.0);
         let limit = OUTLIER_SIGMAS * robust_sigma(counting.map(|(o, _)| *o).collect());
-        off.iter().map(|o| (2.0 - o / limit).clamp(0.0, 1.0)).collect::<Vec<f64>>()
+        off.iter()
+            .map(|o| (2.0 - o / limit).clamp(0.0, 1.0))
+            .collect::<Vec<f64>>()
     };
     let nearness = |off: &[f64]| off.iter().map(|o| 1.0 / o.max(1.0)).collect::<Vec<f64>>();
     let mut factors = vec![1.0; weights.len()];
@@ -118,7 +144,10 @@ mod tests {
             |weights| mean(&values, weights),
             |mean| values.iter().map(|v| (v - mean).abs()).collect(),
         );
-        assert!((found - mean(&values, &[1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 1.0])).abs() < 1e-12, "{found}");
+        assert!(
+            (found - mean(&values, &[1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 1.0])).abs() < 1e-12,
+            "{found}"
+        );
     }
 
     #[test]
@@ -129,7 +158,9 @@ mod tests {
             fits.set(fits.get() + 1);
             mean(&values, weights)
         };
-        fit_robustly(&[1.0; 4], counted, |mean| values.iter().map(|v| (v - mean).abs()).collect());
+        fit_robustly(&[1.0; 4], counted, |mean| {
+            values.iter().map(|v| (v - mean).abs()).collect()
+        });
         assert_eq!(fits.get(), 1);
     }
 }

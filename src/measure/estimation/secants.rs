@@ -71,7 +71,10 @@ impl Secants {
     pub(super) fn max_deviation_direction(&self, normal: &DMatrix<f64>) -> Option<DVector<f64>> {
         let own = |moved: &DVector<f64>| moved.dot(&(normal * moved));
         let share = |(moved, change): &SecantPair| moved.dot(change) / own(moved);
-        let least = self.pairs.iter().min_by(|a, b| share(a).total_cmp(&share(b)))?;
+        let least = self
+            .pairs
+            .iter()
+            .min_by(|a, b| share(a).total_cmp(&share(b)))?;
         (share(least) < 1.0).then(|| &least.0 / own(&least.0).sqrt())
     }
 
@@ -80,10 +83,18 @@ impl Secants {
         self.pairs.is_empty()
     }
 
-    fn add_secant_pair(&mut self, normal: &DMatrix<f64>, moved: DVector<f64>, mut change: DVector<f64>) {
+    fn add_secant_pair(
+        &mut self,
+        normal: &DMatrix<f64>,
+        moved: DVector<f64>,
+        mut change: DVector<f64>,
+    ) {
         let expected = normal * &moved;
         let (observed, own) = (moved.dot(&change), moved.dot(&expected));
-        if own <= 0.0 || own > Self::MAX_SQUARED_LENGTH || (observed / own - 1.0).abs() < Self::MIN_DEVIATION {
+        if own <= 0.0
+            || own > Self::MAX_SQUARED_LENGTH
+            || (observed / own - 1.0).abs() < Self::MIN_DEVIATION
+        {
             return;
         }
         let least = Self::MIN_CURVATURE_RATIO * own;

@@ -48,8 +48,13 @@ pub fn solve(
     linearise: impl Fn(&BlockPoint) -> EstimationResult<Linearised>,
 ) -> EstimationResult<Fit> {
     solve_groups(problem, &SolveOptions::default(), |at, blocks| {
-        let point =
-            |(block, observed)| BlockPoint { group: at.group, block, global: at.global, local: at.local, observed };
+        let point = |(block, observed)| BlockPoint {
+            group: at.group,
+            block,
+            global: at.global,
+            local: at.local,
+            observed,
+        };
         blocks.clear();
         for b in at.observed.iter().enumerate() {
             blocks.push(linearise(&point(b))?);
@@ -80,11 +85,19 @@ pub fn solve_groups(
     let mut solver = GaussNewton::new(problem, options, linearise)?;
     for iteration in 1..=MAX_ITERATIONS {
         if solver.iterate(iteration)? {
-            let second = if options.rough { None } else { solver.corrected_hessian()? };
-            return solver.system.into_fit(problem, solver.state, iteration, second);
+            let second = if options.rough {
+                None
+            } else {
+                solver.corrected_hessian()?
+            };
+            return solver
+                .system
+                .into_fit(problem, solver.state, iteration, second);
         }
     }
-    Err(EstimationError::NoConvergence { iterations: MAX_ITERATIONS })
+    Err(EstimationError::NoConvergence {
+        iterations: MAX_ITERATIONS,
+    })
 }
 
 /// Gauss-Newton iteration in progress.
@@ -141,29 +154,46 @@ where
     /// Performs one iteration and returns true if the state is the solution.
     fn iterate(&mut self, iteration: usize) -> EstimationResult<bool> {
         let plain = self.system.global_step(self.problem, self.damping)?;
-        let undamped = if self.damping > 0.0 { &self.system.global_step(self.problem, 0.0)? } else { &plain };
+        let undamped = if self.damping > 0.0 {
+            &self.system.global_step(self.problem, 0.0)?
+        } else {
+            &plain
+        };
         let gain = undamped.dot(&self.system.right);
-        let late = LATE_TOLERANCES.into_iter().rfind(|(after, _)| iteration > *after).map(|(_, enough)| enough);
+        let late = LATE_TOLERANCES
+            .into_iter()
+            .rfind(|(after, _)| iteration > *after)
+            .map(|(_, enough)| enough);
         if late.is_some_and(|enough| self.system.unclosed.max(gain) <= enough) {
             return Ok(true);
         }
         let step = self.choose_step(plain, gain)?;
         let slope = step.dot(&self.system.right);
-        self.system.apply_step(self.problem, &self.state, &step, &mut self.next);
+        self.system
+            .apply_step(self.problem, &self.state, &step, &mut self.next);
         let changed = residual_change(self.problem, &self.state, &self.next);
         let moved = step.dot(&(&self.system.normal * &step)) + changed;
         // Compared with the length of a full step.
         let settled = !self.groups_alone && moved <= self.converged * self.length * self.length;
         let (here, slack) = (self.system.settled_omega(), self.system.omega_tolerance());
-        let limit = self.uphill.as_ref().map_or(here + slack, |(_, limit)| *limit);
-        let tried = self.system.assemble(self.problem, &self.next, &self.linearise);
+        let limit = self
+            .uphill
+            .as_ref()
+            .map_or(here + slack, |(_, limit)| *limit);
+        let tried = self
+            .system
+            .assemble(self.problem, &self.next, &self.linearise);
         let exists = tried.is_ok() && self.system.omega.is_finite();
         if exists && (self.system.settled_omega() <= limit || settled && self.uphill.is_none()) {
             std::mem::swap(&mut self.state, &mut self.next);
             self.uphill = None;
             if !self.groups_alone {
                 self.length = 1.0;
-                self.damping = if self.damping < 1e-6 { 0.0 } else { self.damping * 0.1 };
+                self.damping = if self.damping < 1e-6 {
+                    0.0
+                } else {
+                    self.damping * 0.1
+                };
             }
             return Ok(settled && self.system.unclosed <= self.converged);
         }
@@ -176,18 +206,23 @@ where
             return Ok(false);
         }
         let risen = exists.then(|| self.system.settled_omega() - here);
-        let error = || tried.err().unwrap_or(EstimationError::NoConvergence { iterations: iteration });
+        let error = || {
+            tried.err().unwrap_or(EstimationError::NoConvergence {
+                iterations: iteration,
+            })
+        };
         if self.shorten_step(slope, risen) > MAX_DAMPING {
             return Err(error());
         }
-        self.system.assemble(self.problem, &self.state, &self.linearise)?;
+        self.system
+            .assemble(self.problem, &self.state, &self.linearise)?;
         Ok(false)
     }
 
     /// Chooses the next step; Gauss's step, `plain`, would lower the sum of squares by `gain`.
     fn choose_step(&mut self, plain: DVector<f64>, gain: f64) -> EstimationResult<DVector<f64>> {
-        self.groups_alone =
-            !self.groups_alone && self.system.unsettled > (UNSETTLED_FRACTION * gain).max(self.converged);
+        self.groups_alone = !self.groups_alone
+            && self.system.unsettled > (UNSETTLED_FRACTION * gain).max(self.converged);
         if self.groups_alone {
             return Ok(plain * 0.0);
         }
@@ -197,23 +232,41 @@ where
         }
         // Quasi-Newton steps need the gradient, which the right side is not if conditions are between observations.
         if !self.system.several_own {
-            return Ok(self.relaxation.scale_step(plain, &self.system.normal, self.length));
+            return Ok(self
+                .relaxation
+                .scale_step(plain, &self.system.normal, self.length));
         }
-        Ok(self.secants.next_step(&self.system, self.problem, &self.state.global)? * self.length)
+        Ok(self
+            .secants
+            .next_step(&self.system, self.problem, &self.state.global)?
+            * self.length)
     }
 
     /// Returns the corrected second derivatives if previous steps deviated from the normal matrix, which amplitudes of many
     /// groups cause.
     fn corrected_hessian(&self) -> EstimationResult<Option<DMatrix<f64>>> {
-        let Some(start) = self.secants.max_deviation_direction(&self.system.normal) else { return Ok(None) };
-        hessian_correction::half_hessian(&self.system, self.problem, &self.state, start, &self.linearise).map(Some)
+        let Some(start) = self.secants.max_deviation_direction(&self.system.normal) else {
+            return Ok(None);
+        };
+        hessian_correction::half_hessian(
+            &self.system,
+            self.problem,
+            &self.state,
+            start,
+            &self.linearise,
+        )
+        .map(Some)
     }
 
     /// Returns to the state before a step that increased the sum of squares. The next step is Gauss's if this one was not,
     /// or else shorter: by the parabola through both ends with the slope at the first, and finally by damping. `risen`:
     /// increase of the sum of squares, if it exists. Returns the damping.
     fn shorten_step(&mut self, slope: f64, risen: Option<f64>) -> f64 {
-        let was_uphill = self.uphill.take().map(|(before, _)| self.state = before).is_some();
+        let was_uphill = self
+            .uphill
+            .take()
+            .map(|(before, _)| self.state = before)
+            .is_some();
         if self.groups_alone && !was_uphill {
             return self.damping;
         }
@@ -234,7 +287,11 @@ where
             self.length *= shorter;
         } else {
             self.secants.clear();
-            self.damping = if self.damping == 0.0 { 1e-3 } else { self.damping * 10.0 };
+            self.damping = if self.damping == 0.0 {
+                1e-3
+            } else {
+                self.damping * 10.0
+            };
             self.length = 1.0;
         }
         self.damping
@@ -257,7 +314,12 @@ impl Relaxation {
     const FACTOR_BOUNDS: (f64, f64) = (0.3, 10.0);
 
     /// Returns the step times its factor; the first step, also after one that increased the sum of squares, times `length`.
-    fn scale_step(&mut self, step: DVector<f64>, normal: &DMatrix<f64>, length: f64) -> DVector<f64> {
+    fn scale_step(
+        &mut self,
+        step: DVector<f64>,
+        normal: &DMatrix<f64>,
+        length: f64,
+    ) -> DVector<f64> {
         let factor = self.last.as_ref().map_or(length, |(last, factor)| {
             let weighted = normal * &step;
             let (both, own) = (last.dot(&weighted), step.dot(&weighted));

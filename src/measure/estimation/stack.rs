@@ -76,7 +76,11 @@ impl BlockStack {
             system
         };
         let blocks = linearised.iter().map(block).collect();
-        Self { shared, blocks, local }
+        Self {
+            shared,
+            blocks,
+            local,
+        }
     }
 
     /// Returns the number of columns: local, shared, contradiction.
@@ -130,8 +134,15 @@ impl BlockStack {
 impl ProductTarget<'_> {
     fn add_column_products(&mut self, column: usize, with: &[f64], local: usize, shared: &[usize]) {
         let p = self.right.len();
-        let coupling = self.coupling.as_mut_slice().iter_mut().skip(column).step_by(p);
-        coupling.zip(&with[..local]).for_each(|(target, value)| *target += value);
+        let coupling = self
+            .coupling
+            .as_mut_slice()
+            .iter_mut()
+            .skip(column)
+            .step_by(p);
+        coupling
+            .zip(&with[..local])
+            .for_each(|(target, value)| *target += value);
         let normal = self.normal.as_mut_slice();
         for (value, &other) in with[local..].iter().zip(shared) {
             normal[column.min(other) * p + column.max(other)] += value;
@@ -151,7 +162,12 @@ impl BlockSystem {
         self.contradiction.clone_from(&lin.misclosure);
         let contradiction = self.contradiction.as_mut_slice();
         let n = contradiction.len().max(1);
-        for (by, &residual) in lin.observations.as_slice().chunks_exact(n).zip(residuals.as_slice()) {
+        for (by, &residual) in lin
+            .observations
+            .as_slice()
+            .chunks_exact(n)
+            .zip(residuals.as_slice())
+        {
             add_scaled(contradiction, -residual, by);
         }
         Ok(())
@@ -192,7 +208,9 @@ impl BlockSystem {
     ) {
         let width = rows.len() / N;
         for (position, values) in self.indexed_columns(lin, N, width) {
-            let Ok(values) = <&[f64; N]>::try_from(values) else { continue };
+            let Ok(values) = <&[f64; N]>::try_from(values) else {
+                continue;
+            };
             let by = white.map(|row| row.iter().zip(values).map(|(w, v)| w * v).sum::<f64>());
             match position.checked_sub(width) {
                 None => (0..N).for_each(|i| rows[i * width + position] = by[i]),
@@ -209,8 +227,14 @@ impl BlockSystem {
         width: usize,
     ) -> impl Iterator<Item = (usize, &'a [f64])> {
         let local = lin.local.as_slice().chunks_exact(n).enumerate();
-        let global = self.positions.iter().copied().zip(lin.global.as_slice().chunks_exact(n));
-        local.chain(global).chain([(width - 1, self.contradiction.as_slice())])
+        let global = self
+            .positions
+            .iter()
+            .copied()
+            .zip(lin.global.as_slice().chunks_exact(n));
+        local
+            .chain(global)
+            .chain([(width - 1, self.contradiction.as_slice())])
     }
 }
 
@@ -236,7 +260,12 @@ impl Workspace {
         transpose_columns(&self.rows, width, &mut self.transposed);
         let rows = DMatrixView::from_slice(&self.rows, width, conditions);
         let transposed = DMatrixView::from_slice(&self.transposed, conditions, width);
-        DMatrixViewMut::from_slice(&mut self.product, width, width).gemm(1.0, &rows, &transposed, 0.0);
+        DMatrixViewMut::from_slice(&mut self.product, width, width).gemm(
+            1.0,
+            &rows,
+            &transposed,
+            0.0,
+        );
     }
 
     /// Stores `factor` (global x local), whose square will be subtracted from the normal matrix.
@@ -264,7 +293,9 @@ impl Workspace {
             for first in (0..p).step_by(PANEL_COLUMNS) {
                 let n = PANEL_COLUMNS.min(p - first);
                 let (left, right) = (factors.rows(first, p - first), transposed.columns(first, n));
-                normal.view_mut((first, first), (p - first, n)).gemm(-1.0, &left, &right, 1.0);
+                normal
+                    .view_mut((first, first), (p - first, n))
+                    .gemm(-1.0, &left, &right, 1.0);
             }
         }
         self.gathered.clear();
@@ -284,7 +315,10 @@ fn transpose_columns(columns: &[f64], height: usize, into: &mut Vec<f64>) {
 
 /// Returns the columns that the first two blocks share, ascending: most of the columns that the group shares.
 fn shared_columns(blocks: &[Linearised]) -> Vec<usize> {
-    let mut shared = blocks.first().map(|b| b.columns.clone()).unwrap_or_default();
+    let mut shared = blocks
+        .first()
+        .map(|b| b.columns.clone())
+        .unwrap_or_default();
     if let Some(next) = blocks.get(1) {
         shared.retain(|column| next.columns.contains(column));
     }

@@ -4,7 +4,9 @@ use nalgebra::{DMatrix, DVector};
 
 use super::error::EstimationResult;
 use super::fit::{BlockFit, Fit, GroupFit};
-use super::linear::{add_scaled, dot_product, factor_in_place, factor_normal_matrix, invert_lower, singular_error};
+use super::linear::{
+    add_scaled, dot_product, factor_in_place, factor_normal_matrix, invert_lower, singular_error,
+};
 use super::prior::{add_prior, prior_weights};
 use super::problem::{Block, Group, GroupPoint, Linearised, Problem};
 use super::stack::{BlockStack, BlockSystem, ProductTarget, Workspace};
@@ -71,7 +73,12 @@ impl NormalEquations {
             omega: 0.0,
             omega_priors: 0.0,
             unclosed: 0.0,
-            several_own: problem.groups.iter().filter(|group| !group.local.is_empty()).count() > 1,
+            several_own: problem
+                .groups
+                .iter()
+                .filter(|group| !group.local.is_empty())
+                .count()
+                > 1,
             unsettled: 0.0,
             rounding: 0.0,
             weights: prior_weights(&problem.priors)?,
@@ -97,7 +104,13 @@ impl NormalEquations {
         self.workspace.subtract_gathered(&mut self.normal);
         self.normal.fill_upper_triangle_with_lower_triangle();
         for (prior, weight) in problem.priors.iter().zip(&self.weights) {
-            self.omega_priors += add_prior(prior, weight, &state.global, &mut self.normal, &mut self.right);
+            self.omega_priors += add_prior(
+                prior,
+                weight,
+                &state.global,
+                &mut self.normal,
+                &mut self.right,
+            );
         }
         if let Some(known) = &problem.known {
             let off = &state.global - &known.mean;
@@ -120,15 +133,30 @@ impl NormalEquations {
     ) -> EstimationResult<()> {
         let (part, local) = (&mut self.groups[index], &state.local[index]);
         let observed = &state.observed[index];
-        let at = GroupPoint { group: index, global: &state.global, local, observed };
+        let at = GroupPoint {
+            group: index,
+            global: &state.global,
+            local,
+            observed,
+        };
         linearise(&at, &mut part.linearised)?;
-        let stack = part.stack.get_or_insert_with(|| BlockStack::new(local.len(), &part.linearised));
+        let stack = part
+            .stack
+            .get_or_insert_with(|| BlockStack::new(local.len(), &part.linearised));
         part.coupling.as_mut_slice().fill(0.0);
-        let mut target =
-            ProductTarget { normal: &mut self.normal, right: &mut self.right, coupling: &mut part.coupling };
+        let mut target = ProductTarget {
+            normal: &mut self.normal,
+            right: &mut self.right,
+            coupling: &mut part.coupling,
+        };
         let residuals = &state.residuals[index];
-        self.unclosed +=
-            stack.accumulate_products(&group.blocks, residuals, &part.linearised, &mut self.workspace, &mut target)?;
+        self.unclosed += stack.accumulate_products(
+            &group.blocks,
+            residuals,
+            &part.linearised,
+            &mut self.workspace,
+            &mut target,
+        )?;
         // The stack's own square, lower triangle.
         let (q, width) = (local.len(), stack.width());
         let product = &self.workspace.product;
@@ -139,12 +167,26 @@ impl NormalEquations {
             part.factor.as_mut_slice()[j * q + j..(j + 1) * q].copy_from_slice(&column[j..q]);
             part.right[j] = -column[last];
             let coupling = &mut part.coupling.as_mut_slice()[j * p..(j + 1) * p];
-            stack.shared.iter().zip(&column[q..]).for_each(|(&at, v)| coupling[at] += v);
+            stack
+                .shared
+                .iter()
+                .zip(&column[q..])
+                .for_each(|(&at, v)| coupling[at] += v);
         }
-        for (j, (&at, column)) in stack.shared.iter().zip(product.chunks_exact(width).skip(q)).enumerate() {
+        for (j, (&at, column)) in stack
+            .shared
+            .iter()
+            .zip(product.chunks_exact(width).skip(q))
+            .enumerate()
+        {
             self.right[at] -= column[last];
             let normal = &mut self.normal.as_mut_slice()[at * p..(at + 1) * p];
-            stack.shared.iter().zip(&column[q..]).skip(j).for_each(|(&i, v)| normal[i] += v);
+            stack
+                .shared
+                .iter()
+                .zip(&column[q..])
+                .skip(j)
+                .for_each(|(&i, v)| normal[i] += v);
         }
         for (prior, weight) in group.priors.iter().zip(&part.weights) {
             self.omega_priors += add_prior(prior, weight, local, &mut part.factor, &mut part.right);
@@ -154,13 +196,18 @@ impl NormalEquations {
             if self.several_own {
                 self.unsettled += part.right.norm_squared();
             }
-            self.workspace.gather_factor(&part.coupling, &mut self.normal);
+            self.workspace
+                .gather_factor(&part.coupling, &mut self.normal);
         }
         Ok(())
     }
 
     /// Returns the global step, damped after Levenberg and Marquardt.
-    pub(super) fn global_step(&self, problem: &Problem, damping: f64) -> EstimationResult<DVector<f64>> {
+    pub(super) fn global_step(
+        &self,
+        problem: &Problem,
+        damping: f64,
+    ) -> EstimationResult<DVector<f64>> {
         let mut normal = self.normal.clone();
         for i in 0..normal.nrows() {
             normal[(i, i)] *= 1.0 + damping;
@@ -180,7 +227,11 @@ impl NormalEquations {
     }
 
     /// Returns the undamped step for another right side.
-    pub(super) fn solve_right_side(&self, problem: &Problem, right: &DVector<f64>) -> EstimationResult<DVector<f64>> {
+    pub(super) fn solve_right_side(
+        &self,
+        problem: &Problem,
+        right: &DVector<f64>,
+    ) -> EstimationResult<DVector<f64>> {
         Ok(factor_normal_matrix(&self.normal, &problem.missing)?.solve(right))
     }
 
@@ -202,7 +253,14 @@ impl NormalEquations {
             let systems = part.stack.iter().flat_map(|s| &s.blocks);
             for (k, (system, lin)) in systems.zip(&part.linearised).enumerate() {
                 let residuals = &mut next.residuals[index][k];
-                system.update_residuals(lin, &group.blocks[k], step, &local_step, &mut work, residuals);
+                system.update_residuals(
+                    lin,
+                    &group.blocks[k],
+                    step,
+                    &local_step,
+                    &mut work,
+                    residuals,
+                );
                 let observed = &mut next.observed[index][k];
                 observed.copy_from(&group.blocks[k].observed);
                 *observed += &*residuals;
@@ -229,15 +287,24 @@ impl NormalEquations {
             }
             None => (inverse.clone(), inverse, self.normal),
         };
-        let priors = problem.priors.iter().chain(problem.groups.iter().flat_map(|g| &g.priors));
+        let priors = problem
+            .priors
+            .iter()
+            .chain(problem.groups.iter().flat_map(|g| &g.priors));
         let mut conditions: usize = priors.map(|p| p.columns.len()).sum();
         conditions += problem.known.as_ref().map_or(0, |known| known.conditions);
         let mut unknowns = state.global.len();
         let mut groups = Vec::with_capacity(self.groups.len());
         let states = state.local.into_iter().zip(state.residuals);
-        for ((part, group), (local, residuals)) in self.groups.into_iter().zip(&problem.groups).zip(states) {
+        for ((part, group), (local, residuals)) in
+            self.groups.into_iter().zip(&problem.groups).zip(states)
+        {
             unknowns += local.len();
-            conditions += part.linearised.iter().map(|b| b.misclosure.len()).sum::<usize>();
+            conditions += part
+                .linearised
+                .iter()
+                .map(|b| b.misclosure.len())
+                .sum::<usize>();
             groups.push(part.into_group_fit(group, local, residuals, &covariance));
         }
         Ok(Fit {
@@ -258,7 +325,9 @@ impl GroupSystem {
     /// Factors the local parameters' normal matrix and eliminates them from the right side.
     fn eliminate_local(&mut self, right: &mut DVector<f64>) -> EstimationResult<()> {
         if !factor_in_place(&mut self.factor) {
-            return Err(singular_error("the local parameters of a group of observations"));
+            return Err(singular_error(
+                "the local parameters of a group of observations",
+            ));
         }
         let p = self.coupling.nrows();
         for i in 0..self.right.len() {
@@ -281,7 +350,9 @@ impl GroupSystem {
     fn solve_local_step(&self, step: &DVector<f64>) -> DVector<f64> {
         let mut local = self.right.clone();
         for i in (0..local.len()).rev() {
-            let known: f64 = (i + 1..local.len()).map(|k| self.factor[(k, i)] * local[k]).sum();
+            let known: f64 = (i + 1..local.len())
+                .map(|k| self.factor[(k, i)] * local[k])
+                .sum();
             let by_global = dot_product(self.coupling.column(i).as_slice(), step.as_slice());
             local[i] = (local[i] - by_global - known) / self.factor[(i, i)];
         }
@@ -300,8 +371,15 @@ impl GroupSystem {
         let conditional = self.factor.transpose() * &self.factor;
         let cross = &sensitivity * covariance;
         let systems = self.stack.into_iter().flat_map(|s| s.blocks);
-        let blocks = self.linearised.into_iter().zip(systems).zip(&group.blocks).zip(residuals);
-        let blocks = blocks.map(|(((lin, system), block), residuals)| system.into_block_fit(lin, block, residuals));
+        let blocks = self
+            .linearised
+            .into_iter()
+            .zip(systems)
+            .zip(&group.blocks)
+            .zip(residuals);
+        let blocks = blocks.map(|(((lin, system), block), residuals)| {
+            system.into_block_fit(lin, block, residuals)
+        });
         GroupFit {
             local,
             covariance: &cross * sensitivity.transpose() + &conditional,
@@ -327,7 +405,12 @@ impl BlockSystem {
         let n = self.contradiction.len().max(1);
         work.clear();
         work.extend_from_slice(self.contradiction.as_slice());
-        for (by, &moved) in lin.local.as_slice().chunks_exact(n).zip(local_step.as_slice()) {
+        for (by, &moved) in lin
+            .local
+            .as_slice()
+            .chunks_exact(n)
+            .zip(local_step.as_slice())
+        {
             add_scaled(work, moved, by);
         }
         for (by, &column) in lin.global.as_slice().chunks_exact(n).zip(&lin.columns) {
@@ -336,17 +419,27 @@ impl BlockSystem {
         self.whitener.apply_weight(work);
         into.as_mut_slice().fill(0.0);
         let observations = lin.observations.as_slice().chunks_exact(n);
-        for (by, covariance) in observations.zip(block.covariance.as_slice().chunks_exact(into.len())) {
+        for (by, covariance) in
+            observations.zip(block.covariance.as_slice().chunks_exact(into.len()))
+        {
             add_scaled(into.as_mut_slice(), -dot_product(by, work), covariance);
         }
     }
 
-    fn into_block_fit(self, linearised: Linearised, block: &Block, residuals: DVector<f64>) -> BlockFit {
+    fn into_block_fit(
+        self,
+        linearised: Linearised,
+        block: &Block,
+        residuals: DVector<f64>,
+    ) -> BlockFit {
         let (n, m) = linearised.observations.shape();
         // (Q B')', one row per observation.
         let mut products = vec![0.0; n * m];
         let row = n.max(1);
-        for (product, covariance) in products.chunks_exact_mut(row).zip(block.covariance.as_slice().chunks_exact(m)) {
+        for (product, covariance) in products
+            .chunks_exact_mut(row)
+            .zip(block.covariance.as_slice().chunks_exact(m))
+        {
             let observations = linearised.observations.as_slice().chunks_exact(row);
             for (by, &covariance) in observations.zip(covariance).filter(|(_, c)| **c != 0.0) {
                 add_scaled(product, covariance, by);
@@ -358,12 +451,20 @@ impl BlockSystem {
         for (i, product) in products.chunks_exact(row).enumerate() {
             weighed.copy_from_slice(product);
             self.whitener.apply_weight(&mut weighed);
-            weighed.iter().enumerate().for_each(|(k, w)| gain[(i, k)] = *w);
+            weighed
+                .iter()
+                .enumerate()
+                .for_each(|(k, w)| gain[(i, k)] = *w);
             for (j, other) in products.chunks_exact(row).enumerate() {
                 conditional[(i, j)] -= dot_product(&weighed, other);
             }
         }
-        BlockFit { residuals, linearised, gain, conditional }
+        BlockFit {
+            residuals,
+            linearised,
+            gain,
+            conditional,
+        }
     }
 }
 
@@ -371,8 +472,17 @@ impl BlockSystem {
 /// their absolute values (Higham 2002, 3.1).
 fn rounding_bound(information: &DMatrix<f64>, off: &DVector<f64>) -> f64 {
     let absolute = off.abs();
-    let weighed = |column: &[f64]| -> f64 { column.iter().zip(absolute.iter()).map(|(a, b)| a.abs() * b).sum() };
-    let columns = information.as_slice().chunks_exact(off.len().max(1)).zip(absolute.iter());
+    let weighed = |column: &[f64]| -> f64 {
+        column
+            .iter()
+            .zip(absolute.iter())
+            .map(|(a, b)| a.abs() * b)
+            .sum()
+    };
+    let columns = information
+        .as_slice()
+        .chunks_exact(off.len().max(1))
+        .zip(absolute.iter());
     let sum: f64 = columns.map(|(column, by)| by * weighed(column)).sum();
     off.len() as f64 * f64::EPSILON * sum
 }

@@ -34,14 +34,23 @@ fn line_block(p: &BlockPoint) -> EstimationResult<Linearised> {
     })
 }
 
-const POINTS: [(f64, f64); 6] = [(0.0, 1.1), (1.0, 2.9), (2.1, 5.2), (2.9, 7.1), (4.2, 9.0), (5.0, 11.2)];
+const POINTS: [(f64, f64); 6] = [
+    (0.0, 1.1),
+    (1.0, 2.9),
+    (2.1, 5.2),
+    (2.9, 7.1),
+    (4.2, 9.0),
+    (5.0, 11.2),
+];
 
 #[test]
 fn total_least_squares_line_is_the_principal_axis() {
     let fit = solve(&line(&POINTS, 0.1, 0.1), line_block).unwrap();
     // Equal variances: the orthogonal regression, in closed form.
     let n = POINTS.len() as f64;
-    let (mx, my) = POINTS.iter().fold((0.0, 0.0), |(a, b), p| (a + p.0 / n, b + p.1 / n));
+    let (mx, my) = POINTS
+        .iter()
+        .fold((0.0, 0.0), |(a, b), p| (a + p.0 / n, b + p.1 / n));
     let (sxx, sxy, syy) = POINTS.iter().fold((0.0, 0.0, 0.0), |(a, b, c), p| {
         let (dx, dy) = (p.0 - mx, p.1 - my);
         (a + dx * dx, b + dx * dy, c + dy * dy)
@@ -50,7 +59,11 @@ fn total_least_squares_line_is_the_principal_axis() {
     assert!((fit.global[0] - slope).abs() < 1e-8);
     assert!((fit.global[1] - (my - slope * mx)).abs() < 1e-7);
     assert_eq!(fit.redundancy, 4);
-    let norm: f64 = fit.groups.iter().map(|g| g.blocks[0].residuals.norm_squared() / 0.01).sum();
+    let norm: f64 = fit
+        .groups
+        .iter()
+        .map(|g| g.blocks[0].residuals.norm_squared() / 0.01)
+        .sum();
     assert!((norm - fit.omega).abs() < 1e-9);
 }
 
@@ -114,14 +127,22 @@ fn an_information_prior_replaces_the_observations_before_it() {
     let mut omega = before.omega;
     for point in &POINTS[2..] {
         let known = before.information_prior();
-        let next = Problem { known: Some(known), start: before.global, ..line(&[*point], 1e-4, 0.3) };
+        let next = Problem {
+            known: Some(known),
+            start: before.global,
+            ..line(&[*point], 1e-4, 0.3)
+        };
         before = solve(&next, line_block).unwrap();
         assert_eq!(before.redundancy, 1);
         omega += before.omega;
     }
     assert!((&before.global - &at_once.global).norm() < 1e-6);
     assert!((&before.covariance - &at_once.covariance).norm() < 1e-5 * at_once.covariance.norm());
-    assert!((omega - at_once.omega).abs() < 1e-5 * at_once.omega, "{omega} {}", at_once.omega);
+    assert!(
+        (omega - at_once.omega).abs() < 1e-5 * at_once.omega,
+        "{omega} {}",
+        at_once.omega
+    );
 }
 
 /// Model y = m x, both observed with equal noise, with an x per group that scatters by half the noise: the normal matrix
@@ -139,8 +160,15 @@ fn covariance_is_unbiased_with_noisy_amplitudes() {
             let (x, noise) = (0.5 * normal(), [normal(), normal()]);
             let observed = DVector::from_vec(vec![x + noise[0], x + noise[1]]);
             let start = DVector::from_element(1, observed[0]);
-            let block = Block { observed, covariance: DMatrix::identity(2, 2) };
-            Group { local: start, priors: vec![], blocks: vec![block] }
+            let block = Block {
+                observed,
+                covariance: DMatrix::identity(2, 2),
+            };
+            Group {
+                local: start,
+                priors: vec![],
+                blocks: vec![block],
+            }
         };
         let problem = Problem {
             start: DVector::from_element(1, 0.5),
@@ -160,7 +188,11 @@ fn covariance_is_unbiased_with_noisy_amplitudes() {
             })
         });
         let fit = fit.unwrap();
-        assert!(fit.iterations < 40, "seed {seed}: {} iterations", fit.iterations);
+        assert!(
+            fit.iterations < 40,
+            "seed {seed}: {} iterations",
+            fit.iterations
+        );
         errors.push((fit.global[0] - 1.0) / fit.covariance[(0, 0)].sqrt());
     }
     let rms = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
@@ -172,5 +204,7 @@ fn covariance_is_unbiased_with_noisy_amplitudes() {
 fn the_missing_datum_is_named() {
     let one = line(&POINTS[..1], 0.1, 0.1);
     let error = solve(&one, line_block).unwrap_err();
-    assert!(matches!(error, EstimationError::Singular { ref missing } if missing == "offset" || missing == "slope"));
+    assert!(
+        matches!(error, EstimationError::Singular { ref missing } if missing == "offset" || missing == "slope")
+    );
 }

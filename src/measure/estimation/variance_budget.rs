@@ -45,10 +45,18 @@ impl AttributedInformation {
         naming: &SourceNames,
     ) -> Self {
         let selected = |prior: &&Prior| prior.columns.iter().all(|column| columns(*column));
-        let of_group = problem.groups.get(group).into_iter().zip(fit.groups.get(group));
+        let of_group = problem
+            .groups
+            .get(group)
+            .into_iter()
+            .zip(fit.groups.get(group));
         let blocks = of_group.flat_map(|(group, solved)| group.blocks.iter().zip(&solved.blocks));
         let named = |(k, (block, solved)): (usize, (&Block, &BlockFit))| {
-            (block.clone(), solved.clone(), (naming.observations)(group, k))
+            (
+                block.clone(),
+                solved.clone(),
+                (naming.observations)(group, k),
+            )
         };
         Self {
             priors: problem.priors.iter().filter(selected).cloned().collect(),
@@ -119,7 +127,13 @@ impl<'a> VarianceSources<'a> {
         naming: SourceNames<'a>,
         attributed: Option<&'a AttributedInformation>,
     ) -> Self {
-        let mut sources = Self { problem, fit, naming, attributed, group_information: vec![] };
+        let mut sources = Self {
+            problem,
+            fit,
+            naming,
+            attributed,
+            group_information: vec![],
+        };
         if problem.groups.len() > 1 {
             sources.group_information = sources.information_by_source();
         }
@@ -152,14 +166,23 @@ impl<'a> VarianceSources<'a> {
     fn function_sensitivity(&self, group: usize, by: &Gradient) -> Sensitivity {
         let solved = &self.fit.groups[group];
         let mut function = DVector::zeros(self.fit.global.len());
-        by.columns.iter().enumerate().for_each(|(k, column)| function[*column] += by.global[(k, 0)]);
+        by.columns
+            .iter()
+            .enumerate()
+            .for_each(|(k, column)| function[*column] += by.global[(k, 0)]);
         let local = by.local.column(0);
         if local.is_empty() {
-            return Sensitivity { global: &self.fit.response * function, local: DVector::zeros(0) };
+            return Sensitivity {
+                global: &self.fit.response * function,
+                local: DVector::zeros(0),
+            };
         }
         function += solved.sensitivity.tr_mul(&local);
         let global = &self.fit.response * function;
-        Sensitivity { local: &solved.sensitivity * &global + &solved.conditional * local, global }
+        Sensitivity {
+            local: &solved.sensitivity * &global + &solved.conditional * local,
+            global,
+        }
     }
 
     fn add_prior_variances(&self, global: &DVector<f64>, sum: &mut VarianceSum) {
@@ -170,18 +193,31 @@ impl<'a> VarianceSources<'a> {
 
     /// Adds the contributions of the prior information: its named parts and the remainder.
     fn add_information_prior(&self, global: &DVector<f64>, sum: &mut VarianceSum) {
-        let Some(known) = &self.problem.known else { return };
+        let Some(known) = &self.problem.known else {
+            return;
+        };
         let all = global.dot(&(&known.information * global));
         let mut named = VarianceSum::default();
-        for prior in self.attributed.iter().flat_map(|attributed| &attributed.priors) {
+        for prior in self
+            .attributed
+            .iter()
+            .flat_map(|attributed| &attributed.priors)
+        {
             named.add_variance(prior.name.source, prior_variance(prior, global));
         }
-        for (block, solved, observed) in self.attributed.iter().flat_map(|attributed| &attributed.blocks) {
+        for (block, solved, observed) in self
+            .attributed
+            .iter()
+            .flat_map(|attributed| &attributed.blocks)
+        {
             let dependence = observation_sensitivity(solved, global, &DVector::zeros(0));
             add_block(block, &-dependence, observed, &mut named);
         }
         let rest = (all - named.total()).max(0.0);
-        named.0.into_iter().for_each(|(source, variance)| sum.add_variance(source, variance));
+        named
+            .0
+            .into_iter()
+            .for_each(|(source, variance)| sum.add_variance(source, variance));
         sum.add_variance(self.naming.known, rest);
     }
 
@@ -198,11 +234,17 @@ impl<'a> VarianceSources<'a> {
             sum.add_variance(prior.name.source, prior_variance(prior, &sensitivity.local));
         }
         for (k, (block, fit)) in given.blocks.iter().zip(&solved.blocks).enumerate() {
-            let mut dependence = -observation_sensitivity(fit, &sensitivity.global, &sensitivity.local);
+            let mut dependence =
+                -observation_sensitivity(fit, &sensitivity.global, &sensitivity.local);
             for (_, derivative) in observed.iter().filter(|(index, _)| *index == k) {
                 dependence += &fit.conditional * derivative.column(0);
             }
-            add_block(block, &dependence, &(self.naming.observations)(group, k), sum);
+            add_block(
+                block,
+                &dependence,
+                &(self.naming.observations)(group, k),
+                sum,
+            );
         }
     }
 
@@ -213,10 +255,22 @@ impl<'a> VarianceSources<'a> {
         }
         let mut own = VarianceSum::default();
         let local = &self.fit.groups[group].sensitivity * global;
-        self.add_own_group(group, &Sensitivity { global: global.clone(), local }, &[], &mut own);
+        self.add_own_group(
+            group,
+            &Sensitivity {
+                global: global.clone(),
+                local,
+            },
+            &[],
+            &mut own,
+        );
         for (source, information) in &self.group_information {
             let all = global.dot(&(information * global));
-            let own = own.0.iter().find(|(name, _)| name == source).map_or(0.0, |(_, variance)| *variance);
+            let own = own
+                .0
+                .iter()
+                .find(|(name, _)| name == source)
+                .map_or(0.0, |(_, variance)| *variance);
             sum.add_variance(source, (all - own).max(0.0));
         }
     }
@@ -225,12 +279,16 @@ impl<'a> VarianceSources<'a> {
     fn information_by_source(&self) -> Vec<(&'static str, DMatrix<f64>)> {
         let p = self.fit.global.len();
         let mut all: Vec<(&'static str, DMatrix<f64>)> = vec![];
-        for (index, (group, solved)) in self.problem.groups.iter().zip(&self.fit.groups).enumerate() {
+        for (index, (group, solved)) in self.problem.groups.iter().zip(&self.fit.groups).enumerate()
+        {
             for (source, rows) in self.weighted_rows(index, group, solved) {
-                let at = all.iter().position(|(name, _)| *name == source).unwrap_or_else(|| {
-                    all.push((source, DMatrix::zeros(p, p)));
-                    all.len() - 1
-                });
+                let at = all
+                    .iter()
+                    .position(|(name, _)| *name == source)
+                    .unwrap_or_else(|| {
+                        all.push((source, DMatrix::zeros(p, p)));
+                        all.len() - 1
+                    });
                 all[at].1.gemm_tr(1.0, &rows, &rows, 1.0);
             }
         }
@@ -238,10 +296,16 @@ impl<'a> VarianceSources<'a> {
     }
 
     /// Returns the weighted dependence of a group on the global parameters, source by source.
-    fn weighted_rows(&self, index: usize, group: &Group, solved: &GroupFit) -> Vec<(&'static str, DMatrix<f64>)> {
+    fn weighted_rows(
+        &self,
+        index: usize,
+        group: &Group,
+        solved: &GroupFit,
+    ) -> Vec<(&'static str, DMatrix<f64>)> {
         let mut all = vec![];
         for prior in &group.priors {
-            let rows = whitening_matrix(&prior.covariance) * solved.sensitivity.select_rows(&prior.columns);
+            let rows = whitening_matrix(&prior.covariance)
+                * solved.sensitivity.select_rows(&prior.columns);
             append_source_rows(&mut all, prior.name.source, &rows);
         }
         for (k, (block, fit)) in group.blocks.iter().zip(&solved.blocks).enumerate() {
@@ -257,12 +321,21 @@ impl<'a> VarianceSources<'a> {
             }
             for (source, range) in observed {
                 let (first, count) = (range.start, range.len());
-                let covariance = block.covariance.view((first, first), (count, count)).into_owned();
+                let covariance = block
+                    .covariance
+                    .view((first, first), (count, count))
+                    .into_owned();
                 let gain = fit.gain.rows(first, count);
-                append_source_rows(&mut all, source, &(whitening_matrix(&covariance) * gain * &by_global));
+                append_source_rows(
+                    &mut all,
+                    source,
+                    &(whitening_matrix(&covariance) * gain * &by_global),
+                );
             }
         }
-        all.into_iter().map(|(source, rows)| (source, DMatrix::from_rows(&rows))).collect()
+        all.into_iter()
+            .map(|(source, rows)| (source, DMatrix::from_rows(&rows)))
+            .collect()
     }
 
     /// Returns the function's variance if the parameters of a source were known.
@@ -277,7 +350,9 @@ impl<'a> VarianceSources<'a> {
             let named = priors.iter().filter(|prior| prior.name.source == source);
             named.flat_map(|prior| prior.columns.clone()).collect()
         };
-        let attributed = self.attributed.map_or(&[][..], |attributed| &attributed.priors);
+        let attributed = self
+            .attributed
+            .map_or(&[][..], |attributed| &attributed.priors);
         let global = [columns(&self.problem.priors), columns(attributed)].concat();
         let local = columns(&self.problem.groups[group].priors);
         let (n, m) = (global.len(), global.len() + local.len());
@@ -291,7 +366,13 @@ impl<'a> VarianceSources<'a> {
             (false, true) => solved.cross[(local[i - n], global[j])],
             (false, false) => solved.covariance[(local[i - n], local[j - n])],
         };
-        let with = |i: usize| if i < n { sensitivity.global[global[i]] } else { sensitivity.local[local[i - n]] };
+        let with = |i: usize| {
+            if i < n {
+                sensitivity.global[global[i]]
+            } else {
+                sensitivity.local[local[i - n]]
+            }
+        };
         let with = DVector::from_fn(m, |i, _| with(i));
         let explained = DMatrix::from_fn(m, m, covariance).cholesky()?.solve(&with);
         Some((total - with.dot(&explained)).max(0.0))
@@ -305,7 +386,11 @@ fn prior_variance(prior: &Prior, sensitivity: &DVector<f64>) -> f64 {
 }
 
 /// Returns `Q B' M^-1 (A, L) q` of a block.
-fn observation_sensitivity(block: &BlockFit, global: &DVector<f64>, local: &DVector<f64>) -> DVector<f64> {
+fn observation_sensitivity(
+    block: &BlockFit,
+    global: &DVector<f64>,
+    local: &DVector<f64>,
+) -> DVector<f64> {
     let lin = &block.linearised;
     let mut conditions = DVector::zeros(lin.misclosure.len());
     for (column, by) in lin.columns.iter().zip(lin.global.column_iter()) {
@@ -318,12 +403,23 @@ fn observation_sensitivity(block: &BlockFit, global: &DVector<f64>, local: &DVec
 }
 
 /// Adds `y' Q^-1 y` of a block's observations, by source.
-fn add_block(block: &Block, dependence: &DVector<f64>, observed: &[NamedObservations], sum: &mut VarianceSum) {
+fn add_block(
+    block: &Block,
+    dependence: &DVector<f64>,
+    observed: &[NamedObservations],
+    sum: &mut VarianceSum,
+) {
     for (source, range) in observed {
         let (first, count) = (range.start, range.len());
-        let covariance = block.covariance.view((first, first), (count, count)).into_owned();
+        let covariance = block
+            .covariance
+            .view((first, first), (count, count))
+            .into_owned();
         let own = dependence.rows(first, count);
-        sum.add_variance(source, inverse_spd(&covariance).map_or(0.0, |weight| own.dot(&(weight * own))));
+        sum.add_variance(
+            source,
+            inverse_spd(&covariance).map_or(0.0, |weight| own.dot(&(weight * own))),
+        );
     }
 }
 
@@ -339,12 +435,21 @@ fn whitening_matrix(covariance: &DMatrix<f64>) -> DMatrix<f64> {
 
 type StackedRows = Vec<nalgebra::RowDVector<f64>>;
 
-fn append_source_rows(all: &mut Vec<(&'static str, StackedRows)>, source: &'static str, rows: &DMatrix<f64>) {
-    let at = all.iter().position(|(name, _)| *name == source).unwrap_or_else(|| {
-        all.push((source, vec![]));
-        all.len() - 1
-    });
-    all[at].1.extend(rows.row_iter().map(|row| row.into_owned()));
+fn append_source_rows(
+    all: &mut Vec<(&'static str, StackedRows)>,
+    source: &'static str,
+    rows: &DMatrix<f64>,
+) {
+    let at = all
+        .iter()
+        .position(|(name, _)| *name == source)
+        .unwrap_or_else(|| {
+            all.push((source, vec![]));
+            all.len() - 1
+        });
+    all[at]
+        .1
+        .extend(rows.row_iter().map(|row| row.into_owned()));
 }
 
 #[cfg(test)]

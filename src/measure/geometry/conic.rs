@@ -7,7 +7,11 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 pub fn fit_conic(points: &[Vector2<f64>]) -> Option<(Vector2<f64>, Matrix2<f64>)> {
     let count = points.len() as f64;
     let mean = points.iter().sum::<Vector2<f64>>() / count;
-    let scatter = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum::<Matrix2<f64>>() / count;
+    let scatter = points
+        .iter()
+        .map(|p| (p - mean) * (p - mean).transpose())
+        .sum::<Matrix2<f64>>()
+        / count;
     // Whitened, the flattest ellipse is a circle and the equations are well conditioned.
     let root = scatter.cholesky()?.l();
     let whiten = root.try_inverse()?;

@@ -37,7 +37,9 @@ pub struct Lens {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum LensError {
     /// Distortion without an inverse there, or no convergence.
-    #[error("the lens distortion cannot be inverted at pixel ({u_px:.1}, {v_px:.1}); check k1 to p2 in camera.toml")]
+    #[error(
+        "the lens distortion cannot be inverted at pixel ({u_px:.1}, {v_px:.1}); check k1 to p2 in camera.toml"
+    )]
     NoInverse { u_px: f64, v_px: f64 },
 }
 
@@ -52,7 +54,20 @@ impl Lens {
     /// Creates a camera without distortion.
     pub fn pinhole(width: u32, height: u32, f_px: f64, cx: f64, cy: f64) -> Self {
         let (fx, fy) = (f_px, f_px);
-        Self { width, height, fx, fy, cx, cy, k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0, denominator: [0.0; 3] }
+        Self {
+            width,
+            height,
+            fx,
+            fy,
+            cx,
+            cy,
+            k1: 0.0,
+            k2: 0.0,
+            k3: 0.0,
+            p1: 0.0,
+            p2: 0.0,
+            denominator: [0.0; 3],
+        }
     }
 
     /// Distorts normalised coordinates; returns also the 2x2 Jacobian d(distorted)/d(undistorted).
@@ -80,12 +95,18 @@ impl Lens {
     fn radial_polynomials(&self, r2: f64) -> [f64; 2] {
         let polynomial = |a: f64, b: f64, c: f64| 1.0 + r2 * (a + r2 * (b + r2 * c));
         let [k4, k5, k6] = self.denominator;
-        [polynomial(self.k1, self.k2, self.k3), polynomial(k4, k5, k6)]
+        [
+            polynomial(self.k1, self.k2, self.k3),
+            polynomial(k4, k5, k6),
+        ]
     }
 
     /// Returns Brown's parameters, in the order of [`Lens::PARAMETERS`].
     pub fn parameters(&self) -> SVector<f64, BROWN> {
-        [self.fx, self.fy, self.cx, self.cy, self.k1, self.k2, self.k3, self.p1, self.p2].into()
+        [
+            self.fx, self.fy, self.cx, self.cy, self.k1, self.k2, self.k3, self.p1, self.p2,
+        ]
+        .into()
     }
 
     /// Returns the lens with changes added to Brown's parameters, in the order of [`Lens::PARAMETERS`].
@@ -107,7 +128,13 @@ impl Lens {
     /// Returns the lens in flight: camera constants larger by the fraction `share`, principal point shifted, px.
     pub fn with_flight_change(&self, share: f64, principal_point_px: &Vector2<f64>) -> Self {
         let (fx, fy) = (self.fx * (1.0 + share), self.fy * (1.0 + share));
-        Self { fx, fy, cx: self.cx + principal_point_px.x, cy: self.cy + principal_point_px.y, ..*self }
+        Self {
+            fx,
+            fy,
+            cx: self.cx + principal_point_px.x,
+            cy: self.cy + principal_point_px.y,
+            ..*self
+        }
     }
 
     /// Returns d pixel / d Brown's parameters at a camera-frame point, in the order of [`Lens::PARAMETERS`].
@@ -146,7 +173,10 @@ impl Lens {
     }
 
     /// Projects a camera-frame point to its pixel with the Jacobian d(pixel)/d(point), px/m; `None` behind the camera.
-    pub fn project_with_jacobian(&self, p: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
+    pub fn project_with_jacobian(
+        &self,
+        p: &Vector3<f64>,
+    ) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
         if p.z <= 0.0 {
             return None;
         }
@@ -165,7 +195,10 @@ impl Lens {
     /// # Errors
     /// Returns an error if the distortion has no inverse there.
     pub fn undistort(&self, pixel: &Vector2<f64>) -> Result<Vector2<f64>, LensError> {
-        let fail = LensError::NoInverse { u_px: pixel.x, v_px: pixel.y };
+        let fail = LensError::NoInverse {
+            u_px: pixel.x,
+            v_px: pixel.y,
+        };
         let target = Vector2::new((pixel.x - self.cx) / self.fx, (pixel.y - self.cy) / self.fy);
         let mut n = target;
         let (mut d, mut jacobian) = self.distort(&n);
@@ -221,11 +254,18 @@ impl Lens {
     ///
     /// # Errors
     /// Returns an error if the distortion has no inverse there.
-    pub fn ray_with_jacobian(&self, pixel: &Vector2<f64>) -> Result<(Vector3<f64>, Matrix3x2<f64>), LensError> {
+    pub fn ray_with_jacobian(
+        &self,
+        pixel: &Vector2<f64>,
+    ) -> Result<(Vector3<f64>, Matrix3x2<f64>), LensError> {
         let n = self.undistort(pixel)?;
         let (_, distortion) = self.distort(&n);
-        let fail = LensError::NoInverse { u_px: pixel.x, v_px: pixel.y };
-        let normalised = distortion.try_inverse().ok_or(fail)? * Matrix2::new(1.0 / self.fx, 0.0, 0.0, 1.0 / self.fy);
+        let fail = LensError::NoInverse {
+            u_px: pixel.x,
+            v_px: pixel.y,
+        };
+        let normalised = distortion.try_inverse().ok_or(fail)?
+            * Matrix2::new(1.0 / self.fx, 0.0, 0.0, 1.0 / self.fy);
         let p = Vector3::new(n.x, n.y, 1.0);
         let length = p.norm();
         let unit = p / length;
@@ -254,7 +294,15 @@ mod tests {
     use proptest::prelude::*;
 
     fn lens(k1: f64, k2: f64, p1: f64, p2: f64) -> Lens {
-        Lens { k1, k2, k3: -0.02, p1, p2, fy: 7795.0, ..Lens::pinhole(4000, 3000, 7800.0, 1986.0, 1513.0) }
+        Lens {
+            k1,
+            k2,
+            k3: -0.02,
+            p1,
+            p2,
+            fy: 7795.0,
+            ..Lens::pinhole(4000, 3000, 7800.0, 1986.0, 1513.0)
+        }
     }
 
     proptest! {
@@ -315,7 +363,9 @@ mod tests {
             for axis in 0..3 {
                 let mut step = Vector3::zeros();
                 step[axis] = 1e-5;
-                let by = (lens.project(&(point + step)).unwrap() - lens.project(&(point - step)).unwrap()) / 2e-5;
+                let by = (lens.project(&(point + step)).unwrap()
+                    - lens.project(&(point - step)).unwrap())
+                    / 2e-5;
                 differences.push((by - by_point.column(axis)).norm());
             }
             for k in 0..3 {
@@ -336,7 +386,10 @@ mod tests {
 
     #[test]
     fn a_folding_distortion_is_refused_not_guessed() {
-        let lens = Lens { k1: -30.0, ..Lens::pinhole(4000, 3000, 7800.0, 2000.0, 1500.0) };
+        let lens = Lens {
+            k1: -30.0,
+            ..Lens::pinhole(4000, 3000, 7800.0, 2000.0, 1500.0)
+        };
         assert!(lens.ray(&Vector2::new(3990.0, 10.0)).is_err());
         assert!(lens.ray(&Vector2::new(2000.0, 1500.0)).is_ok());
         assert!(lens.ray(&Vector2::new(f64::NAN, 0.0)).is_err());

@@ -25,7 +25,10 @@ pub fn left_jacobian(w: &Vector3<f64>) -> Matrix3<f64> {
         (0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0)
     } else {
         let angle = angle2.sqrt();
-        ((1.0 - angle.cos()) / angle2, (angle - angle.sin()) / (angle2 * angle))
+        (
+            (1.0 - angle.cos()) / angle2,
+            (angle - angle.sin()) / (angle2 * angle),
+        )
     };
     Matrix3::identity() + k * a + k * k * b
 }

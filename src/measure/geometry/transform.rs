@@ -45,7 +45,9 @@ pub enum FitError {
     #[error("at least three corresponding points that are not collinear are needed")]
     Degenerate,
     /// Only a reflection would map the points.
-    #[error("the two point sets are mirror images of each other; one axis of one frame has the wrong sign")]
+    #[error(
+        "the two point sets are mirror images of each other; one axis of one frame has the wrong sign"
+    )]
     Mirrored,
     /// A coordinate or a standard deviation cannot be used.
     #[error("tie point coordinates must be finite and standard deviations positive")]
@@ -79,7 +81,9 @@ impl TransformFit {
     /// Returns an error if the points are invalid, collinear or mirrored.
     pub fn estimate(points: &[PointPair], with_scale: bool) -> Result<Self, FitError> {
         let usable = |p: &PointPair| {
-            (p.source_m + p.target_m).iter().all(|c| c.is_finite()) && p.sigma_m > 0.0 && p.sigma_m.is_finite()
+            (p.source_m + p.target_m).iter().all(|c| c.is_finite())
+                && p.sigma_m > 0.0
+                && p.sigma_m.is_finite()
         };
         if !points.iter().all(usable) {
             return Err(FitError::Input);
@@ -98,14 +102,23 @@ impl TransformFit {
         }
         let mut fit = Self::from_transform(points, transform, cofactor, with_scale);
         // The standard deviations of points that contradict each other are too small.
-        if let (Some(false), Some(factor)) = (fit.passes_test(REJECTION_ALPHA), fit.variance_factor) {
+        if let (Some(false), Some(factor)) = (fit.passes_test(REJECTION_ALPHA), fit.variance_factor)
+        {
             fit.covariance *= factor;
         }
         Ok(fit)
     }
 
-    fn from_transform(points: &[PointPair], transform: Similarity, cofactor: Matrix7, with_scale: bool) -> Self {
-        let residuals_m: Vec<_> = points.iter().map(|p| p.target_m - transform.apply(&p.source_m)).collect();
+    fn from_transform(
+        points: &[PointPair],
+        transform: Similarity,
+        cofactor: Matrix7,
+        with_scale: bool,
+    ) -> Self {
+        let residuals_m: Vec<_> = points
+            .iter()
+            .map(|p| p.target_m - transform.apply(&p.source_m))
+            .collect();
         let redundancy = 3 * points.len() - if with_scale { 7 } else { 6 };
         let weighted: f64 = points
             .iter()
@@ -139,15 +152,26 @@ impl TransformFit {
         let linear = self.transform.rotation.matrix() * self.transform.scale;
         let jacobian = parameter_jacobian(&turned, self.transform.scale, true);
         let own = jacobian * &self.covariance * jacobian.transpose();
-        (self.transform.apply(source_m), linear * covariance_m2 * linear.transpose() + own)
+        (
+            self.transform.apply(source_m),
+            linear * covariance_m2 * linear.transpose() + own,
+        )
     }
 }
 
 fn fit_closed_form(points: &[PointPair], with_scale: bool) -> Result<Similarity, FitError> {
     let weight = |p: &PointPair| p.sigma_m.powi(-2);
     let total: f64 = points.iter().map(weight).sum();
-    let source: Vector3<f64> = points.iter().map(|p| p.source_m * weight(p)).sum::<Vector3<f64>>() / total;
-    let target: Vector3<f64> = points.iter().map(|p| p.target_m * weight(p)).sum::<Vector3<f64>>() / total;
+    let source: Vector3<f64> = points
+        .iter()
+        .map(|p| p.source_m * weight(p))
+        .sum::<Vector3<f64>>()
+        / total;
+    let target: Vector3<f64> = points
+        .iter()
+        .map(|p| p.target_m * weight(p))
+        .sum::<Vector3<f64>>()
+        / total;
     check_not_collinear(points.iter().map(|p| p.source_m - source))?;
     check_not_collinear(points.iter().map(|p| p.target_m - target))?;
     let (mut cross, mut inertia) = (Matrix3::zeros(), 0.0);
@@ -157,7 +181,9 @@ fn fit_closed_form(points: &[PointPair], with_scale: bool) -> Result<Similarity,
         inertia += s.norm_squared() * weight(p);
     }
     let svd = cross.svd(true, true);
-    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else { return Err(FitError::Degenerate) };
+    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
+        return Err(FitError::Degenerate);
+    };
     let sign = (u * v_t).determinant().signum();
     let values = svd.singular_values;
     if sign < 0.0 && values[2] > MIRROR_RATIO * values[1] {
@@ -165,8 +191,16 @@ fn fit_closed_form(points: &[PointPair], with_scale: bool) -> Result<Similarity,
     }
     let guard = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign));
     let rotation = Rotation3::from_matrix_unchecked(u * guard * v_t);
-    let scale = if with_scale { (values[0] + values[1] + sign * values[2]) / inertia } else { 1.0 };
-    Ok(Similarity { scale, rotation, translation_m: target - rotation * source * scale })
+    let scale = if with_scale {
+        (values[0] + values[1] + sign * values[2]) / inertia
+    } else {
+        1.0
+    };
+    Ok(Similarity {
+        scale,
+        rotation,
+        translation_m: target - rotation * source * scale,
+    })
 }
 
 /// Ratio of the third to the second extent above which a reflection is not caused by noise: points in a plane give either
@@ -177,13 +211,19 @@ fn check_not_collinear(centred: impl Iterator<Item = Vector3<f64>>) -> Result<()
     let columns: Vec<_> = centred.collect();
     let values = Matrix3xX::from_columns(&columns).singular_values();
     let line = values[1] <= LINE_RATIO * values[0] || values[0] == 0.0;
-    if line { Err(FitError::Degenerate) } else { Ok(()) }
+    if line {
+        Err(FitError::Degenerate)
+    } else {
+        Ok(())
+    }
 }
 
 /// Returns d(target)/d(small rotation, translation, scale) at a rotated source point.
 fn parameter_jacobian(turned: &Vector3<f64>, scale: f64, with_scale: bool) -> SMatrix<f64, 3, 7> {
     let mut jacobian = SMatrix::<f64, 3, 7>::zeros();
-    jacobian.fixed_view_mut::<3, 3>(0, 0).copy_from(&(-cross_matrix(turned) * scale));
+    jacobian
+        .fixed_view_mut::<3, 3>(0, 0)
+        .copy_from(&(-cross_matrix(turned) * scale));
     jacobian.fixed_view_mut::<3, 3>(0, 3).fill_with_identity();
     if with_scale {
         jacobian.fixed_view_mut::<3, 1>(0, 6).copy_from(turned);
@@ -192,7 +232,11 @@ fn parameter_jacobian(turned: &Vector3<f64>, scale: f64, with_scale: bool) -> SM
 }
 
 /// Returns one step and the cofactor matrix, both in (rotation, translation, scale).
-fn gauss_newton_step(points: &[PointPair], t: &Similarity, with_scale: bool) -> Result<(Vector7, Matrix7), FitError> {
+fn gauss_newton_step(
+    points: &[PointPair],
+    t: &Similarity,
+    with_scale: bool,
+) -> Result<(Vector7, Matrix7), FitError> {
     let (mut normal, mut right) = (Matrix7::zeros(), Vector7::zeros());
     for p in points {
         let jacobian = parameter_jacobian(&(t.rotation * p.source_m), t.scale, with_scale);
@@ -220,13 +264,21 @@ mod tests {
         let mut rng = StdRng::seed_from_u64(seed);
         (0..n)
             .map(|_| {
-                Vector3::new(rng.random_range(-15.0..15.0), rng.random_range(-3.0..30.0), rng.random_range(-2.0..4.0))
+                Vector3::new(
+                    rng.random_range(-15.0..15.0),
+                    rng.random_range(-3.0..30.0),
+                    rng.random_range(-2.0..4.0),
+                )
             })
             .collect()
     }
 
     fn pairs(points: &[Vector3<f64>], truth: &Similarity) -> Vec<PointPair> {
-        let pair = |p: &Vector3<f64>| PointPair { source_m: *p, target_m: truth.apply(p), sigma_m: 0.002 };
+        let pair = |p: &Vector3<f64>| PointPair {
+            source_m: *p,
+            target_m: truth.apply(p),
+            sigma_m: 0.002,
+        };
         points.iter().map(pair).collect()
     }
 
@@ -268,22 +320,49 @@ mod tests {
         let rigid = TransformFit::estimate(&points, false).unwrap();
         assert_eq!(rigid.transform.scale, 1.0);
         assert_eq!(rigid.passes_test(0.01), Some(false));
-        assert_eq!(TransformFit::estimate(&points, true).unwrap().passes_test(0.01), Some(true));
+        assert_eq!(
+            TransformFit::estimate(&points, true)
+                .unwrap()
+                .passes_test(0.01),
+            Some(true)
+        );
     }
 
     #[test]
     fn mirrored_collinear_and_few_points_are_refused() {
         let mirror = |p: &Vector3<f64>| Vector3::new(p.x, -p.y, p.z);
-        let pair = |source_m: Vector3<f64>, target_m| PointPair { source_m, target_m, sigma_m: 0.002 };
+        let pair = |source_m: Vector3<f64>, target_m| PointPair {
+            source_m,
+            target_m,
+            sigma_m: 0.002,
+        };
         let mirrored: Vec<_> = cloud(1, 8).iter().map(|p| pair(*p, mirror(p))).collect();
-        assert_eq!(TransformFit::estimate(&mirrored, false).unwrap_err(), FitError::Mirrored);
-        let line: Vec<_> = (0..5).map(|k| Vector3::new(1.0, 2.0, 3.0) * f64::from(k)).map(|p| pair(p, p)).collect();
-        assert_eq!(TransformFit::estimate(&line, false).unwrap_err(), FitError::Degenerate);
-        assert_eq!(TransformFit::estimate(&mirrored[..2], false).unwrap_err(), FitError::Degenerate);
+        assert_eq!(
+            TransformFit::estimate(&mirrored, false).unwrap_err(),
+            FitError::Mirrored
+        );
+        let line: Vec<_> = (0..5)
+            .map(|k| Vector3::new(1.0, 2.0, 3.0) * f64::from(k))
+            .map(|p| pair(p, p))
+            .collect();
+        assert_eq!(
+            TransformFit::estimate(&line, false).unwrap_err(),
+            FitError::Degenerate
+        );
+        assert_eq!(
+            TransformFit::estimate(&mirrored[..2], false).unwrap_err(),
+            FitError::Degenerate
+        );
         let same = vec![mirrored[0]; 4];
-        assert_eq!(TransformFit::estimate(&same, false).unwrap_err(), FitError::Degenerate);
+        assert_eq!(
+            TransformFit::estimate(&same, false).unwrap_err(),
+            FitError::Degenerate
+        );
         let nan = [pair(Vector3::new(f64::NAN, 0.0, 0.0), Vector3::zeros()); 3];
-        assert_eq!(TransformFit::estimate(&nan, false).unwrap_err(), FitError::Input);
+        assert_eq!(
+            TransformFit::estimate(&nan, false).unwrap_err(),
+            FitError::Input
+        );
     }
 
     #[test]
@@ -293,9 +372,17 @@ mod tests {
         for _ in 0..50 {
             let points: Vec<_> = (0..6)
                 .map(|_| {
-                    let p = Vector3::new(rng.random_range(-9.0..9.0), rng.random_range(-9.0..9.0), 0.0);
+                    let p = Vector3::new(
+                        rng.random_range(-9.0..9.0),
+                        rng.random_range(-9.0..9.0),
+                        0.0,
+                    );
                     let target_m = rotation * p + gauss(&mut rng) * 0.002;
-                    PointPair { source_m: p, target_m, sigma_m: 0.002 }
+                    PointPair {
+                        source_m: p,
+                        target_m,
+                        sigma_m: 0.002,
+                    }
                 })
                 .collect();
             let fit = TransformFit::estimate(&points, false).unwrap();
@@ -319,8 +406,13 @@ mod tests {
         let runs = 1000;
         let mut predicted = Matrix3::zeros();
         for _ in 0..runs {
-            let noisy: Vec<_> =
-                clean.iter().map(|p| PointPair { source_m: p.source_m + gauss(&mut rng) * p.sigma_m, ..*p }).collect();
+            let noisy: Vec<_> = clean
+                .iter()
+                .map(|p| PointPair {
+                    source_m: p.source_m + gauss(&mut rng) * p.sigma_m,
+                    ..*p
+                })
+                .collect();
             let fit = TransformFit::estimate(&noisy, false).unwrap();
             let (position, covariance) = fit.apply_with_covariance(&tip, &Matrix3::zeros());
             let error = position - truth.apply(&tip);

@@ -19,7 +19,10 @@ impl WingFrame {
         let y = Vector3::z();
         let z = x.cross(&y);
         let rows = Matrix3::from_rows(&[x.transpose(), y.transpose(), z.transpose()]);
-        Self { origin_m, wing_from_survey: Rotation3::from_matrix_unchecked(rows) }
+        Self {
+            origin_m,
+            wing_from_survey: Rotation3::from_matrix_unchecked(rows),
+        }
     }
 
     /// Transforms a survey point to the wing frame, m.

@@ -4,7 +4,10 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// Returns the rotation that takes `source` to `target`, exact for the plane of both directions and their mean; `None` for
 /// parallel directions.
-pub(super) fn rotation_from_two(source: [&Vector3<f64>; 2], target: [&Vector3<f64>; 2]) -> Option<Rotation3<f64>> {
+pub(super) fn rotation_from_two(
+    source: [&Vector3<f64>; 2],
+    target: [&Vector3<f64>; 2],
+) -> Option<Rotation3<f64>> {
     let (a, b) = (orthonormal_triad(source)?, orthonormal_triad(target)?);
     Some(Rotation3::from_matrix_unchecked(b * a.transpose()))
 }

@@ -50,7 +50,10 @@ struct BentSection {
 
 impl Arm {
     /// Arm of a target that is rigid to the cabin.
-    const NONE: Self = Self { foot_m: f64::NEG_INFINITY, arm_m: Vector3::new(0.0, 0.0, 0.0) };
+    const NONE: Self = Self {
+        foot_m: f64::NEG_INFINITY,
+        arm_m: Vector3::new(0.0, 0.0, 0.0),
+    };
 }
 
 /// Step at which the foot of a point on the axis is found, m: small beside the model's error.
@@ -60,9 +63,20 @@ impl CoarseBeam {
     /// Creates the beam from the survey; `may_shape`: for each marker, whether it may shape the skin.
     pub(super) fn new(setup: &Setup, may_shape: &[bool]) -> Self {
         let frame = setup.wing_frame();
-        let ground_m: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
-        let points: Vec<_> = setup.wing_markers().into_iter().map(|(_, point)| point).collect();
-        let shaping = setup.wing_markers().into_iter().filter(|(k, _)| may_shape.get(*k).copied().unwrap_or(true));
+        let ground_m: Vec<_> = setup
+            .markers
+            .iter()
+            .map(|m| frame.wing_point(&m.position_m))
+            .collect();
+        let points: Vec<_> = setup
+            .wing_markers()
+            .into_iter()
+            .map(|(_, point)| point)
+            .collect();
+        let shaping = setup
+            .wing_markers()
+            .into_iter()
+            .filter(|(k, _)| may_shape.get(*k).copied().unwrap_or(true));
         let (shaping, on_skin): (Vec<usize>, Vec<_>) = shaping.unzip();
         let sigma_m: Vec<_> = shaping.iter().map(|k| setup.markers[*k].sigma_m).collect();
         let skin = SkinSurface::fit(&on_skin, &sigma_m);
@@ -74,8 +88,22 @@ impl CoarseBeam {
         let tip_x = points.iter().map(|p| p.x).fold(root_x + 1.0, f64::max) + MARGIN_M;
         let (length_m, slopes) = ground_axis(&height, root_x, tip_x);
         let root = Vector2::new(root_x, height(root_x));
-        let beam = Self { frame, skin, ground_m, length_m, chord_axis_m, root, slopes, arms: Vec::new() };
-        let points: Vec<_> = beam.ground_m.iter().zip(&setup.markers).map(|(p, m)| (*p, m.fixed)).collect();
+        let beam = Self {
+            frame,
+            skin,
+            ground_m,
+            length_m,
+            chord_axis_m,
+            root,
+            slopes,
+            arms: Vec::new(),
+        };
+        let points: Vec<_> = beam
+            .ground_m
+            .iter()
+            .zip(&setup.markers)
+            .map(|(p, m)| (*p, m.fixed))
+            .collect();
         beam.with_points(&points)
     }
 
@@ -83,8 +111,21 @@ impl CoarseBeam {
     /// markers.
     pub(super) fn with_points(&self, points: &[(Vector3<f64>, bool)]) -> Self {
         let nodes = self.axis_node_positions(&self.slopes, 1.0);
-        let arms = points.iter().map(|(p, fixed)| if *fixed { Arm::NONE } else { self.arm_to(p, &nodes) }).collect();
-        Self { ground_m: points.iter().map(|(p, _)| *p).collect(), arms, ..self.clone() }
+        let arms = points
+            .iter()
+            .map(|(p, fixed)| {
+                if *fixed {
+                    Arm::NONE
+                } else {
+                    self.arm_to(p, &nodes)
+                }
+            })
+            .collect();
+        Self {
+            ground_m: points.iter().map(|(p, _)| *p).collect(),
+            arms,
+            ..self.clone()
+        }
     }
 
     /// Returns section and offset of a point on the ground, wing frame, m.
@@ -102,7 +143,11 @@ impl CoarseBeam {
         let section = self.section_at(nodes, &self.slopes, foot_m, 1.0);
         let offset = target - section.axis;
         let tangent = unit_tangent(section.slope);
-        let arm_m = Vector3::new(offset.dot(&tangent), tangent.perp(&offset), p.z - self.chord_axis_m);
+        let arm_m = Vector3::new(
+            offset.dot(&tangent),
+            tangent.perp(&offset),
+            p.z - self.chord_axis_m,
+        );
         Arm { foot_m, arm_m }
     }
 
@@ -122,7 +167,8 @@ impl CoarseBeam {
                 let (n, z) = (arm.arm_m.y, arm.arm_m.z);
                 let tangent = unit_tangent(section.slope);
                 let normal = Vector2::new(-tangent.y, tangent.x);
-                let p = section.axis + (tangent * arm.arm_m.x + normal * (n * cos + z * sin)) * scale;
+                let p =
+                    section.axis + (tangent * arm.arm_m.x + normal * (n * cos + z * sin)) * scale;
                 Vector3::new(p.x, p.y, self.chord_axis_m + (z * cos - n * sin) * scale)
             })
             .collect()
@@ -134,12 +180,22 @@ impl CoarseBeam {
         const RISE_M: f64 = 1e-3;
         let mut state = WingState::zeros();
         state[0] = 3.0 * RISE_M / self.length_m.powi(2);
-        let (bent, still) = (self.marker_positions(&state, 1.0), self.marker_positions(&WingState::zeros(), 1.0));
-        bent.iter().zip(&still).map(|(bent, still)| (bent - still) / RISE_M).collect()
+        let (bent, still) = (
+            self.marker_positions(&state, 1.0),
+            self.marker_positions(&WingState::zeros(), 1.0),
+        );
+        bent.iter()
+            .zip(&still)
+            .map(|(bent, still)| (bent - still) / RISE_M)
+            .collect()
     }
 
     /// Returns normal and chordwise direction of the skin at a marker in flight, wing frame.
-    pub(super) fn skin_attitude(&self, state: &WingState, marker: usize) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    pub(super) fn skin_attitude(
+        &self,
+        state: &WingState,
+        marker: usize,
+    ) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let (arm, ground) = (self.arms.get(marker)?, self.ground_m.get(marker)?);
         if arm.foot_m == f64::NEG_INFINITY {
             return facing_attitude(ground);
@@ -158,7 +214,8 @@ impl CoarseBeam {
         let x = s_m / self.length_m;
         let x2 = x * x;
         let integrals = [x - 0.5 * x2, 0.5 * x2, 0.5 * x2 - x2 * x / 3.0];
-        self.length_m * (state[0] * integrals[0] + state[1] * integrals[1] + state[2] * integrals[2])
+        self.length_m
+            * (state[0] * integrals[0] + state[1] * integrals[1] + state[2] * integrals[2])
     }
 
     /// Returns the twist at an arc length, rad; positive twist raises the side of positive Z.
@@ -172,7 +229,11 @@ impl CoarseBeam {
         std::array::from_fn(|i| self.slopes[i] + self.added_slope(state, i as f64 * step))
     }
 
-    fn axis_node_positions(&self, slopes: &[f64; INTERVALS + 1], scale: f64) -> [Vector2<f64>; INTERVALS + 1] {
+    fn axis_node_positions(
+        &self,
+        slopes: &[f64; INTERVALS + 1],
+        scale: f64,
+    ) -> [Vector2<f64>; INTERVALS + 1] {
         let step = scale * self.length_m / INTERVALS as f64;
         let mut nodes = [self.root; INTERVALS + 1];
         for i in 0..INTERVALS {
@@ -195,7 +256,9 @@ impl CoarseBeam {
         let inside = fraction.clamp(0.0, 1.0);
         let step = scale * self.length_m / INTERVALS as f64;
         let slope = slopes[i] + (slopes[i + 1] - slopes[i]) * inside;
-        let axis = nodes[i] + (nodes[i + 1] - nodes[i]) * inside + unit_tangent(slope) * ((fraction - inside) * step);
+        let axis = nodes[i]
+            + (nodes[i + 1] - nodes[i]) * inside
+            + unit_tangent(slope) * ((fraction - inside) * step);
         BentSection { axis, slope }
     }
 }
@@ -203,7 +266,9 @@ impl CoarseBeam {
 /// Returns the normal of a target that faces the camera, as fixed targets do, and a direction across it.
 pub(super) fn facing_attitude(point_m: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
     let normal = -point_m.try_normalize(1e-6)?;
-    let across = (Vector3::y() - normal * normal.y).try_normalize(1e-6).unwrap_or_else(Vector3::x);
+    let across = (Vector3::y() - normal * normal.y)
+        .try_normalize(1e-6)
+        .unwrap_or_else(Vector3::x);
     Some((normal, across))
 }
 
@@ -215,18 +280,29 @@ fn unit_tangent(slope: f64) -> Vector2<f64> {
 /// Returns the height of the skin above the bending axis, m.
 fn skin_height_at(setup: &Setup, span_m: f64) -> f64 {
     setup.skin_height.map_or(0.0, |h| {
-        let fraction = if h.tip_span_m > 0.0 { span_m / h.tip_span_m } else { 0.0 };
+        let fraction = if h.tip_span_m > 0.0 {
+            span_m / h.tip_span_m
+        } else {
+            0.0
+        };
         h.root_m + (h.tip_m - h.root_m) * fraction
     })
 }
 
 /// Returns length and slopes of the axis between two stations, at equal arc lengths.
-fn ground_axis(height: &impl Fn(f64) -> f64, root_x: f64, tip_x: f64) -> (f64, [f64; INTERVALS + 1]) {
+fn ground_axis(
+    height: &impl Fn(f64) -> f64,
+    root_x: f64,
+    tip_x: f64,
+) -> (f64, [f64; INTERVALS + 1]) {
     let fine = 4 * INTERVALS;
     let dx = (tip_x - root_x) / fine as f64;
     let xs: Vec<f64> = (0..=fine).map(|i| root_x + dx * i as f64).collect();
     let slope = |x: f64| ((height(x + 0.05) - height(x - 0.05)) / 0.1).atan();
-    let length_m: f64 = xs.windows(2).map(|w| dx.hypot(height(w[1]) - height(w[0]))).sum();
+    let length_m: f64 = xs
+        .windows(2)
+        .map(|w| dx.hypot(height(w[1]) - height(w[0])))
+        .sum();
     let step = length_m / INTERVALS as f64;
     let mut slopes = [slope(root_x); INTERVALS + 1];
     let mut x = root_x;

@@ -25,14 +25,19 @@ pub(super) fn correct_centres(
     detections: &[Detection],
     identities: &Identities,
 ) -> Vec<Detection> {
-    let markers = identities.marker_of.iter().copied().chain(std::iter::repeat(None));
+    let markers = identities
+        .marker_of
+        .iter()
+        .copied()
+        .chain(std::iter::repeat(None));
     detections
         .iter()
         .zip(markers)
         .map(|(detection, marker)| {
             let circle = marker.filter(|_| detection.shape == Shape::Circle);
             let disc = circle.and_then(|j| scene.marker_disc(state, j));
-            disc.and_then(|d| correct_centre(&scene.setup.lens, detection, &d)).unwrap_or_else(|| detection.clone())
+            disc.and_then(|d| correct_centre(&scene.setup.lens, detection, &d))
+                .unwrap_or_else(|| detection.clone())
         })
         .collect()
 }
@@ -40,12 +45,23 @@ pub(super) fn correct_centres(
 fn correct_centre(lens: &Lens, detection: &Detection, disc: &SkinDisc) -> Option<Detection> {
     let bias = disc.centre_bias_px(lens)?;
     let outboard = disc.normal.cross(&disc.chord);
-    let warped = SkinDisc { warp_per_m: WARP_SIGMA_PER_M, ..*disc };
-    let others = [disc.tilted(&disc.chord, NORMAL_SIGMA), disc.tilted(&outboard, NORMAL_SIGMA), warped];
+    let warped = SkinDisc {
+        warp_per_m: WARP_SIGMA_PER_M,
+        ..*disc
+    };
+    let others = [
+        disc.tilted(&disc.chord, NORMAL_SIGMA),
+        disc.tilted(&outboard, NORMAL_SIGMA),
+        warped,
+    ];
     let mut covariance_px2 = detection.covariance_px2.clone();
     for other in others {
         let change: Vector2<f64> = other.centre_bias_px(lens).map_or(bias, |b| b - bias);
         covariance_px2.add(CovarianceSource::Perspective, change * change.transpose());
     }
-    Some(Detection { centre_px: detection.centre_px - bias, covariance_px2, ..detection.clone() })
+    Some(Detection {
+        centre_px: detection.centre_px - bias,
+        covariance_px2,
+        ..detection.clone()
+    })
 }

@@ -68,10 +68,16 @@ pub(super) struct Consensus {
 ///
 /// # Errors
 /// Returns an error if too few markers are found, none or more than one solution fits.
-pub(super) fn find_consensus(setup: &Setup, detections: &[Detection]) -> Result<Consensus, IdentifyError> {
+pub(super) fn find_consensus(
+    setup: &Setup,
+    detections: &[Detection],
+) -> Result<Consensus, IdentifyError> {
     let found = detections.iter().filter(|d| is_usable(d)).count();
     if found < super::flight::MIN_IDENTIFIED {
-        return Err(IdentifyError::TooFew { found, needed: super::flight::MIN_IDENTIFIED });
+        return Err(IdentifyError::TooFew {
+            found,
+            needed: super::flight::MIN_IDENTIFIED,
+        });
     }
     let (refined, tried) = list_candidates(setup, detections);
     let Some(best) = refined.first() else {
@@ -82,9 +88,15 @@ pub(super) fn find_consensus(setup: &Setup, detections: &[Detection]) -> Result<
     if best.pairs.len() < super::flight::MIN_IDENTIFIED
         || best.score - 2.0 * per_pair - (tried as f64).max(1.0).ln() < MIN_LOG_ODDS_CHANCE
     {
-        return Err(IdentifyError::NoConsensus { matched: best.pairs.len(), found });
+        return Err(IdentifyError::NoConsensus {
+            matched: best.pairs.len(),
+            found,
+        });
     }
-    let rivals = refined.iter().filter(|c| c.score > best.score - MIN_LOG_ODDS_RIVAL).count();
+    let rivals = refined
+        .iter()
+        .filter(|c| c.score > best.score - MIN_LOG_ODDS_RIVAL)
+        .count();
     if rivals > 1 {
         return Err(IdentifyError::Ambiguous { solutions: rivals });
     }
@@ -115,7 +127,9 @@ pub(super) fn pairs_from_rotation(
     detections: &[Detection],
     rotation: &Rotation3<f64>,
 ) -> Vec<MatchedPair> {
-    let mut pairs = Directions::new(setup, detections).match_pairs(rotation, 1.0).pairs;
+    let mut pairs = Directions::new(setup, detections)
+        .match_pairs(rotation, 1.0)
+        .pairs;
     pairs.sort_by_key(|p| p.1);
     pairs
 }
@@ -133,16 +147,29 @@ fn rotation_distance(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
 impl<'a> Directions<'a> {
     fn new(setup: &'a Setup, detections: &'a [Detection]) -> Self {
         let focal = setup.lens.focal_px();
-        let rays =
-            detections.iter().map(|d| if is_usable(d) { setup.lens.ray(&d.centre_px).ok() } else { None }).collect();
-        let rays_sigma =
-            detections.iter().map(|d| (0.5 * d.covariance_px2.trace() + EXTRA_PX * EXTRA_PX).sqrt() / focal).collect();
+        let rays = detections
+            .iter()
+            .map(|d| {
+                if is_usable(d) {
+                    setup.lens.ray(&d.centre_px).ok()
+                } else {
+                    None
+                }
+            })
+            .collect();
+        let rays_sigma = detections
+            .iter()
+            .map(|d| (0.5 * d.covariance_px2.trace() + EXTRA_PX * EXTRA_PX).sqrt() / focal)
+            .collect();
         let targets: Vec<_> = setup
             .markers
             .iter()
             .map(|m| {
                 let to = m.position_m - setup.projection_centre_m;
-                (to.normalize(), m.sigma_m.hypot(setup.projection_centre_sigma_m) / to.norm())
+                (
+                    to.normalize(),
+                    m.sigma_m.hypot(setup.projection_centre_sigma_m) / to.norm(),
+                )
             })
             .collect();
         let similar = setup
@@ -152,10 +179,19 @@ impl<'a> Directions<'a> {
             .map(|(j, m)| {
                 let range = (m.position_m - setup.projection_centre_m).norm();
                 let major = 0.5 * m.diameter_m * focal / range;
-                (0..detections.len()).filter(|i| looks_like(&detections[*i], setup, j, major)).collect()
+                (0..detections.len())
+                    .filter(|i| looks_like(&detections[*i], setup, j, major))
+                    .collect()
             })
             .collect();
-        Self { detections, setup, rays, targets, similar, rays_sigma }
+        Self {
+            detections,
+            setup,
+            rays,
+            targets,
+            similar,
+            rays_sigma,
+        }
     }
 
     /// Returns rotations from pairs of markers and pairs of detections with equal angles, ordered by score, and the number
@@ -172,12 +208,19 @@ impl<'a> Directions<'a> {
                 }
                 for &i in &self.similar[a] {
                     for &k in &self.similar[b] {
-                        let (Some(ri), Some(rk)) = (self.rays[i], self.rays[k]) else { continue };
-                        let sigma2 = sa * sa + sb * sb + self.rays_sigma[i].powi(2) + self.rays_sigma[k].powi(2);
+                        let (Some(ri), Some(rk)) = (self.rays[i], self.rays[k]) else {
+                            continue;
+                        };
+                        let sigma2 = sa * sa
+                            + sb * sb
+                            + self.rays_sigma[i].powi(2)
+                            + self.rays_sigma[k].powi(2);
                         if i == k || (ri.angle(&rk) - angle).abs() > ANGLE_GATE * sigma2.sqrt() {
                             continue;
                         }
-                        let Some(rotation) = rotation_from_two([&da, &db], [&ri, &rk]) else { continue };
+                        let Some(rotation) = rotation_from_two([&da, &db], [&ri, &rk]) else {
+                            continue;
+                        };
                         tried += 1;
                         // Errors of two directions near each other grow with the distance from them.
                         let slack = 1.0 + TWO_DIRECTIONS_RAD / angle;
@@ -205,9 +248,15 @@ impl<'a> Directions<'a> {
         }
         all.sort_by(|x, y| x.0.total_cmp(&y.0));
         let selected = select_one_to_one(all);
-        let score = selected.iter().fold(0.0, |score, (off2, pair)| score + (self.log_odds_gain(*pair) - 0.5 * off2));
+        let score = selected.iter().fold(0.0, |score, (off2, pair)| {
+            score + (self.log_odds_gain(*pair) - 0.5 * off2)
+        });
         let pairs = selected.into_iter().map(|(_, pair)| pair).collect();
-        Consensus { camera_from_survey: *rotation, pairs, score }
+        Consensus {
+            camera_from_survey: *rotation,
+            pairs,
+            score,
+        }
     }
 
     /// Returns the log odds of a perfect match against a false detection.
@@ -215,7 +264,9 @@ impl<'a> Directions<'a> {
         let lens = &self.setup.lens;
         let density = clutter_per_px2(self.detections.len(), lens);
         let sigma_px = self.targets[j].1.hypot(self.rays_sigma[i]) * lens.focal_px();
-        (SEEN_ODDS / (density * std::f64::consts::TAU * sigma_px * sigma_px)).ln().max(MIN_GAIN)
+        (SEEN_ODDS / (density * std::f64::consts::TAU * sigma_px * sigma_px))
+            .ln()
+            .max(MIN_GAIN)
     }
 
     /// Alternates between Arun's rotation from all pairs and new pairs for it.
@@ -226,7 +277,9 @@ impl<'a> Directions<'a> {
                 let weight = 1.0 / (sigma * sigma + self.rays_sigma[i].powi(2));
                 Some((target, self.rays[i]?, weight))
             });
-            let Some(rotation) = rotation_from_many(directions) else { break };
+            let Some(rotation) = rotation_from_many(directions) else {
+                break;
+            };
             consensus = self.match_pairs(&rotation, slack);
         }
         consensus
@@ -235,13 +288,14 @@ impl<'a> Directions<'a> {
 
 /// Adds a hypothesis to the best ones, of which each neighbourhood has one.
 fn keep_best(best: &mut Vec<Consensus>, next: Consensus) {
-    if next.pairs.len() < MIN_VOTES || (best.len() == MAX_HYPOTHESES && best[MAX_HYPOTHESES - 1].score >= next.score) {
+    if next.pairs.len() < MIN_VOTES
+        || (best.len() == MAX_HYPOTHESES && best[MAX_HYPOTHESES - 1].score >= next.score)
+    {
         return;
     }
-    match best
-        .iter()
-        .position(|c| rotation_distance(&c.camera_from_survey, &next.camera_from_survey) < NEIGHBOURHOOD_RAD)
-    {
+    match best.iter().position(|c| {
+        rotation_distance(&c.camera_from_survey, &next.camera_from_survey) < NEIGHBOURHOOD_RAD
+    }) {
         Some(at) if best[at].score >= next.score => return,
         Some(at) => best[at] = next,
         None => best.push(next),

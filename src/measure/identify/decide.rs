@@ -31,7 +31,10 @@ struct AlternativeMatch {
 }
 
 /// Accepts better alternatives until there is none, then lists the ambiguous markers.
-pub(super) fn decide_pairs(problem: &MatchingProblem<'_>, mut refined: RefinedMatch) -> MatchDecision {
+pub(super) fn decide_pairs(
+    problem: &MatchingProblem<'_>,
+    mut refined: RefinedMatch,
+) -> MatchDecision {
     for _ in 0..4 {
         let better = list_alternatives(problem, &refined)
             .into_iter()
@@ -39,7 +42,9 @@ pub(super) fn decide_pairs(problem: &MatchingProblem<'_>, mut refined: RefinedMa
             .filter(|(e, _)| *e > refined.evidence + 1e-6)
             .max_by(|a, b| a.0.total_cmp(&b.0));
         let Some((_, reading)) = better else { break };
-        let Some(next) = problem.refit_pairs(&refined, reading.pairs) else { break };
+        let Some(next) = problem.refit_pairs(&refined, reading.pairs) else {
+            break;
+        };
         if next.evidence <= refined.evidence {
             break;
         }
@@ -47,8 +52,8 @@ pub(super) fn decide_pairs(problem: &MatchingProblem<'_>, mut refined: RefinedMa
     }
     let mut ambiguous: Vec<(usize, Ambiguity)> = Vec::new();
     for reading in list_alternatives(problem, &refined) {
-        let close =
-            evidence_for_pairs(problem, &refined, &reading.pairs).is_some_and(|e| e > refined.evidence - MIN_LOG_ODDS);
+        let close = evidence_for_pairs(problem, &refined, &reading.pairs)
+            .is_some_and(|e| e > refined.evidence - MIN_LOG_ODDS);
         if close {
             for concern in reading.concerns {
                 if !ambiguous.iter().any(|d| d.0 == concern.0) {
@@ -60,13 +65,22 @@ pub(super) fn decide_pairs(problem: &MatchingProblem<'_>, mut refined: RefinedMa
     MatchDecision { refined, ambiguous }
 }
 
-fn evidence_for_pairs(problem: &MatchingProblem<'_>, refined: &RefinedMatch, pairs: &[MatchedPair]) -> Option<f64> {
-    problem.solve_step(pairs, &refined.predicted, &refined.prior, &refined.state).map(|s| s.evidence)
+fn evidence_for_pairs(
+    problem: &MatchingProblem<'_>,
+    refined: &RefinedMatch,
+    pairs: &[MatchedPair],
+) -> Option<f64> {
+    problem
+        .solve_step(pairs, &refined.predicted, &refined.prior, &refined.state)
+        .map(|s| s.evidence)
 }
 
 /// Lists all matches that differ by one exchange: a detection given to another marker, two detections swapped, or a marker
 /// given another detection.
-fn list_alternatives(problem: &MatchingProblem<'_>, refined: &RefinedMatch) -> Vec<AlternativeMatch> {
+fn list_alternatives(
+    problem: &MatchingProblem<'_>,
+    refined: &RefinedMatch,
+) -> Vec<AlternativeMatch> {
     let mut all = Vec::new();
     let pairs = &refined.pairs;
     for (k, &(i, j)) in pairs.iter().enumerate() {
@@ -77,41 +91,70 @@ fn list_alternatives(problem: &MatchingProblem<'_>, refined: &RefinedMatch) -> V
             let mut changed = pairs.clone();
             changed[k] = (i, other);
             match pairs.iter().position(|p| p.1 == other) {
-                None => all.push(AlternativeMatch { pairs: changed, concerns: vec![(j, Ambiguity::Marker(other))] }),
+                None => all.push(AlternativeMatch {
+                    pairs: changed,
+                    concerns: vec![(j, Ambiguity::Marker(other))],
+                }),
                 Some(at) => {
                     let mut stolen = changed.clone();
                     stolen.remove(at);
-                    let concerns = vec![(j, Ambiguity::Marker(other)), (other, Ambiguity::Marker(j))];
+                    let concerns =
+                        vec![(j, Ambiguity::Marker(other)), (other, Ambiguity::Marker(j))];
                     if is_pair_plausible(problem, refined, (pairs[at].0, j)) {
                         changed[at] = (pairs[at].0, j);
-                        all.push(AlternativeMatch { pairs: changed, concerns: concerns.clone() });
+                        all.push(AlternativeMatch {
+                            pairs: changed,
+                            concerns: concerns.clone(),
+                        });
                     }
-                    all.push(AlternativeMatch { pairs: stolen, concerns });
+                    all.push(AlternativeMatch {
+                        pairs: stolen,
+                        concerns,
+                    });
                 }
             }
         }
         for &other in problem.candidates(j) {
-            if other != i && !pairs.iter().any(|p| p.0 == other) && is_pair_plausible(problem, refined, (other, j)) {
+            if other != i
+                && !pairs.iter().any(|p| p.0 == other)
+                && is_pair_plausible(problem, refined, (other, j))
+            {
                 let mut changed = pairs.clone();
                 changed[k] = (other, j);
-                all.push(AlternativeMatch { pairs: changed, concerns: vec![(j, Ambiguity::Detection)] });
+                all.push(AlternativeMatch {
+                    pairs: changed,
+                    concerns: vec![(j, Ambiguity::Detection)],
+                });
             }
         }
     }
     all
 }
 
-fn is_pair_plausible(problem: &MatchingProblem<'_>, refined: &RefinedMatch, pair: MatchedPair) -> bool {
+fn is_pair_plausible(
+    problem: &MatchingProblem<'_>,
+    refined: &RefinedMatch,
+    pair: MatchedPair,
+) -> bool {
     let covariance = refined.covariance * 4.0;
     problem.candidates(pair.1).contains(&pair.0)
         && problem.is_outline_compatible(pair, &refined.outlines)
-        && super::fit::squared_distance(pair, &refined.predicted, problem.detections, &covariance, false)
-            < NEIGHBOURHOOD
+        && super::fit::squared_distance(
+            pair,
+            &refined.predicted,
+            problem.detections,
+            &covariance,
+            false,
+        ) < NEIGHBOURHOOD
 }
 
 impl MatchingProblem<'_> {
     /// Refits a solution with other pairs.
-    pub(super) fn refit_pairs(&self, refined: &RefinedMatch, pairs: Vec<MatchedPair>) -> Option<RefinedMatch> {
+    pub(super) fn refit_pairs(
+        &self,
+        refined: &RefinedMatch,
+        pairs: Vec<MatchedPair>,
+    ) -> Option<RefinedMatch> {
         let first = self.solve_step(&pairs, &refined.predicted, &refined.prior, &refined.state)?;
         let state = refined.state + first.delta;
         let predicted = self.scene.linearise(&state);

@@ -11,7 +11,9 @@ use crate::geometry::Lens;
 pub(super) type MatchedPair = (usize, usize);
 
 /// Selects pairs in their order, each detection and each marker once.
-pub(super) fn select_one_to_one(ordered: impl IntoIterator<Item = (f64, MatchedPair)>) -> Vec<(f64, MatchedPair)> {
+pub(super) fn select_one_to_one(
+    ordered: impl IntoIterator<Item = (f64, MatchedPair)>,
+) -> Vec<(f64, MatchedPair)> {
     let mut selected: Vec<(f64, MatchedPair)> = Vec::new();
     for (distance, (i, j)) in ordered {
         if selected.iter().all(|(_, p)| p.0 != i && p.1 != j) {
@@ -61,7 +63,9 @@ pub(super) struct Clutter {
 impl Clutter {
     /// Creates the density for a number of detections.
     pub(super) fn new(detections: usize, lens: &Lens) -> Self {
-        Self { gain: (SEEN_ODDS / (clutter_per_px2(detections, lens) * std::f64::consts::TAU)).ln() }
+        Self {
+            gain: (SEEN_ODDS / (clutter_per_px2(detections, lens) * std::f64::consts::TAU)).ln(),
+        }
     }
 }
 
@@ -111,7 +115,12 @@ pub(super) fn solve_step(
     let log_determinant = 2.0 * cholesky.l_dirty().diagonal().map(f64::ln).sum();
     let prior_log = -2.0 * prior.sigma.map(f64::ln).sum();
     evidence += 0.5 * (prior_log - log_determinant) - 0.5 * cost;
-    Some(StateStep { delta, covariance: cholesky.inverse(), cost, evidence })
+    Some(StateStep {
+        delta,
+        covariance: cholesky.inverse(),
+        cost,
+        evidence,
+    })
 }
 
 /// Returns the squared normalised distance of a pair, given the `covariance` of the state and the pair's noise. If
@@ -129,5 +138,9 @@ pub(super) fn squared_distance(
     let state = p.jacobian * covariance * p.jacobian.transpose();
     let noise = pair_covariance(detection, p);
     let v: Vector2<f64> = detection.centre_px - p.pixel;
-    if took_part { mahalanobis_squared(&v, &(noise - state)) } else { mahalanobis_squared(&v, &(noise + state)) }
+    if took_part {
+        mahalanobis_squared(&v, &(noise - state))
+    } else {
+        mahalanobis_squared(&v, &(noise + state))
+    }
 }

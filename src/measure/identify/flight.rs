@@ -23,7 +23,10 @@ impl WingView<'_> {
     pub fn identify_markers(&self, detections: &[Detection]) -> Result<Identities, IdentifyError> {
         let found = detections.iter().filter(|d| is_usable(d)).count();
         if found < MIN_IDENTIFIED {
-            return Err(IdentifyError::TooFew { found, needed: MIN_IDENTIFIED });
+            return Err(IdentifyError::TooFew {
+                found,
+                needed: MIN_IDENTIFIED,
+            });
         }
         let problem = MatchingProblem::new(self, detections);
         let solutions = find_solutions(&problem);
@@ -31,14 +34,19 @@ impl WingView<'_> {
             return Err(IdentifyError::NoConsensus { matched: 0, found });
         };
         if best.evidence < MIN_LOG_ODDS_CHANCE {
-            return Err(IdentifyError::NoConsensus { matched: best.pairs.len(), found });
+            return Err(IdentifyError::NoConsensus {
+                matched: best.pairs.len(),
+                found,
+            });
         }
         let mut decision = decide_pairs(&problem, best.clone());
         let rivals = mark_ambiguous(&mut decision, &solutions);
         let identities = build_identities(&problem, &decision);
         let certain = identities.count_named();
         if certain < MIN_IDENTIFIED {
-            return Err(IdentifyError::Ambiguous { solutions: rivals + 2 });
+            return Err(IdentifyError::Ambiguous {
+                solutions: rivals + 2,
+            });
         }
         Ok(identities)
     }
@@ -62,7 +70,11 @@ pub(super) fn find_solutions(problem: &MatchingProblem<'_>) -> Vec<RefinedMatch>
 /// Returns true if a guess is another start to a known solution. A rival contradicts it in many pairs; a few differences
 /// are examined one by one later.
 fn leads_to_solution(guess: &StateGuess, solution: &RefinedMatch) -> bool {
-    let against = guess.pairs.iter().filter(|p| find_conflicting_pair(&solution.pairs, **p).is_some()).count();
+    let against = guess
+        .pairs
+        .iter()
+        .filter(|p| find_conflicting_pair(&solution.pairs, **p).is_some())
+        .count();
     against < 3 || 10 * against < 3 * solution.pairs.len()
 }
 
@@ -95,30 +107,46 @@ fn find_conflicting_pair(pairs: &[MatchedPair], (i, j): MatchedPair) -> Option<A
     })
 }
 
-pub(super) fn build_identities(problem: &MatchingProblem<'_>, decision: &MatchDecision) -> Identities {
+pub(super) fn build_identities(
+    problem: &MatchingProblem<'_>,
+    decision: &MatchDecision,
+) -> Identities {
     let refined = &decision.refined;
     let mut identities = Identities {
         marker_of: vec![None; problem.detections.len()],
         missing: Vec::new(),
-        tip_deflection_m: problem.scene.deflection_m(&refined.state, problem.scene.outermost_marker()),
+        tip_deflection_m: problem
+            .scene
+            .deflection_m(&refined.state, problem.scene.outermost_marker()),
         visible: 0,
     };
     let is_shown = |(j, p): (usize, &Option<PredictedImage>)| {
         // Points are found after the decals, and on the ground only if they were marked.
         let is_decal = !problem.scene.setup.is_point(j);
         let is_known = || problem.detections.iter().any(|d| d.marker == Some(j));
-        p.as_ref().is_some_and(|p| problem.scene.setup.lens.contains(&p.pixel)) && (is_decal || is_known())
+        p.as_ref()
+            .is_some_and(|p| problem.scene.setup.lens.contains(&p.pixel))
+            && (is_decal || is_known())
     };
-    identities.visible = refined.predicted.iter().enumerate().filter(|shown| is_shown(*shown)).count();
+    identities.visible = refined
+        .predicted
+        .iter()
+        .enumerate()
+        .filter(|shown| is_shown(*shown))
+        .count();
     for j in 0..problem.scene.setup.markers.len() {
         let detection = refined.pairs.iter().find(|p| p.1 == j).map(|p| p.0);
         let ambiguity = decision.ambiguous.iter().find(|d| d.0 == j).map(|d| d.1);
         match (detection, ambiguity) {
             (Some(i), None) => identities.marker_of[i] = Some(j),
-            (_, Some(ambiguity)) => identities.missing.push((j, ambiguity_text(problem, ambiguity))),
+            (_, Some(ambiguity)) => identities
+                .missing
+                .push((j, ambiguity_text(problem, ambiguity))),
             (None, None) => {
                 let pixel = refined.predicted.get(j).copied().flatten().map(|p| p.pixel);
-                identities.missing.push((j, absence_text(&problem.scene.setup.lens, pixel)));
+                identities
+                    .missing
+                    .push((j, absence_text(&problem.scene.setup.lens, pixel)));
             }
         }
     }
@@ -129,7 +157,12 @@ fn ambiguity_text(problem: &MatchingProblem<'_>, ambiguity: Ambiguity) -> String
     match ambiguity {
         Ambiguity::Detection => "two detections fit equally well".to_string(),
         Ambiguity::Marker(other) => {
-            let id = problem.scene.setup.markers.get(other).map_or("another marker", |m| m.id.as_str());
+            let id = problem
+                .scene
+                .setup
+                .markers
+                .get(other)
+                .map_or("another marker", |m| m.id.as_str());
             format!("its detection fits {id} equally well")
         }
     }
@@ -139,7 +172,12 @@ fn ambiguity_text(problem: &MatchingProblem<'_>, ambiguity: Ambiguity) -> String
 pub(super) fn absence_text(lens: &Lens, pixel: Option<nalgebra::Vector2<f64>>) -> String {
     match pixel {
         None => "behind the camera".to_string(),
-        Some(p) if lens.contains(&p) => format!("not found near the predicted ({:.0}, {:.0}) px", p.x, p.y),
-        Some(p) => format!("outside the frame: predicted at ({:.0}, {:.0}) px", p.x, p.y),
+        Some(p) if lens.contains(&p) => {
+            format!("not found near the predicted ({:.0}, {:.0}) px", p.x, p.y)
+        }
+        Some(p) => format!(
+            "outside the frame: predicted at ({:.0}, {:.0}) px",
+            p.x, p.y
+        ),
     }
 }

@@ -24,33 +24,50 @@ const REJECTED_REASON: &str =
 ///
 /// # Errors
 /// Returns an error if too few markers are found, a frame does not fit the others, or none or more than one solution fits.
-pub fn estimate_orientation(setup: &Setup, frames: &[Vec<Detection>]) -> Result<OrientationFit, IdentifyError> {
+pub fn estimate_orientation(
+    setup: &Setup,
+    frames: &[Vec<Detection>],
+) -> Result<OrientationFit, IdentifyError> {
     check_marked(setup, frames)?;
     let first = first_consensus(setup, frames)?;
     let mut orientation = Orientation::from_rotation(first.camera_from_survey);
-    let mut identities: Vec<Identities> = frames.iter().map(|f| identities_on_ground(setup, &orientation, f)).collect();
+    let mut identities: Vec<Identities> = frames
+        .iter()
+        .map(|f| identities_on_ground(setup, &orientation, f))
+        .collect();
     let mut fitted = None;
     // The bias of the outlines depends on the attitude, so there are two passes.
     for _ in 0..2 {
         let scene = WingView::on_ground(setup, &orientation);
-        let corrected: Vec<_> =
-            frames.iter().zip(&identities).map(|(f, i)| correct_centres(&scene, &WingState::zeros(), f, i)).collect();
+        let corrected: Vec<_> = frames
+            .iter()
+            .zip(&identities)
+            .map(|(f, i)| correct_centres(&scene, &WingState::zeros(), f, i))
+            .collect();
         let images = identified_ground_images(&corrected, &identities);
         let adjusted = adjust_orientation(setup, &orientation.camera_from_survey, images);
         let Some(adjusted) = adjusted.filter(|a| a.used.len() >= MIN_IDENTIFIED) else {
             let found = frames.iter().map(Vec::len).sum();
-            return Err(IdentifyError::NoConsensus { matched: first.pairs.len(), found });
+            return Err(IdentifyError::NoConsensus {
+                matched: first.pairs.len(),
+                found,
+            });
         };
         orientation = adjusted.orientation.clone();
         fitted = Some(adjusted);
     }
     let Some(fitted) = fitted else {
-        return Err(IdentifyError::TooFew { found: 0, needed: MIN_IDENTIFIED });
+        return Err(IdentifyError::TooFew {
+            found: 0,
+            needed: MIN_IDENTIFIED,
+        });
     };
     let used_frames: Vec<usize> = fitted.used.iter().map(|(s, _)| s.frame).collect();
     if let Some(misfit) = find_misfit(setup, frames, &used_frames) {
         let in_flight = WingView::in_flight(setup, &orientation);
-        let cause = frames.get(misfit.frame).and_then(|f| in_flight.diagnose_misfit(f));
+        let cause = frames
+            .get(misfit.frame)
+            .and_then(|f| in_flight.diagnose_misfit(f));
         return Err(IdentifyError::Misfit(Misfit { cause, ..misfit }));
     }
     let scene = WingView::on_ground(setup, &orientation);
@@ -63,7 +80,9 @@ pub fn estimate_orientation(setup: &Setup, frames: &[Vec<Detection>]) -> Result<
             if let Some(slot) = of_frame.marker_of.get_mut(image.detection) {
                 *slot = None;
             }
-            of_frame.missing.push((image.seen.marker, REJECTED_REASON.to_string()));
+            of_frame
+                .missing
+                .push((image.seen.marker, REJECTED_REASON.to_string()));
         }
     }
     Ok(OrientationFit {
@@ -71,20 +90,34 @@ pub fn estimate_orientation(setup: &Setup, frames: &[Vec<Detection>]) -> Result<
         variance_factor: fitted.variance_factor,
         redundancy: fitted.redundancy,
         bend,
-        residuals: fitted.used.iter().map(|(s, v)| (s.frame, s.seen.marker, *v)).collect(),
+        residuals: fitted
+            .used
+            .iter()
+            .map(|(s, v)| (s.frame, s.seen.marker, *v))
+            .collect(),
         identities,
     })
 }
 
 /// Returns an error if the survey has points, and too few of them are marked to determine an orientation with the decals.
 fn check_marked(setup: &Setup, frames: &[Vec<Detection>]) -> Result<(), IdentifyError> {
-    let points = (0..setup.markers.len()).filter(|&k| setup.is_point(k)).count();
+    let points = (0..setup.markers.len())
+        .filter(|&k| setup.is_point(k))
+        .count();
     let decals = setup.markers.len() - points;
     let is_marked = |d: &&Detection| d.marker.is_some_and(|k| setup.is_point(k));
-    let marked = frames.iter().map(|frame| frame.iter().filter(is_marked).count()).max().unwrap_or(0);
+    let marked = frames
+        .iter()
+        .map(|frame| frame.iter().filter(is_marked).count())
+        .max()
+        .unwrap_or(0);
     let needed = MIN_IDENTIFIED;
     if points > 0 && decals + marked < needed {
-        Err(IdentifyError::Unmarked { decals, marked, needed })
+        Err(IdentifyError::Unmarked {
+            decals,
+            marked,
+            needed,
+        })
     } else {
         Ok(())
     }
@@ -94,9 +127,25 @@ fn check_marked(setup: &Setup, frames: &[Vec<Detection>]) -> Result<(), Identify
 /// used too.
 fn estimate_bend(scene: &WingView, fitted: &AdjustedOrientation) -> Option<Estimate> {
     let to_survey = scene.beam.frame.wing_from_survey.inverse();
-    let by_bend: Vec<_> = scene.beam.bend_displacements().iter().map(|by| to_survey * by).collect();
-    let images = fitted.used.iter().map(|(image, _)| image).chain(&fitted.rejected).cloned().collect();
-    refine::estimate_bend(scene.setup, &fitted.orientation.camera_from_survey, &by_bend, images)
+    let by_bend: Vec<_> = scene
+        .beam
+        .bend_displacements()
+        .iter()
+        .map(|by| to_survey * by)
+        .collect();
+    let images = fitted
+        .used
+        .iter()
+        .map(|(image, _)| image)
+        .chain(&fitted.rejected)
+        .cloned()
+        .collect();
+    refine::estimate_bend(
+        scene.setup,
+        &fitted.orientation.camera_from_survey,
+        &by_bend,
+        images,
+    )
 }
 
 /// Finds a frame that hardly fits the other frames; a single frame was decided by its consensus. Neither additional false
@@ -106,19 +155,34 @@ fn find_misfit(setup: &Setup, frames: &[Vec<Detection>], used_frames: &[usize]) 
         let matched = used_frames.iter().filter(|f| **f == frame).count();
         let found = detections.iter().filter(|d| is_usable(d)).count();
         let few = 2 * matched < found && 2 * matched < setup.markers.len();
-        (matched < MIN_IDENTIFIED || few).then_some(Misfit { frame, matched, found, cause: None })
+        (matched < MIN_IDENTIFIED || few).then_some(Misfit {
+            frame,
+            matched,
+            found,
+            cause: None,
+        })
     };
-    frames.iter().enumerate().filter(|_| frames.len() > 1).find_map(misfit)
+    frames
+        .iter()
+        .enumerate()
+        .filter(|_| frames.len() > 1)
+        .find_map(misfit)
 }
 
 /// Returns the consensus of the best frame, or the most informative error if no frame has one.
 fn first_consensus(setup: &Setup, frames: &[Vec<Detection>]) -> Result<Consensus, IdentifyError> {
     let mut best: Option<Consensus> = None;
-    let mut failure = IdentifyError::TooFew { found: 0, needed: MIN_IDENTIFIED };
+    let mut failure = IdentifyError::TooFew {
+        found: 0,
+        needed: MIN_IDENTIFIED,
+    };
     for frame in frames {
         match find_consensus(setup, frame) {
             Ok(next) => {
-                if best.as_ref().is_none_or(|b| b.pairs.len() < next.pairs.len()) {
+                if best
+                    .as_ref()
+                    .is_none_or(|b| b.pairs.len() < next.pairs.len())
+                {
                     best = Some(next);
                 }
             }
@@ -138,19 +202,28 @@ fn more_promising_error(a: IdentifyError, b: IdentifyError) -> IdentifyError {
 }
 
 /// Identifies the markers of a ground frame by the matching in flight with a wing that cannot bend.
-fn identities_on_ground(setup: &Setup, orientation: &Orientation, detections: &[Detection]) -> Identities {
+fn identities_on_ground(
+    setup: &Setup,
+    orientation: &Orientation,
+    detections: &[Detection],
+) -> Identities {
     let scene = WingView::on_ground(setup, orientation);
     let problem = MatchingProblem::new(&scene, detections);
     let fixed = 1e-9;
     let turn = CONSENSUS_SIGMA;
     let sigma = WingState::from([fixed, fixed, fixed, fixed, fixed, turn, turn, turn]);
-    let prior = StatePrior { mean: WingState::zeros(), sigma };
+    let prior = StatePrior {
+        mean: WingState::zeros(),
+        sigma,
+    };
     let start = pairs_from_rotation(setup, detections, &orientation.camera_from_survey);
     match problem.refine(&prior, &start) {
         Some(refined) => build_identities(&problem, &decide_pairs(&problem, refined)),
         None => Identities {
             marker_of: vec![None; detections.len()],
-            missing: (0..setup.markers.len()).map(|j| (j, "no orientation fits this frame".into())).collect(),
+            missing: (0..setup.markers.len())
+                .map(|j| (j, "no orientation fits this frame".into()))
+                .collect(),
             ..Identities::default()
         },
     }
@@ -160,9 +233,16 @@ fn identities_on_ground(setup: &Setup, orientation: &Orientation, detections: &[
 fn explain_missing(scene: &WingView<'_>, detections: &[Detection], identities: &mut Identities) {
     let outlines = scene.marker_outlines(&WingState::zeros());
     let named = |i: usize| identities.marker_of.get(i).copied().flatten().is_some();
-    let free: Vec<&Detection> = (0..detections.len()).filter(|i| !named(*i)).map(|i| &detections[i]).collect();
+    let free: Vec<&Detection> = (0..detections.len())
+        .filter(|i| !named(*i))
+        .map(|i| &detections[i])
+        .collect();
     for (marker, reason) in &mut identities.missing {
-        let (surveyed, Some(Some(outline))) = (&scene.setup.markers[*marker], outlines.get(*marker)) else { continue };
+        let (surveyed, Some(Some(outline))) =
+            (&scene.setup.markers[*marker], outlines.get(*marker))
+        else {
+            continue;
+        };
         let similar = |d: &&&Detection| {
             is_usable(d)
                 && looks_like(d, scene.setup, *marker, outline.semi_major_px)
@@ -180,13 +260,24 @@ fn explain_missing(scene: &WingView<'_>, detections: &[Detection], identities: &
     }
 }
 
-fn identified_ground_images(frames: &[Vec<Detection>], identities: &[Identities]) -> Vec<GroundImage> {
+fn identified_ground_images(
+    frames: &[Vec<Detection>],
+    identities: &[Identities],
+) -> Vec<GroundImage> {
     let mut images = Vec::new();
     for (frame, (detections, of_frame)) in frames.iter().zip(identities).enumerate() {
         for (detection, (d, marker)) in detections.iter().zip(&of_frame.marker_of).enumerate() {
             if let Some(marker) = *marker {
-                let seen = Observation { marker, pixel: d.centre_px, covariance_px2: *d.covariance_px2 };
-                images.push(GroundImage { frame, detection, seen });
+                let seen = Observation {
+                    marker,
+                    pixel: d.centre_px,
+                    covariance_px2: *d.covariance_px2,
+                };
+                images.push(GroundImage {
+                    frame,
+                    detection,
+                    seen,
+                });
             }
         }
     }

@@ -42,7 +42,8 @@ impl WingView<'_> {
         let span = self.beam.length_m;
         let (low, high) = DEFLECTION_RANGE;
         // A curvature c that decreases to 0 at the tip deflects the tip by c / 3 times the span squared.
-        let [middle, half] = [0.5 * (low + high), 0.5 * (high - low)].map(|deflection| 3.0 * deflection / span);
+        let [middle, half] =
+            [0.5 * (low + high), 0.5 * (high - low)].map(|deflection| 3.0 * deflection / span);
         let bend = half / SEARCH_SIGMAS.0;
         let [x, y, z] = self.turn_sigmas();
         let shape = SHAPE_FRACTION * bend;
@@ -52,13 +53,28 @@ impl WingView<'_> {
     }
 
     /// Predicts the image of each marker for a state with a covariance.
-    fn predict_by_marker(&self, state: &WingState, covariance: &Matrix8, sigmas: f64) -> Vec<Option<MarkerPrediction>> {
-        let markers = self.setup.markers.iter().zip(self.marker_outlines(state)).zip(self.linearise(state));
+    fn predict_by_marker(
+        &self,
+        state: &WingState,
+        covariance: &Matrix8,
+        sigmas: f64,
+    ) -> Vec<Option<MarkerPrediction>> {
+        let markers = self
+            .setup
+            .markers
+            .iter()
+            .zip(self.marker_outlines(state))
+            .zip(self.linearise(state));
         markers
             .map(|((marker, outline), predicted)| {
                 let predicted = predicted?;
                 let off = predicted.sigma_px(covariance) * sigmas;
-                self.visible_prediction(marker.shape, &outline?, off.add_scalar(MIN_DIAMETER_PX), true)
+                self.visible_prediction(
+                    marker.shape,
+                    &outline?,
+                    off.add_scalar(MIN_DIAMETER_PX),
+                    true,
+                )
             })
             .collect()
     }
@@ -66,9 +82,17 @@ impl WingView<'_> {
     /// Predicts the markers that [`WingView::locate_markers`] searches for first.
     pub fn predict_nearest(&self) -> Vec<MarkerPrediction> {
         let prior = self.search_prior();
-        let predicted_by_marker = self.predict_by_marker(&prior.mean, &prior.covariance_matrix(), SEARCH_SIGMAS.0);
-        let first = next_markers(&predicted_by_marker, &vec![false; predicted_by_marker.len()], MIN_FIRST_ROUND);
-        first.into_iter().filter_map(|j| predicted_by_marker[j].clone()).collect()
+        let predicted_by_marker =
+            self.predict_by_marker(&prior.mean, &prior.covariance_matrix(), SEARCH_SIGMAS.0);
+        let first = next_markers(
+            &predicted_by_marker,
+            &vec![false; predicted_by_marker.len()],
+            MIN_FIRST_ROUND,
+        );
+        first
+            .into_iter()
+            .filter_map(|j| predicted_by_marker[j].clone())
+            .collect()
     }
 
     /// Searches for the markers of a frame, the nearest to the camera first; each round predicts the next markers.
@@ -78,9 +102,16 @@ impl WingView<'_> {
         &self,
         detect_at: impl FnMut(&[MarkerPrediction]) -> Vec<Detection>,
     ) -> Option<Vec<MarkerPrediction>> {
-        let predict =
-            |state: &WingState, covariance: &Matrix8, sigmas: f64| self.predict_by_marker(state, covariance, sigmas);
-        let located = self.locate(self.search_prior(), Vec::new(), predict, SETTLED_PX, detect_at)?;
+        let predict = |state: &WingState, covariance: &Matrix8, sigmas: f64| {
+            self.predict_by_marker(state, covariance, sigmas)
+        };
+        let located = self.locate(
+            self.search_prior(),
+            Vec::new(),
+            predict,
+            SETTLED_PX,
+            detect_at,
+        )?;
         Some(located.into_iter().flatten().collect())
     }
 
@@ -89,9 +120,12 @@ impl WingView<'_> {
     pub fn patch_deflections() -> Vec<f64> {
         let step = 1.5 * PATCH_DEFLECTION;
         let count = |limit: f64| (limit / step).ceil() as i32;
-        let mut all: Vec<f64> =
-            (count(DEFLECTION_RANGE.0)..=count(DEFLECTION_RANGE.1)).map(|k| step * f64::from(k)).collect();
-        sort_by_value(&mut all, |deflection| (deflection - CRUISE_DEFLECTION).abs());
+        let mut all: Vec<f64> = (count(DEFLECTION_RANGE.0)..=count(DEFLECTION_RANGE.1))
+            .map(|k| step * f64::from(k))
+            .collect();
+        sort_by_value(&mut all, |deflection| {
+            (deflection - CRUISE_DEFLECTION).abs()
+        });
         all
     }
 
@@ -102,8 +136,20 @@ impl WingView<'_> {
         let bend = half / SEARCH_SIGMAS.0;
         let shape = SHAPE_FRACTION * (bend + mean.abs());
         let [x, y, z] = self.turn_sigmas();
-        let sigma = WingState::from([bend + 0.2 * mean.abs(), shape, shape, TWIST_RAD, TWIST_RAD, x, y, z]);
-        StatePrior { mean: WingState::from([mean, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), sigma }
+        let sigma = WingState::from([
+            bend + 0.2 * mean.abs(),
+            shape,
+            shape,
+            TWIST_RAD,
+            TWIST_RAD,
+            x,
+            y,
+            z,
+        ]);
+        StatePrior {
+            mean: WingState::from([mean, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+            sigma,
+        }
     }
 
     /// Locates points as [`Self::locate_markers`] does markers, in addition to the markers `found`, on a wing whose tip is
@@ -131,20 +177,29 @@ impl WingView<'_> {
         settled_px: f64,
         mut detect_at: impl FnMut(&[T]) -> Vec<Detection>,
     ) -> Option<Vec<Option<T>>> {
-        let mut predicted_by_marker = predict(&prior.mean, &prior.covariance_matrix(), SEARCH_SIGMAS.0);
+        let mut predicted_by_marker =
+            predict(&prior.mean, &prior.covariance_matrix(), SEARCH_SIGMAS.0);
         let mut searched = vec![false; predicted_by_marker.len()];
         let mut last: Option<RefinedMatch> = None;
         loop {
-            let least = if searched.contains(&true) { MIN_LATER_ROUND } else { MIN_FIRST_ROUND };
+            let least = if searched.contains(&true) {
+                MIN_LATER_ROUND
+            } else {
+                MIN_FIRST_ROUND
+            };
             let next = next_markers(&predicted_by_marker, &searched, least);
             if next.is_empty() {
                 return last.map(|_| predicted_by_marker);
             }
-            let targets: Vec<T> = next.iter().filter_map(|&j| predicted_by_marker[j].clone()).collect();
+            let targets: Vec<T> = next
+                .iter()
+                .filter_map(|&j| predicted_by_marker[j].clone())
+                .collect();
             next.iter().for_each(|&j| searched[j] = true);
             for new in detect_at(&targets) {
                 let is_new = |old: &Detection| {
-                    old.marker != new.marker || (old.centre_px - new.centre_px).norm() > MIN_SEPARATION_PX
+                    old.marker != new.marker
+                        || (old.centre_px - new.centre_px).norm() > MIN_SEPARATION_PX
                 };
                 if found.iter().all(is_new) {
                     found.push(new);
@@ -155,10 +210,18 @@ impl WingView<'_> {
             }
             let problem = MatchingProblem::new(self, &found);
             // Detections are only appended, so earlier pairs stay valid.
-            let further = last.as_ref().and_then(|last| problem.refine(&last.prior, &last.pairs));
-            let Some(best) = further.or_else(|| find_solutions(&problem).into_iter().next()) else { continue };
+            let further = last
+                .as_ref()
+                .and_then(|last| problem.refine(&last.prior, &last.pairs));
+            let Some(best) = further.or_else(|| find_solutions(&problem).into_iter().next()) else {
+                continue;
+            };
             predicted_by_marker = predict(&best.state, &best.covariance, SEARCH_SIGMAS.1);
-            if predicted_by_marker.iter().flatten().all(|p| p.radius_px() < settled_px) {
+            if predicted_by_marker
+                .iter()
+                .flatten()
+                .all(|p| p.radius_px() < settled_px)
+            {
                 return Some(predicted_by_marker);
             }
             last = Some(best);
@@ -167,16 +230,32 @@ impl WingView<'_> {
 
     /// Predicts all markers of a frame from `found` detections near the camera, where the wing hardly moves. Markers of
     /// `identities`, from an earlier frame, are predicted as visible. Returns `None` if the detections do not fit the wing.
-    pub fn predict_from_found(&self, found: &[Detection], identities: &Identities) -> Option<Vec<MarkerPrediction>> {
+    pub fn predict_from_found(
+        &self,
+        found: &[Detection],
+        identities: &Identities,
+    ) -> Option<Vec<MarkerPrediction>> {
         if found.len() < MIN_IDENTIFIED {
             return None;
         }
-        let best = find_solutions(&MatchingProblem::new(self, found)).into_iter().next()?;
-        let predicted_by_marker = self.predict_by_marker(&best.state, &best.covariance, SEARCH_SIGMAS.1);
+        let best = find_solutions(&MatchingProblem::new(self, found))
+            .into_iter()
+            .next()?;
+        let predicted_by_marker =
+            self.predict_by_marker(&best.state, &best.covariance, SEARCH_SIGMAS.1);
         let known = |(j, p): (usize, Option<MarkerPrediction>)| {
-            Some(MarkerPrediction { seen: identities.marker_of.contains(&Some(j)), ..p? })
+            Some(MarkerPrediction {
+                seen: identities.marker_of.contains(&Some(j)),
+                ..p?
+            })
         };
-        Some(predicted_by_marker.into_iter().enumerate().filter_map(known).collect())
+        Some(
+            predicted_by_marker
+                .into_iter()
+                .enumerate()
+                .filter_map(known)
+                .collect(),
+        )
     }
 }
 
@@ -199,12 +278,25 @@ impl PredictedArea for Vec<PatchPrediction> {
 }
 
 /// Returns the next markers to search for, at least `least`, those with the smallest search radius first.
-fn next_markers<T: PredictedArea>(predicted_by_marker: &[Option<T>], searched: &[bool], least: usize) -> Vec<usize> {
-    let far = |j: usize| predicted_by_marker[j].as_ref().map_or(f64::INFINITY, PredictedArea::radius_px);
-    let mut open: Vec<usize> =
-        (0..predicted_by_marker.len()).filter(|&j| !searched[j] && predicted_by_marker[j].is_some()).collect();
+fn next_markers<T: PredictedArea>(
+    predicted_by_marker: &[Option<T>],
+    searched: &[bool],
+    least: usize,
+) -> Vec<usize> {
+    let far = |j: usize| {
+        predicted_by_marker[j]
+            .as_ref()
+            .map_or(f64::INFINITY, PredictedArea::radius_px)
+    };
+    let mut open: Vec<usize> = (0..predicted_by_marker.len())
+        .filter(|&j| !searched[j] && predicted_by_marker[j].is_some())
+        .collect();
     sort_by_value(&mut open, |&i| far(i));
-    let enough = open.iter().filter(|&&j| far(j) < NEAR_PX).count().max(least);
+    let enough = open
+        .iter()
+        .filter(|&&j| far(j) < NEAR_PX)
+        .count()
+        .max(least);
     open.truncate(enough);
     open
 }

@@ -1,7 +1,9 @@
 //! Pairs from a first guess: gated one-to-one matching and fitting in turns.
 
 use super::beam::WingState;
-use super::fit::{Clutter, MatchedPair, StatePrior, StateStep, select_one_to_one, solve_step, squared_distance};
+use super::fit::{
+    Clutter, MatchedPair, StatePrior, StateStep, select_one_to_one, solve_step, squared_distance,
+};
 use super::outline::DiscOutline;
 use super::scene::{Matrix8, PredictedImage, WingView, is_usable, looks_like, outline_fits};
 use crate::detect::Detection;
@@ -66,10 +68,17 @@ impl<'a> MatchingProblem<'a> {
             .map(|(j, (marker, p))| {
                 let major = 0.5 * marker.diameter_m * lens.focal_px() / p.norm();
                 let fits = |d: &Detection| is_usable(d) && looks_like(d, scene.setup, j, major);
-                (0..detections.len()).filter(|i| fits(&detections[*i])).collect()
+                (0..detections.len())
+                    .filter(|i| fits(&detections[*i]))
+                    .collect()
             })
             .collect();
-        Self { scene, detections, clutter: Clutter::new(detections.len(), lens), candidates }
+        Self {
+            scene,
+            detections,
+            clutter: Clutter::new(detections.len(), lens),
+            candidates,
+        }
     }
 
     /// Returns detections that are similar to a marker.
@@ -84,7 +93,14 @@ impl<'a> MatchingProblem<'a> {
         prior: &StatePrior,
         state: &WingState,
     ) -> Option<StateStep> {
-        solve_step(pairs, predicted, self.detections, prior, state, self.clutter)
+        solve_step(
+            pairs,
+            predicted,
+            self.detections,
+            prior,
+            state,
+            self.clutter,
+        )
     }
 
     /// Matches and fits in turns until nothing changes, from the first pairs as given and, if different, from sequentially
@@ -93,11 +109,17 @@ impl<'a> MatchingProblem<'a> {
         let as_given = self.refine_from(prior, start.to_vec());
         let mut walked = self.pair_sequentially(prior, &self.scene.linearise(&prior.mean), start);
         walked.sort_by_key(|p| p.1);
-        if as_given.as_ref().is_some_and(|a| walked.iter().all(|p| a.pairs.contains(p))) {
+        if as_given
+            .as_ref()
+            .is_some_and(|a| walked.iter().all(|p| a.pairs.contains(p)))
+        {
             return as_given;
         }
         let other = self.refine_from(prior, walked);
-        [as_given, other].into_iter().flatten().max_by(|a, b| a.evidence.total_cmp(&b.evidence))
+        [as_given, other]
+            .into_iter()
+            .flatten()
+            .max_by(|a, b| a.evidence.total_cmp(&b.evidence))
     }
 
     /// Matches and fits in turns until nothing changes, without pairs that were outliers once; `None` below [`MIN_PAIRS`].
@@ -107,12 +129,14 @@ impl<'a> MatchingProblem<'a> {
         let mut round = 0;
         loop {
             let outlines = self.scene.marker_outlines(&fit.state);
-            let inflation = (fit.cost / (2.0 * pairs.len() as f64).max(1.0)).clamp(INFLATION.0, INFLATION.1);
+            let inflation =
+                (fit.cost / (2.0 * pairs.len() as f64).max(1.0)).clamp(INFLATION.0, INFLATION.1);
             let mut next = self.nearest_pairs(&fit, &outlines, inflation, &pairs);
             next.retain(|pair| !outliers.contains(pair));
             round += 1;
             if next == pairs || round > MAX_ROUNDS {
-                let (kept, step) = self.remove_outliers(pairs.clone(), &fit.predicted, prior, &fit.state)?;
+                let (kept, step) =
+                    self.remove_outliers(pairs.clone(), &fit.predicted, prior, &fit.state)?;
                 // An outlier may have taken another marker's detection.
                 if kept == pairs || round > MAX_ROUNDS {
                     return (kept.len() >= MIN_PAIRS).then_some(RefinedMatch {
@@ -134,7 +158,12 @@ impl<'a> MatchingProblem<'a> {
     }
 
     /// Fits given pairs to convergence without rejecting any, because bending is not linear.
-    fn fit_pairs(&self, pairs: &[MatchedPair], prior: &StatePrior, start: &WingState) -> Option<StateFit> {
+    fn fit_pairs(
+        &self,
+        pairs: &[MatchedPair],
+        prior: &StatePrior,
+        start: &WingState,
+    ) -> Option<StateFit> {
         let mut state = *start;
         for _ in 0..MAX_STEPS {
             let predicted = self.scene.linearise(&state);
@@ -142,7 +171,12 @@ impl<'a> MatchingProblem<'a> {
             state += step.delta;
             if max_shift_px(&predicted, &step) < SETTLED_PX {
                 let predicted = shift_predictions(&predicted, &step);
-                return Some(StateFit { state, covariance: step.covariance, cost: step.cost, predicted });
+                return Some(StateFit {
+                    state,
+                    covariance: step.covariance,
+                    cost: step.cost,
+                    predicted,
+                });
             }
         }
         None
@@ -162,21 +196,33 @@ impl<'a> MatchingProblem<'a> {
             predicted
                 .get(j)
                 .and_then(Option::as_ref)
-                .map_or(f64::MAX, |p| (p.jacobian * covariance * p.jacobian.transpose() + p.covariance).determinant())
+                .map_or(f64::MAX, |p| {
+                    (p.jacobian * covariance * p.jacobian.transpose() + p.covariance).determinant()
+                })
         };
         sort_by_value(&mut order, |one| area(*one));
         let mut pairs: Vec<MatchedPair> = Vec::new();
         for j in order {
-            let Some(Some(p)) = predicted.get(j) else { continue };
+            let Some(Some(p)) = predicted.get(j) else {
+                continue;
+            };
             let expected = p.jacobian * covariance * p.jacobian.transpose() + p.covariance;
-            let Some(inverse) = expected.try_inverse() else { continue };
+            let Some(inverse) = expected.try_inverse() else {
+                continue;
+            };
             let off = |i: usize| {
                 let v = self.detections[i].centre_px - p.pixel - p.jacobian * shift;
                 (v, v.dot(&(inverse * v)))
             };
             let free = |i: &&usize| pairs.iter().all(|q| q.0 != **i);
-            let best = self.candidates(j).iter().filter(free).min_by(|a, b| off(**a).1.total_cmp(&off(**b).1));
-            let Some(&i) = best.filter(|i| off(**i).1 < GATE) else { continue };
+            let best = self
+                .candidates(j)
+                .iter()
+                .filter(free)
+                .min_by(|a, b| off(**a).1.total_cmp(&off(**b).1));
+            let Some(&i) = best.filter(|i| off(**i).1 < GATE) else {
+                continue;
+            };
             let gain = covariance * p.jacobian.transpose() * inverse;
             shift += gain * off(i).0;
             covariance -= gain * p.jacobian * covariance;
@@ -198,8 +244,13 @@ impl<'a> MatchingProblem<'a> {
         for j in 0..predicted.len() {
             for &i in self.candidates(j) {
                 if self.is_outline_compatible((i, j), outlines) {
-                    let d = squared_distance((i, j), predicted, self.detections, &covariance, false);
-                    let loyal = if old.contains(&(i, j)) { KEEP_FACTOR } else { 1.0 };
+                    let d =
+                        squared_distance((i, j), predicted, self.detections, &covariance, false);
+                    let loyal = if old.contains(&(i, j)) {
+                        KEEP_FACTOR
+                    } else {
+                        1.0
+                    };
                     if d < GATE * loyal {
                         all.push((d, (i, j)));
                     }
@@ -207,15 +258,24 @@ impl<'a> MatchingProblem<'a> {
             }
         }
         all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let mut pairs: Vec<MatchedPair> = select_one_to_one(all).into_iter().map(|(_, pair)| pair).collect();
+        let mut pairs: Vec<MatchedPair> = select_one_to_one(all)
+            .into_iter()
+            .map(|(_, pair)| pair)
+            .collect();
         pairs.sort_by_key(|p| p.1);
         pairs
     }
 
-    pub(super) fn is_outline_compatible(&self, (i, j): MatchedPair, outlines: &[Option<DiscOutline>]) -> bool {
-        let (Some(marker), Some(Some(outline)), Some(detection)) =
-            (self.scene.setup.markers.get(j), outlines.get(j), self.detections.get(i))
-        else {
+    pub(super) fn is_outline_compatible(
+        &self,
+        (i, j): MatchedPair,
+        outlines: &[Option<DiscOutline>],
+    ) -> bool {
+        let (Some(marker), Some(Some(outline)), Some(detection)) = (
+            self.scene.setup.markers.get(j),
+            outlines.get(j),
+            self.detections.get(i),
+        ) else {
             return false;
         };
         outline_fits(detection, marker.shape, outline)
@@ -232,8 +292,14 @@ impl<'a> MatchingProblem<'a> {
         loop {
             let step = self.solve_step(&pairs, predicted, prior, state)?;
             let shifted = shift_predictions(predicted, &step);
-            let test = |pair: MatchedPair| squared_distance(pair, &shifted, self.detections, &step.covariance, true);
-            let worst = pairs.iter().enumerate().map(|(k, pair)| (test(*pair), k)).max_by(|a, b| a.0.total_cmp(&b.0));
+            let test = |pair: MatchedPair| {
+                squared_distance(pair, &shifted, self.detections, &step.covariance, true)
+            };
+            let worst = pairs
+                .iter()
+                .enumerate()
+                .map(|(k, pair)| (test(*pair), k))
+                .max_by(|a, b| a.0.total_cmp(&b.0));
             match worst {
                 Some((t, k)) if t > RESIDUAL_GATE => drop(pairs.remove(k)),
                 _ => return Some((pairs, step)),
@@ -243,10 +309,25 @@ impl<'a> MatchingProblem<'a> {
 }
 
 /// Returns the predictions after a linear step.
-pub(super) fn shift_predictions(predicted: &[Option<PredictedImage>], step: &StateStep) -> Vec<Option<PredictedImage>> {
-    predicted.iter().map(|p| p.map(|p| PredictedImage { pixel: p.pixel + p.jacobian * step.delta, ..p })).collect()
+pub(super) fn shift_predictions(
+    predicted: &[Option<PredictedImage>],
+    step: &StateStep,
+) -> Vec<Option<PredictedImage>> {
+    predicted
+        .iter()
+        .map(|p| {
+            p.map(|p| PredictedImage {
+                pixel: p.pixel + p.jacobian * step.delta,
+                ..p
+            })
+        })
+        .collect()
 }
 
 fn max_shift_px(predicted: &[Option<PredictedImage>], step: &StateStep) -> f64 {
-    predicted.iter().flatten().map(|p| (p.jacobian * step.delta).norm()).fold(0.0, f64::max)
+    predicted
+        .iter()
+        .flatten()
+        .map(|p| (p.jacobian * step.delta).norm())
+        .fold(0.0, f64::max)
 }

@@ -43,8 +43,8 @@ use super::observation::{Estimate, Observation};
 use super::setup::{Orientation, Setup};
 
 pub use diagnose::{
-    Cause, Diagnosis, Explanation, OTHER_AIRCRAFT, SizedShape, UNITS, diagnose_ground, diagnose_ground_fit,
-    diagnose_observations, is_scale_off,
+    Cause, Diagnosis, Explanation, OTHER_AIRCRAFT, SizedShape, UNITS, diagnose_ground,
+    diagnose_ground_fit, diagnose_observations, is_scale_off,
 };
 pub use flight::MIN_IDENTIFIED;
 pub use ground::estimate_orientation;
@@ -70,12 +70,19 @@ impl Identities {
     fn from_pairs(detections: usize, pairs: &[fit::MatchedPair]) -> Self {
         let mut marker_of = vec![None; detections];
         pairs.iter().for_each(|(i, j)| marker_of[*i] = Some(*j));
-        Self { marker_of, ..Self::default() }
+        Self {
+            marker_of,
+            ..Self::default()
+        }
     }
 
     /// Returns the pairs of a detection and its marker.
     fn pairs(&self) -> Vec<fit::MatchedPair> {
-        self.marker_of.iter().enumerate().filter_map(|(i, j)| Some((i, (*j)?))).collect()
+        self.marker_of
+            .iter()
+            .enumerate()
+            .filter_map(|(i, j)| Some((i, (*j)?)))
+            .collect()
     }
 
     /// Returns the number of identified detections.
@@ -88,7 +95,11 @@ impl Identities {
         let named = detections.iter().zip(&self.marker_of);
         let mut list: Vec<Observation> = named
             .filter_map(|(d, marker)| {
-                Some(Observation { marker: (*marker)?, pixel: d.centre_px, covariance_px2: *d.covariance_px2 })
+                Some(Observation {
+                    marker: (*marker)?,
+                    pixel: d.centre_px,
+                    covariance_px2: *d.covariance_px2,
+                })
             })
             .collect();
         list.sort_by_key(|o| o.marker);
@@ -100,13 +111,19 @@ impl Identities {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum IdentifyError {
     /// Too few markers were detected.
-    #[error("only {found} markers found, at least {needed} are needed; check exposure and focus of the frame")]
+    #[error(
+        "only {found} markers found, at least {needed} are needed; check exposure and focus of the frame"
+    )]
     TooFew { found: usize, needed: usize },
     /// A survey of points that are not marked: nothing finds them in a ground frame.
     #[error(
         "an orientation needs {needed} decals or marked points, not {decals} and {marked}: mark points in a ground frame with `wingd mark --ground`, and name the file of the marks with --observations"
     )]
-    Unmarked { decals: usize, marked: usize, needed: usize },
+    Unmarked {
+        decals: usize,
+        marked: usize,
+        needed: usize,
+    },
     /// Two or more solutions fit equally well.
     #[error(
         "{solutions} different identifications fit the detections equally well; survey more markers or make the layout less regular"
@@ -135,7 +152,10 @@ pub enum IdentifyError {
 impl IdentifyError {
     /// Returns whether the error names its cause, so that no diagnosis is needed.
     pub fn names_cause(&self) -> bool {
-        matches!(self, Self::TooFew { .. } | Self::Unmarked { .. } | Self::Marks(_))
+        matches!(
+            self,
+            Self::TooFew { .. } | Self::Unmarked { .. } | Self::Marks(_)
+        )
     }
 }
 
@@ -183,8 +203,15 @@ impl OrientationFit {
     /// Returns true if the wing was bent since the survey: the bend is significant in a one-dimensional test at a level of
     /// 0.001.
     pub fn is_bent(&self) -> bool {
-        let w = |bend: &Estimate| bend.sigma.filter(|sigma| *sigma > 0.0).map(|sigma| bend.value / sigma);
-        self.bend.as_ref().and_then(w).is_some_and(|w| w.abs() > critical_w(BEND_ALPHA))
+        let w = |bend: &Estimate| {
+            bend.sigma
+                .filter(|sigma| *sigma > 0.0)
+                .map(|sigma| bend.value / sigma)
+        };
+        self.bend
+            .as_ref()
+            .and_then(w)
+            .is_some_and(|w| w.abs() > critical_w(BEND_ALPHA))
     }
 
     /// Returns why the orientation may not be used; `None` if it may. At least two thirds of the markers whose images are
@@ -193,30 +220,46 @@ impl OrientationFit {
         let visible = self.identities.iter().map(|i| i.visible).max().unwrap_or(0);
         let used = setup.markers.len() - self.unused_markers(setup).len();
         if 3 * used < 2 * visible {
-            return Some(format!("only {used} of {visible} visible markers fit the survey"));
+            return Some(format!(
+                "only {used} of {visible} visible markers fit the survey"
+            ));
         }
         let omega = self.variance_factor * self.redundancy as f64;
-        let is_rejected = global_test(omega, self.redundancy, REFUSAL_ALPHA) == Some(GlobalTest::Rejected);
+        let is_rejected =
+            global_test(omega, self.redundancy, REFUSAL_ALPHA) == Some(GlobalTest::Rejected);
         is_rejected.then(|| {
-            format!("the variance factor is {:.1} with a redundancy of {}", self.variance_factor, self.redundancy)
+            format!(
+                "the variance factor is {:.1} with a redundancy of {}",
+                self.variance_factor, self.redundancy
+            )
         })
     }
 
     /// Replaces the reason why a marker was not used; returns false if it was used.
     pub fn explain_unused(&mut self, marker: usize, reason: &str) -> bool {
-        let mut missing: Vec<&mut (usize, String)> =
-            self.identities.iter_mut().flat_map(|i| &mut i.missing).filter(|(other, _)| *other == marker).collect();
+        let mut missing: Vec<&mut (usize, String)> = self
+            .identities
+            .iter_mut()
+            .flat_map(|i| &mut i.missing)
+            .filter(|(other, _)| *other == marker)
+            .collect();
         missing.iter_mut().for_each(|one| one.1 = reason.to_owned());
         !missing.is_empty() && self.residuals.iter().all(|(_, other, _)| *other != marker)
     }
 
     /// Returns the mean observations of the identified markers, weighted over the ground frames.
-    pub fn ground_observations(&self, setup: &Setup, frames: &[Vec<Detection>]) -> Vec<Observation> {
+    pub fn ground_observations(
+        &self,
+        setup: &Setup,
+        frames: &[Vec<Detection>],
+    ) -> Vec<Observation> {
         let view = WingView::in_flight(setup, &self.orientation);
         let observed = frames
             .iter()
             .zip(&self.identities)
-            .flat_map(|(found, identities)| identities.observations(&view.remove_perspective_bias(found, identities)));
+            .flat_map(|(found, identities)| {
+                identities.observations(&view.remove_perspective_bias(found, identities))
+            });
         Observation::mean_observations(setup.markers.len(), observed)
     }
 
@@ -224,10 +267,20 @@ impl OrientationFit {
     pub fn unused_markers(&self, setup: &Setup) -> Vec<(usize, String)> {
         let used = |k: usize| self.residuals.iter().any(|(_, marker, _)| *marker == k);
         let reason = |k: usize| {
-            let missing = self.identities.iter().flat_map(|i| &i.missing).find(|(marker, _)| *marker == k);
-            missing.map_or_else(|| "not found in any frame".into(), |(_, reason)| reason.clone())
+            let missing = self
+                .identities
+                .iter()
+                .flat_map(|i| &i.missing)
+                .find(|(marker, _)| *marker == k);
+            missing.map_or_else(
+                || "not found in any frame".into(),
+                |(_, reason)| reason.clone(),
+            )
         };
-        (0..setup.markers.len()).filter(|k| !used(*k)).map(|k| (k, reason(k))).collect()
+        (0..setup.markers.len())
+            .filter(|k| !used(*k))
+            .map(|k| (k, reason(k)))
+            .collect()
     }
 }
 
@@ -245,7 +298,10 @@ pub struct PredictedMarker {
 /// Returns the smallest and the largest deflection of the outermost marker that a wing can have, m.
 pub fn plausible_deflections_m(setup: &Setup) -> [f64; 2] {
     let span_m = diagnose::span_m(setup);
-    [scan::DEFLECTION_RANGE.0 * span_m, scan::DEFLECTION_RANGE.1 * span_m]
+    [
+        scan::DEFLECTION_RANGE.0 * span_m,
+        scan::DEFLECTION_RANGE.1 * span_m,
+    ]
 }
 
 /// Largest change of the tip's deflection from one frame to the next, m.

@@ -52,7 +52,11 @@ impl SkinDisc {
         }
         let (ellipse_px, shape) = fit_conic(&points)?;
         let eigen = SymmetricEigen::new(shape);
-        let (large, small) = if eigen.eigenvalues[0] >= eigen.eigenvalues[1] { (0, 1) } else { (1, 0) };
+        let (large, small) = if eigen.eigenvalues[0] >= eigen.eigenvalues[1] {
+            (0, 1)
+        } else {
+            (1, 0)
+        };
         let axis = eigen.eigenvectors.column(large);
         let angle = axis[1].atan2(axis[0]);
         let half = std::f64::consts::FRAC_PI_2;
@@ -80,6 +84,10 @@ impl SkinDisc {
     /// Returns the disc with its normal turned about an axis of its plane.
     pub(super) fn tilted(&self, axis: &Vector3<f64>, angle_rad: f64) -> Self {
         let turn = Rotation3::from_axis_angle(&Unit::new_normalize(*axis), angle_rad);
-        Self { normal: turn * self.normal, chord: turn * self.chord, ..*self }
+        Self {
+            normal: turn * self.normal,
+            chord: turn * self.chord,
+            ..*self
+        }
     }
 }

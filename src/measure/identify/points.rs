@@ -82,7 +82,8 @@ impl PatchPrediction {
 
     /// Returns the area of the frame that a search for the patch reads, as the prediction of an outline.
     pub fn search_area(&self) -> MarkerPrediction {
-        let sides = self.map_jacobian(&Vector2::zeros()).map(f64::abs) * Vector2::repeat(PATCH_REACH_PX as f64 + 4.0);
+        let sides = self.map_jacobian(&Vector2::zeros()).map(f64::abs)
+            * Vector2::repeat(PATCH_REACH_PX as f64 + 4.0);
         MarkerPrediction {
             shape: Shape::Circle,
             centre_px: self.centre_px,
@@ -107,7 +108,10 @@ impl<'a> WingView<'a> {
     /// Returns the nodes of the patches; of a template that is seen edge-on in the ground frame there are none.
     pub fn patch_nodes(&self) -> PatchNodes {
         let ground = WingView::with_beam(self.setup, self.orientation, false, self.beam.clone());
-        let mut nodes = PatchNodes { beam: self.beam.clone(), patches: Vec::new() };
+        let mut nodes = PatchNodes {
+            beam: self.beam.clone(),
+            patches: Vec::new(),
+        };
         let mut points = Vec::new();
         for (k, template) in self.orientation.templates.iter().enumerate() {
             if let Some((own, inverses)) = ground.nodes_of_patch(template.marker) {
@@ -122,16 +126,26 @@ impl<'a> WingView<'a> {
     /// Returns the nodes of a point's patch on the skin as surveyed, wing frame, m, and the inverses of the design matrices
     /// of their offsets in the ground frame.
     #[allow(clippy::type_complexity)]
-    fn nodes_of_patch(&self, marker: usize) -> Option<(Vec<(Vector3<f64>, bool)>, [SMatrix<f64, NODES, TERMS>; 3])> {
+    fn nodes_of_patch(
+        &self,
+        marker: usize,
+    ) -> Option<(Vec<(Vector3<f64>, bool)>, [SMatrix<f64, NODES, TERMS>; 3])> {
         let fixed = self.setup.markers.get(marker)?.fixed;
         let point = *self.beam.ground_m.get(marker)?;
         let facing = facing_attitude(&point).filter(|_| fixed);
-        let slopes = [Vector2::zeros(), Vector2::x() * SLOPE_SIGMA_RAD, Vector2::y() * SLOPE_SIGMA_RAD];
+        let slopes = [
+            Vector2::zeros(),
+            Vector2::x() * SLOPE_SIGMA_RAD,
+            Vector2::y() * SLOPE_SIGMA_RAD,
+        ];
         let place = |at: &Vector2<f64>, slope: &Vector2<f64>| match &facing {
-            Some((normal, across)) => point + across * at.x + normal.cross(across) * at.y + normal * slope.dot(at),
+            Some((normal, across)) => {
+                point + across * at.x + normal.cross(across) * at.y + normal * slope.dot(at)
+            }
             None => {
                 let skin = &self.beam.skin;
-                let rise = skin.height(point.x + at.x, point.z + at.y) - skin.height(point.x, point.z);
+                let rise =
+                    skin.height(point.x + at.x, point.z + at.y) - skin.height(point.x, point.z);
                 point + Vector3::new(at.x, rise + slope.dot(at), at.y)
             }
         };
@@ -140,13 +154,20 @@ impl<'a> WingView<'a> {
         };
         /// Step of the differences for the size of a pixel on the skin, m.
         const STEP_M: f64 = 0.01;
-        let steps = [Vector2::zeros(), Vector2::x() * STEP_M, Vector2::y() * STEP_M].map(|at| place(&at, &slopes[0]));
+        let steps = [
+            Vector2::zeros(),
+            Vector2::x() * STEP_M,
+            Vector2::y() * STEP_M,
+        ]
+        .map(|at| place(&at, &slopes[0]));
         let images = project(&steps)?;
-        let skin_from_px =
-            Matrix2::from_columns(&[images[1] - images[0], images[2] - images[0]]).try_inverse()? * STEP_M;
+        let skin_from_px = Matrix2::from_columns(&[images[1] - images[0], images[2] - images[0]])
+            .try_inverse()?
+            * STEP_M;
         let reach = PATCH_REACH_PX as f64;
-        let offsets: [Vector2<f64>; NODES] =
-            std::array::from_fn(|i| skin_from_px * Vector2::new((i % 3) as f64 - 1.0, (i / 3) as f64 - 1.0) * reach);
+        let offsets: [Vector2<f64>; NODES] = std::array::from_fn(|i| {
+            skin_from_px * Vector2::new((i % 3) as f64 - 1.0, (i / 3) as f64 - 1.0) * reach
+        });
         if !offsets.iter().all(|at| at.norm() < MAX_NODE_M) {
             return None;
         }
@@ -177,8 +198,12 @@ impl<'a> WingView<'a> {
         let images = self.linearise(state);
         let pixels = self.project_points(&nodes.beam, state);
         let mut all: Vec<Option<Vec<PatchPrediction>>> = vec![None; images.len()];
-        for ((template, marker, inverses), own) in nodes.patches.iter().zip(pixels.chunks_exact(3 * NODES)) {
-            let Some(Some(image)) = images.get(*marker) else { continue };
+        for ((template, marker, inverses), own) in
+            nodes.patches.iter().zip(pixels.chunks_exact(3 * NODES))
+        {
+            let Some(Some(image)) = images.get(*marker) else {
+                continue;
+            };
             let key = (*template, *marker);
             let spread = image.spread_px2(covariance);
             if let Some(mut patch) = predict_patch(key, image, inverses, own, spread) {
@@ -194,7 +219,8 @@ impl<'a> WingView<'a> {
     /// the survey.
     pub fn predict_patches_on_ground(&self, sigmas: f64) -> Vec<PatchPrediction> {
         let nodes = self.patch_nodes();
-        let by_marker = self.predict_patches_by_marker(&nodes, &WingState::zeros(), &Matrix8::zeros(), sigmas);
+        let by_marker =
+            self.predict_patches_by_marker(&nodes, &WingState::zeros(), &Matrix8::zeros(), sigmas);
         by_marker.into_iter().flatten().flatten().collect()
     }
 
@@ -208,19 +234,33 @@ impl<'a> WingView<'a> {
         sigmas: f64,
     ) -> Option<Vec<PatchPrediction>> {
         let fitted = self.fit_state(detections, identities)?;
-        let by_marker = self.predict_patches_by_marker(nodes, &fitted.state, &fitted.covariance, sigmas);
+        let by_marker =
+            self.predict_patches_by_marker(nodes, &fitted.state, &fitted.covariance, sigmas);
         Some(by_marker.into_iter().flatten().flatten().collect())
     }
 }
 
 impl WingView<'_> {
     /// Returns the index of the detection of a point that contradicts the other markers most; `None` if all agree.
-    pub fn find_displaced_point(&self, detections: &[Detection], identities: &Identities) -> Option<usize> {
+    pub fn find_displaced_point(
+        &self,
+        detections: &[Detection],
+        identities: &Identities,
+    ) -> Option<usize> {
         let fitted = self.fit_state(detections, identities)?;
-        let is_point = |(i, _): &MatchedPair| detections.get(*i).is_some_and(|d| d.shape == Shape::Point);
+        let is_point =
+            |(i, _): &MatchedPair| detections.get(*i).is_some_and(|d| d.shape == Shape::Point);
         let points = identities.pairs().into_iter().filter(is_point);
-        let off = |pair| (squared_distance(pair, &fitted.images, detections, &fitted.covariance, true), pair.0);
-        let worst = points.map(off).filter(|(off, _)| *off > RESIDUAL_GATE).max_by(|a, b| a.0.total_cmp(&b.0));
+        let off = |pair| {
+            (
+                squared_distance(pair, &fitted.images, detections, &fitted.covariance, true),
+                pair.0,
+            )
+        };
+        let worst = points
+            .map(off)
+            .filter(|(off, _)| *off > RESIDUAL_GATE)
+            .max_by(|a, b| a.0.total_cmp(&b.0));
         worst.map(|(_, detection)| detection)
     }
 }
@@ -234,7 +274,11 @@ fn predict_patch(
     covariance_px2: Matrix2<f64>,
 ) -> Option<PatchPrediction> {
     let mut maps = [PatchMap::zeros(); 3];
-    for ((map, own), inverse) in maps.iter_mut().zip(pixels.chunks_exact(NODES)).zip(inverses) {
+    for ((map, own), inverse) in maps
+        .iter_mut()
+        .zip(pixels.chunks_exact(NODES))
+        .zip(inverses)
+    {
         let centre = own[NODES / 2]?;
         let mut moved = NodePixels::zeros();
         for (i, pixel) in own.iter().enumerate() {

@@ -5,7 +5,9 @@ use nalgebra::{DMatrix, DVector, Rotation3, Vector2, Vector3};
 
 use super::scene::mahalanobis_squared;
 use crate::environment::apparent_point;
-use crate::estimation::{Block, BlockPoint, EstimationError, Fit, Group, Linearised, Prior, Problem, solve};
+use crate::estimation::{
+    Block, BlockPoint, EstimationError, Fit, Group, Linearised, Prior, Problem, solve,
+};
 use crate::geometry::{cross_matrix, left_jacobian};
 use crate::observation::{Estimate, Observation};
 use crate::setup::{Orientation, Setup};
@@ -53,7 +55,12 @@ pub(super) fn adjust_orientation(
     start: &Rotation3<f64>,
     list: Vec<GroundImage>,
 ) -> Option<AdjustedOrientation> {
-    let mut adjustment = OrientationAdjustment { setup, start: *start, bend: &[], list };
+    let mut adjustment = OrientationAdjustment {
+        setup,
+        start: *start,
+        bend: &[],
+        list,
+    };
     let (fit, rejected) = adjustment.adjust_without_outliers()?;
     Some(adjustment.into_adjusted_orientation(&fit, rejected))
 }
@@ -66,12 +73,23 @@ pub(super) fn estimate_bend(
     by_bend: &[Vector3<f64>],
     list: Vec<GroundImage>,
 ) -> Option<Estimate> {
-    let mut adjustment = OrientationAdjustment { setup, start: *start, bend: by_bend, list };
+    let mut adjustment = OrientationAdjustment {
+        setup,
+        start: *start,
+        bend: by_bend,
+        list,
+    };
     let (fit, _) = adjustment.adjust_without_outliers()?;
     let column = adjustment.bend_column();
-    let scale = fit.variance_factor().map_or(1.0, |factor| factor.max(1.0)).sqrt();
+    let scale = fit
+        .variance_factor()
+        .map_or(1.0, |factor| factor.max(1.0))
+        .sqrt();
     let sigma = scale * fit.covariance[(column, column)].max(0.0).sqrt();
-    Some(Estimate { value: fit.global[column], sigma: Some(sigma) })
+    Some(Estimate {
+        value: fit.global[column],
+        sigma: Some(sigma),
+    })
 }
 
 impl OrientationAdjustment<'_> {
@@ -81,7 +99,9 @@ impl OrientationAdjustment<'_> {
             let fit = self.adjust_once()?;
             let tests = (0..self.list.len()).map(|k| (self.residual_test(&fit, k), k));
             match tests.max_by(|a, b| a.0.total_cmp(&b.0)) {
-                Some((t, k)) if t > GATE && self.list.len() > 2 => rejected.push(self.list.remove(k)),
+                Some((t, k)) if t > GATE && self.list.len() > 2 => {
+                    rejected.push(self.list.remove(k))
+                }
                 _ => return Some((fit, rejected)),
             }
         }
@@ -111,7 +131,11 @@ impl OrientationAdjustment<'_> {
             missing: vec![MISSING; unknowns],
             priors: markers.chain([centre]).collect(),
             known: None,
-            groups: vec![Group { local: DVector::zeros(0), priors: vec![], blocks: list.iter().map(block).collect() }],
+            groups: vec![Group {
+                local: DVector::zeros(0),
+                priors: vec![],
+                blocks: list.iter().map(block).collect(),
+            }],
         };
         solve(&problem, |at| self.linearise(at)).ok()
     }
@@ -133,17 +157,30 @@ impl OrientationAdjustment<'_> {
         let by_bend = self.bend.get(marker);
         let bent_m = by_bend.map_or_else(Vector3::zeros, |by| by * at.global[self.bend_column()]);
         let marker_m = setup.markers[marker].position_m + at.global.fixed_rows::<3>(first) + bent_m;
-        let p = apparent_point(setup.window.as_ref(), &rotation, &(marker_m - centre_m), false);
+        let p = apparent_point(
+            setup.window.as_ref(),
+            &rotation,
+            &(marker_m - centre_m),
+            false,
+        );
         let (pixel, by_point) = setup.lens.project_with_jacobian(&p).ok_or_else(behind)?;
         let by_shift = by_point * rotation.matrix();
         let bend = by_bend.map(|_| self.bend_column());
         let columns = (0..MARKERS).chain(first..first + 3).chain(bend);
         let mut out = Linearised::empty(2, columns.collect(), 0, 2);
-        out.global.fixed_columns_mut::<3>(0).copy_from(&(by_point * -cross_matrix(&p) * left_jacobian(&turn)));
-        out.global.fixed_columns_mut::<3>(CENTRE).copy_from(&-by_shift);
-        out.global.fixed_columns_mut::<3>(MARKERS).copy_from(&by_shift);
+        out.global
+            .fixed_columns_mut::<3>(0)
+            .copy_from(&(by_point * -cross_matrix(&p) * left_jacobian(&turn)));
+        out.global
+            .fixed_columns_mut::<3>(CENTRE)
+            .copy_from(&-by_shift);
+        out.global
+            .fixed_columns_mut::<3>(MARKERS)
+            .copy_from(&by_shift);
         if let Some(by) = by_bend {
-            out.global.column_mut(MARKERS + 3).copy_from(&(by_shift * by));
+            out.global
+                .column_mut(MARKERS + 3)
+                .copy_from(&(by_shift * by));
         }
         out.misclosure.copy_from(&(pixel - at.observed));
         out.observations.fill_with_identity();
@@ -154,16 +191,34 @@ impl OrientationAdjustment<'_> {
     /// Returns `v' Qv^-1 v` of an image: chi-square with two degrees of freedom unless it is an outlier.
     fn residual_test(&self, fit: &Fit, k: usize) -> f64 {
         let residual = &fit.groups[0].blocks[k].residuals;
-        let adjusted = fit.adjusted_covariance(0, k).fixed_view::<2, 2>(0, 0).into_owned();
-        mahalanobis_squared(&Vector2::new(residual[0], residual[1]), &(self.list[k].seen.covariance_px2 - adjusted))
+        let adjusted = fit
+            .adjusted_covariance(0, k)
+            .fixed_view::<2, 2>(0, 0)
+            .into_owned();
+        mahalanobis_squared(
+            &Vector2::new(residual[0], residual[1]),
+            &(self.list[k].seen.covariance_px2 - adjusted),
+        )
     }
 
-    fn into_adjusted_orientation(self, fit: &Fit, rejected: Vec<GroundImage>) -> AdjustedOrientation {
+    fn into_adjusted_orientation(
+        self,
+        fit: &Fit,
+        rejected: Vec<GroundImage>,
+    ) -> AdjustedOrientation {
         let (setup, rotation) = (self.setup, self.camera_from_survey(fit));
         let residual = |GroundImage { seen, .. }: &GroundImage| {
             let ground = setup.markers[seen.marker].position_m;
-            let p = apparent_point(setup.window.as_ref(), &rotation, &(ground - setup.projection_centre_m), false);
-            setup.lens.project(&p).map_or(Vector2::zeros(), |pixel| seen.pixel - pixel)
+            let p = apparent_point(
+                setup.window.as_ref(),
+                &rotation,
+                &(ground - setup.projection_centre_m),
+                false,
+            );
+            setup
+                .lens
+                .project(&p)
+                .map_or(Vector2::zeros(), |pixel| seen.pixel - pixel)
         };
         let by_turn = left_jacobian(&fit.global.fixed_rows::<3>(0).into_owned());
         let covariance = fit.covariance.fixed_view::<3, 3>(0, 0).into_owned();
@@ -171,7 +226,10 @@ impl OrientationAdjustment<'_> {
             orientation: Orientation {
                 camera_from_survey: rotation,
                 covariance_rad2: Some(by_turn * covariance * by_turn.transpose()),
-                ground: Observation::mean_observations(setup.markers.len(), self.list.iter().map(|image| image.seen)),
+                ground: Observation::mean_observations(
+                    setup.markers.len(),
+                    self.list.iter().map(|image| image.seen),
+                ),
                 templates: vec![],
             },
             variance_factor: fit.omega / fit.redundancy.max(1) as f64,

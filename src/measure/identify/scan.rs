@@ -15,8 +15,12 @@ const STEP_PX: f64 = 30.0;
 pub(super) const DEFLECTION_RANGE: (f64, f64) = (-0.11, 0.22);
 /// Curvature over the span as coefficients, and L^2 * curvature / tip deflection: (1 - x)(1 + 3x) for a strong taper, 1, 1
 /// - x, (1 - x)^2.
-pub(super) const FAMILY: [([f64; 3], f64); 4] =
-    [([1.0, 0.0, 3.0], 12.0 / 7.0), ([1.0, 1.0, 0.0], 2.0), ([1.0, 0.0, 0.0], 3.0), ([1.0, 0.0, -1.0], 4.0)];
+pub(super) const FAMILY: [([f64; 3], f64); 4] = [
+    ([1.0, 0.0, 3.0], 12.0 / 7.0),
+    ([1.0, 1.0, 0.0], 2.0),
+    ([1.0, 0.0, 0.0], 3.0),
+    ([1.0, 0.0, -1.0], 4.0),
+];
 const MAX_GUESSES: usize = 8;
 
 /// A deflection and a shift, with the pairs that agree on it.
@@ -40,12 +44,14 @@ pub(super) fn scan_deflections(problem: &MatchingProblem<'_>) -> Vec<StateGuess>
     let span_m = beam.length_m;
     let range_m = beam.ground_m.get(tip).map_or(span_m, |p| p.norm());
     let step_m = STEP_PX * range_m / setup.lens.focal_px();
-    let steps = (((DEFLECTION_RANGE.1 - DEFLECTION_RANGE.0) * span_m / step_m).ceil()).clamp(8.0, 400.0) as usize;
+    let steps = (((DEFLECTION_RANGE.1 - DEFLECTION_RANGE.0) * span_m / step_m).ceil())
+        .clamp(8.0, 400.0) as usize;
     let window = window_px(setup.mount_repeatability_px);
     let mut guesses: Vec<StateGuess> = Vec::new();
     for step in 0..=steps {
         let fraction = step as f64 / steps as f64;
-        let deflection_m = span_m * (DEFLECTION_RANGE.0 + (DEFLECTION_RANGE.1 - DEFLECTION_RANGE.0) * fraction);
+        let deflection_m =
+            span_m * (DEFLECTION_RANGE.0 + (DEFLECTION_RANGE.1 - DEFLECTION_RANGE.0) * fraction);
         let best = FAMILY
             .iter()
             .filter_map(|(shape, unit)| {
@@ -93,7 +99,9 @@ fn vote_shift(
         let Some(pixel) = pixel else { continue };
         for &i in problem.candidates(j) {
             let shift = problem.detections[i].centre_px - pixel;
-            let Some((a, b)) = vote_cell_of_shift(&shift, window, cells) else { continue };
+            let Some((a, b)) = vote_cell_of_shift(&shift, window, cells) else {
+                continue;
+            };
             for at in (a - 1..=a + 1).flat_map(|a| (b - 1..=b + 1).map(move |b| a * cells + b)) {
                 let (count, last) = &mut votes[at];
                 *count += u16::from(*last != j);
@@ -101,8 +109,11 @@ fn vote_shift(
             }
         }
     }
-    let (count, best) =
-        votes.iter().enumerate().map(|(at, v)| (v.0, at)).max_by_key(|(n, at)| (*n, usize::MAX - at))?;
+    let (count, best) = votes
+        .iter()
+        .enumerate()
+        .map(|(at, v)| (v.0, at))
+        .max_by_key(|(n, at)| (*n, usize::MAX - at))?;
     if count < 3 {
         return None;
     }
@@ -134,13 +145,19 @@ fn agreeing_pairs(
     for (j, pixel) in pixels.iter().enumerate() {
         let Some(pixel) = pixel else { continue };
         let off = |i: &usize| (problem.detections[*i].centre_px - pixel - shift).amax();
-        let best = problem.candidates(j).iter().min_by(|a, b| off(a).total_cmp(&off(b)));
+        let best = problem
+            .candidates(j)
+            .iter()
+            .min_by(|a, b| off(a).total_cmp(&off(b)));
         if let Some(&i) = best.filter(|i| off(i) < 1.5 * CELL_PX) {
             pairs.push((off(&i), (i, j)));
         }
     }
     pairs.sort_by(|a: &(f64, MatchedPair), b| a.0.total_cmp(&b.0));
-    let mut once: Vec<MatchedPair> = select_one_to_one(pairs).into_iter().map(|(_, pair)| pair).collect();
+    let mut once: Vec<MatchedPair> = select_one_to_one(pairs)
+        .into_iter()
+        .map(|(_, pair)| pair)
+        .collect();
     once.sort_by_key(|p| p.1);
     once
 }
@@ -149,6 +166,18 @@ fn agreeing_pairs(
 fn guess_prior(problem: &MatchingProblem<'_>, state: &WingState, amplitude: f64) -> StatePrior {
     let a = amplitude.abs();
     let [x, y, z] = problem.scene.turn_sigmas();
-    let sigma = WingState::from([0.4 * a + 6e-4, 0.5 * a + 4e-4, 0.9 * a + 6e-4, 0.06, 0.05, x, y, z]);
-    StatePrior { mean: *state, sigma }
+    let sigma = WingState::from([
+        0.4 * a + 6e-4,
+        0.5 * a + 4e-4,
+        0.9 * a + 6e-4,
+        0.06,
+        0.05,
+        x,
+        y,
+        z,
+    ]);
+    StatePrior {
+        mean: *state,
+        sigma,
+    }
 }

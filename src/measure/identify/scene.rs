@@ -76,11 +76,28 @@ impl<'a> WingView<'a> {
     }
 
     /// Creates the view of a wing whose beam is known.
-    pub(super) fn with_beam(setup: &'a Setup, orientation: &'a Orientation, in_flight: bool, beam: CoarseBeam) -> Self {
-        let camera_from_wing = orientation.camera_from_survey * beam.frame.wing_from_survey.inverse();
+    pub(super) fn with_beam(
+        setup: &'a Setup,
+        orientation: &'a Orientation,
+        in_flight: bool,
+        beam: CoarseBeam,
+    ) -> Self {
+        let camera_from_wing =
+            orientation.camera_from_survey * beam.frame.wing_from_survey.inverse();
         let thermal = setup.thermal.filter(|_| in_flight);
-        let pane = Plate::from_window(setup.window.as_ref(), &orientation.camera_from_survey, in_flight);
-        Self { setup, orientation, beam, camera_from_wing, pane, scale: thermal.map_or(1.0, |t| t.scale()) }
+        let pane = Plate::from_window(
+            setup.window.as_ref(),
+            &orientation.camera_from_survey,
+            in_flight,
+        );
+        Self {
+            setup,
+            orientation,
+            beam,
+            camera_from_wing,
+            pane,
+            scale: thermal.map_or(1.0, |t| t.scale()),
+        }
     }
 
     /// Returns standard deviations of the camera's rotation since the ground frames, about its own axes, rad.
@@ -105,7 +122,11 @@ impl<'a> WingView<'a> {
     }
 
     /// Returns the pixels of the points of a beam; `None` behind the camera.
-    pub(super) fn project_points(&self, beam: &CoarseBeam, state: &WingState) -> Vec<Option<Vector2<f64>>> {
+    pub(super) fn project_points(
+        &self,
+        beam: &CoarseBeam,
+        state: &WingState,
+    ) -> Vec<Option<Vector2<f64>>> {
         let rotation = self.camera_from_wing(state);
         let lens = &self.setup.lens;
         beam.marker_positions(state, self.scale)
@@ -116,7 +137,9 @@ impl<'a> WingView<'a> {
 
     /// Returns the pixel of a point, wing frame, m, whose place does not depend on the state; `None` behind the camera.
     pub(super) fn project_on_ground(&self, point: &Vector3<f64>) -> Option<Vector2<f64>> {
-        self.setup.lens.project(&self.apparent_point(&self.camera_from_wing(&WingState::zeros()), point))
+        self.setup
+            .lens
+            .project(&self.apparent_point(&self.camera_from_wing(&WingState::zeros()), point))
     }
 
     /// Returns the predicted images of all markers, with Jacobians and covariances; `None` behind the camera.
@@ -139,11 +162,17 @@ impl<'a> WingView<'a> {
                     let motion = rotation * (stepped[k][j] - placed[j]) / STEPS[k];
                     jacobian.set_column(k, &(by_point * motion));
                 }
-                jacobian.fixed_columns_mut::<3>(5).copy_from(&(by_point * -cross_matrix(&p)));
+                jacobian
+                    .fixed_columns_mut::<3>(5)
+                    .copy_from(&(by_point * -cross_matrix(&p)));
                 let sigma = self.setup.markers[j].sigma_m;
                 let covariance = by_point * by_point.transpose() * (sigma * sigma + common)
                     + Matrix2::identity() * (PIXEL_FLOOR_PX * PIXEL_FLOOR_PX);
-                Some(PredictedImage { pixel, jacobian, covariance })
+                Some(PredictedImage {
+                    pixel,
+                    jacobian,
+                    covariance,
+                })
             })
             .collect()
     }
@@ -152,7 +181,11 @@ impl<'a> WingView<'a> {
     pub(super) fn marker_disc(&self, state: &WingState, marker: usize) -> Option<SkinDisc> {
         let rotation = self.camera_from_wing(state);
         let surveyed = self.setup.markers.get(marker)?;
-        let position = self.beam.marker_positions(state, self.scale).get(marker).copied()?;
+        let position = self
+            .beam
+            .marker_positions(state, self.scale)
+            .get(marker)
+            .copied()?;
         self.disc_in_camera(state, marker, &rotation, &position, surveyed.diameter_m)
     }
 
@@ -170,7 +203,13 @@ impl<'a> WingView<'a> {
             centre_m: self.apparent_point(rotation, position),
             normal: rotation * normal,
             chord: rotation * chord,
-            radius_m: 0.5 * diameter_m * if self.is_fixed(marker) { 1.0 } else { self.scale },
+            radius_m: 0.5
+                * diameter_m
+                * if self.is_fixed(marker) {
+                    1.0
+                } else {
+                    self.scale
+                },
             warp_per_m: 0.0,
         })
     }
@@ -185,7 +224,8 @@ impl<'a> WingView<'a> {
         let markers = self.setup.markers.iter().zip(&placed).enumerate();
         markers
             .map(|(j, (marker, position))| {
-                self.disc_in_camera(state, j, &rotation, position, marker.diameter_m)?.outline(&self.setup.lens)
+                self.disc_in_camera(state, j, &rotation, position, marker.diameter_m)?
+                    .outline(&self.setup.lens)
             })
             .collect()
     }
@@ -195,7 +235,13 @@ impl<'a> WingView<'a> {
         let has_decal = |k: usize| !self.setup.is_point(k);
         let ground = &self.orientation.ground;
         let shown = ground.iter().filter(|o| has_decal(o.marker)).count();
-        if ground.is_empty() { (0..self.setup.markers.len()).filter(|k| has_decal(*k)).count() } else { shown }
+        if ground.is_empty() {
+            (0..self.setup.markers.len())
+                .filter(|k| has_decal(*k))
+                .count()
+        } else {
+            shown
+        }
     }
 
     /// Returns whether the ground frames show points only: nothing that the detector could find.
@@ -218,17 +264,30 @@ impl<'a> WingView<'a> {
             Some(p) if !self.is_fixed(j) => p.x,
             _ => f64::MIN,
         };
-        (0..self.beam.ground_m.len()).max_by(|a, b| span(*a).total_cmp(&span(*b))).unwrap_or(0)
+        (0..self.beam.ground_m.len())
+            .max_by(|a, b| span(*a).total_cmp(&span(*b)))
+            .unwrap_or(0)
     }
 }
 
 /// Returns true if a detection may show the marker with an index in the survey: by its known name, or if its kind and
 /// major axis fit the marker at its distance on the ground.
-pub(super) fn looks_like(detection: &Detection, setup: &Setup, marker: usize, semi_major_px: f64) -> bool {
-    let Some(shape) = setup.markers.get(marker).map(|m| m.shape) else { return false };
+pub(super) fn looks_like(
+    detection: &Detection,
+    setup: &Setup,
+    marker: usize,
+    semi_major_px: f64,
+) -> bool {
+    let Some(shape) = setup.markers.get(marker).map(|m| m.shape) else {
+        return false;
+    };
     let limit = if shape == Shape::Quadrant { 1.5 } else { 1.35 };
-    let similar = || detection.shape == shape && is_within_factor(detection.semi_major_px, semi_major_px, limit);
-    detection.marker.map_or_else(similar, |known| known == marker)
+    let similar = || {
+        detection.shape == shape && is_within_factor(detection.semi_major_px, semi_major_px, limit)
+    };
+    detection
+        .marker
+        .map_or_else(similar, |known| known == marker)
 }
 
 fn is_within_factor(a: f64, b: f64, limit: f64) -> bool {
@@ -271,5 +330,7 @@ pub(super) fn is_usable(detection: &Detection) -> bool {
 
 /// Returns `v' S^-1 v`; infinite if S is singular.
 pub(super) fn mahalanobis_squared(v: &Vector2<f64>, covariance: &Matrix2<f64>) -> f64 {
-    covariance.try_inverse().map_or(f64::INFINITY, |inverse| v.dot(&(inverse * v)))
+    covariance
+        .try_inverse()
+        .map_or(f64::INFINITY, |inverse| v.dot(&(inverse * v)))
 }

@@ -25,9 +25,13 @@ pub(super) struct SkinSurface {
 impl SkinSurface {
     /// Fits the skin to points of the wing frame, m, robustly: an outlier does not turn the normals of its neighbours.
     pub(super) fn fit(points: &[Vector3<f64>], sigma_m: &[f64]) -> Self {
-        let weights: Vec<f64> = sigma_m.iter().map(|sigma| sigma.hypot(ROUGHNESS_M).powi(-2)).collect();
+        let weights: Vec<f64> = sigma_m
+            .iter()
+            .map(|sigma| sigma.hypot(ROUGHNESS_M).powi(-2))
+            .collect();
         let off = |skin: &Self| {
-            let one = |(p, w): (&Vector3<f64>, &f64)| (p.y - skin.height(p.x, p.z)).abs() * w.sqrt();
+            let one =
+                |(p, w): (&Vector3<f64>, &f64)| (p.y - skin.height(p.x, p.z)).abs() * w.sqrt();
             points.iter().zip(&weights).map(one).collect()
         };
         robust::fit_robustly(&weights, |weights| Self::fit_weighted(points, weights), off)
@@ -35,10 +39,13 @@ impl SkinSurface {
 
     /// Fits the skin to points with weights of their heights, 1/m^2.
     fn fit_weighted(points: &[Vector3<f64>], weights: &[f64]) -> Self {
-        let (low, high) = points.iter().fold((f64::MAX, f64::MIN), |(low, high), p| (low.min(p.x), high.max(p.x)));
+        let (low, high) = points.iter().fold((f64::MAX, f64::MIN), |(low, high), p| {
+            (low.min(p.x), high.max(p.x))
+        });
         let (mid_m, half_m) = (0.5 * (low + high), (0.5 * (high - low)).max(1.0));
-        let mut normal =
-            SMatrix::<f64, TERMS, TERMS>::from_diagonal(&SkinTerms::from(PRIOR_M.map(|sigma| 1.0 / (sigma * sigma))));
+        let mut normal = SMatrix::<f64, TERMS, TERMS>::from_diagonal(&SkinTerms::from(
+            PRIOR_M.map(|sigma| 1.0 / (sigma * sigma)),
+        ));
         let mut right = SkinTerms::zeros();
         for (p, &weight) in points.iter().zip(weights) {
             let basis = skin_basis_terms((p.x - mid_m) / half_m, p.z);
@@ -46,7 +53,12 @@ impl SkinSurface {
             right += basis * (p.y * weight);
         }
         let covariance = normal.try_inverse().unwrap_or_else(SMatrix::zeros);
-        Self { mid_m, half_m, coefficients: covariance * right, covariance }
+        Self {
+            mid_m,
+            half_m,
+            coefficients: covariance * right,
+            covariance,
+        }
     }
 
     /// Returns the height at (X, Z), m.
@@ -57,7 +69,8 @@ impl SkinSurface {
     /// Returns the slopes dY/dX and dY/dZ with their standard deviations.
     pub(super) fn slopes(&self, x_m: f64, z_m: f64) -> [(f64, f64); 2] {
         let x = (x_m - self.mid_m) / self.half_m;
-        let along = SkinTerms::from([0.0, 1.0, 2.0 * x, 3.0 * x * x, 0.0, z_m, 0.0, z_m * z_m]) / self.half_m;
+        let along = SkinTerms::from([0.0, 1.0, 2.0 * x, 3.0 * x * x, 0.0, z_m, 0.0, z_m * z_m])
+            / self.half_m;
         let across = SkinTerms::from([0.0, 0.0, 0.0, 0.0, 1.0, x, 2.0 * z_m, 2.0 * z_m * x]);
         [along, across].map(|gradient| {
             let variance = gradient.dot(&(self.covariance * gradient));

@@ -35,13 +35,22 @@ pub(super) struct FittedState {
 
 impl WingView<'_> {
     /// Fits the state to identified detections; `None` if they are too few or do not fit.
-    pub(super) fn fit_state(&self, detections: &[Detection], identities: &Identities) -> Option<FittedState> {
+    pub(super) fn fit_state(
+        &self,
+        detections: &[Detection],
+        identities: &Identities,
+    ) -> Option<FittedState> {
         self.fit_state_from(detections, identities, super::flight::MIN_IDENTIFIED)
     }
 
     /// Fits the state to at least `least` identified detections. Identities known from elsewhere, for example from manual
     /// marks, need no redundancy.
-    fn fit_state_from(&self, detections: &[Detection], identities: &Identities, least: usize) -> Option<FittedState> {
+    fn fit_state_from(
+        &self,
+        detections: &[Detection],
+        identities: &Identities,
+        least: usize,
+    ) -> Option<FittedState> {
         let pairs: Vec<MatchedPair> = identities
             .marker_of
             .iter()
@@ -55,12 +64,26 @@ impl WingView<'_> {
         let [a, b, c, d, e] = WING_SIGMAS;
         let [x, y, z] = self.turn_sigmas();
         let sigma = WingState::from([a, b, c, d, e, x, y, z]);
-        let prior = StatePrior { mean: WingState::zeros(), sigma };
-        let mut fitted = FittedState { state: prior.mean, covariance: Matrix8::zeros(), images: Vec::new() };
+        let prior = StatePrior {
+            mean: WingState::zeros(),
+            sigma,
+        };
+        let mut fitted = FittedState {
+            state: prior.mean,
+            covariance: Matrix8::zeros(),
+            images: Vec::new(),
+        };
         for _ in 0..MAX_STEPS {
             fitted.images = self.linearise(&fitted.state);
             let clutter = Clutter::new(0, &self.setup.lens);
-            let step = solve_step(&pairs, &fitted.images, detections, &prior, &fitted.state, clutter)?;
+            let step = solve_step(
+                &pairs,
+                &fitted.images,
+                detections,
+                &prior,
+                &fitted.state,
+                clutter,
+            )?;
             fitted.state += step.delta;
             fitted.covariance = step.covariance;
             if step.delta.amax() < SETTLED {
@@ -73,8 +96,14 @@ impl WingView<'_> {
     /// Moves the identified markers' detections to the images of their true centres: the perspective bias of the ellipse is
     /// removed with the surveyed diameter and the local normal (docs/identification.md). The result has order and length of
     /// `detections`; unidentified ones are unchanged.
-    pub fn remove_perspective_bias(&self, detections: &[Detection], identities: &Identities) -> Vec<Detection> {
-        let Some(first) = self.fit_state(detections, identities) else { return detections.to_vec() };
+    pub fn remove_perspective_bias(
+        &self,
+        detections: &[Detection],
+        identities: &Identities,
+    ) -> Vec<Detection> {
+        let Some(first) = self.fit_state(detections, identities) else {
+            return detections.to_vec();
+        };
         let once = correct_centres(self, &first.state, detections, identities);
         match self.fit_state(&once, identities) {
             Some(second) => correct_centres(self, &second.state, detections, identities),
@@ -84,15 +113,31 @@ impl WingView<'_> {
 
     /// Predicts the markers of a frame for [`crate::detect::second_pass`], with the detections that were identified. Empty
     /// if too few are.
-    pub fn predict_second_pass(&self, detections: &[Detection], identities: &Identities) -> Vec<ExpectedMarker> {
-        let Some(fitted) = self.fit_state(detections, identities) else { return Vec::new() };
-        let markers =
-            self.setup.markers.iter().zip(self.marker_outlines(&fitted.state)).zip(&fitted.images).enumerate();
+    pub fn predict_second_pass(
+        &self,
+        detections: &[Detection],
+        identities: &Identities,
+    ) -> Vec<ExpectedMarker> {
+        let Some(fitted) = self.fit_state(detections, identities) else {
+            return Vec::new();
+        };
+        let markers = self
+            .setup
+            .markers
+            .iter()
+            .zip(self.marker_outlines(&fitted.state))
+            .zip(&fitted.images)
+            .enumerate();
         let expected = markers.filter_map(|(i, ((marker, outline), image))| {
             let found = identities.marker_of.iter().position(|m| *m == Some(i));
             let search_px = image.as_ref()?.sigma_px(&fitted.covariance) * EXPECTED_SIGMAS;
             Some(ExpectedMarker {
-                prediction: self.visible_prediction(marker.shape, &outline?, search_px, found.is_some())?,
+                prediction: self.visible_prediction(
+                    marker.shape,
+                    &outline?,
+                    search_px,
+                    found.is_some(),
+                )?,
                 found,
                 marker: i,
             })
@@ -105,28 +150,55 @@ impl WingView<'_> {
     /// ground. Markers outside the frame are omitted.
     pub fn predict_markers(&self, observations: &[Observation]) -> Vec<PredictedMarker> {
         let (seen, identities) = identified_detections(observations);
-        let state = self.fit_state_from(&seen, &identities, 1).map_or_else(WingState::zeros, |fitted| fitted.state);
-        let markers = self.setup.markers.iter().zip(self.marker_outlines(&state)).enumerate();
+        let state = self
+            .fit_state_from(&seen, &identities, 1)
+            .map_or_else(WingState::zeros, |fitted| fitted.state);
+        let markers = self
+            .setup
+            .markers
+            .iter()
+            .zip(self.marker_outlines(&state))
+            .enumerate();
         let predicted = markers.filter_map(|(marker, (surveyed, outline))| {
             let outline = outline?;
             let seen = observations.iter().any(|o| o.marker == marker);
             // The neighbourhood of a point is drawn as a disc.
             let drawn = self.visible_prediction(Shape::Circle, &outline, Vector2::zeros(), seen)?;
-            let prediction = MarkerPrediction { shape: surveyed.shape, ..drawn };
-            Some(PredictedMarker { marker, prediction, point_px: outline.point_px })
+            let prediction = MarkerPrediction {
+                shape: surveyed.shape,
+                ..drawn
+            };
+            Some(PredictedMarker {
+                marker,
+                prediction,
+                point_px: outline.point_px,
+            })
         });
         predicted.collect()
     }
 
     /// Moves a marker's measured outline to the image of the marker's centre. The state of the wing is fitted to the
     /// observations and this outline.
-    pub fn correct_marker_centre(&self, observations: &[Observation], marker: usize, found: &Detection) -> Detection {
-        let others: Vec<Observation> = observations.iter().filter(|o| o.marker != marker).cloned().collect();
+    pub fn correct_marker_centre(
+        &self,
+        observations: &[Observation],
+        marker: usize,
+        found: &Detection,
+    ) -> Detection {
+        let others: Vec<Observation> = observations
+            .iter()
+            .filter(|o| o.marker != marker)
+            .cloned()
+            .collect();
         let (mut seen, mut identities) = identified_detections(&others);
         seen.push(found.clone());
         identities.marker_of.push(Some(marker));
-        let Some(fitted) = self.fit_state_from(&seen, &identities, 1) else { return found.clone() };
-        correct_centres(self, &fitted.state, &seen, &identities).pop().unwrap_or_else(|| found.clone())
+        let Some(fitted) = self.fit_state_from(&seen, &identities, 1) else {
+            return found.clone();
+        };
+        correct_centres(self, &fitted.state, &seen, &identities)
+            .pop()
+            .unwrap_or_else(|| found.clone())
     }
 
     /// Predicts the markers of the next frame, found or not, from the identities of a frame, if the deflection of the tip
@@ -137,19 +209,31 @@ impl WingView<'_> {
         identities: &Identities,
         deflection_m: f64,
     ) -> Vec<MarkerPrediction> {
-        let Some(FittedState { state, .. }) = self.fit_state(detections, identities) else { return Vec::new() };
+        let Some(FittedState { state, .. }) = self.fit_state(detections, identities) else {
+            return Vec::new();
+        };
         let mut deflected = state;
         // Curvature that decreases to 0 at the tip: the typical effect of a change of load.
         deflected[0] += 3.0 * deflection_m / self.beam.length_m.powi(2);
         let moved = self.project_markers(&deflected);
-        let markers = self.setup.markers.iter().zip(self.marker_outlines(&state)).zip(moved);
+        let markers = self
+            .setup
+            .markers
+            .iter()
+            .zip(self.marker_outlines(&state))
+            .zip(moved);
         markers
             .enumerate()
             .filter_map(|(i, ((marker, outline), moved))| {
                 let outline = outline?;
                 let travel = moved.map_or(0.0, |m| (m - outline.point_px).norm());
                 let seen = identities.marker_of.contains(&Some(i));
-                self.visible_prediction(marker.shape, &outline, Vector2::repeat(travel + NEXT_SHIFT_PX), seen)
+                self.visible_prediction(
+                    marker.shape,
+                    &outline,
+                    Vector2::repeat(travel + NEXT_SHIFT_PX),
+                    seen,
+                )
             })
             .collect()
     }
@@ -163,15 +247,17 @@ impl WingView<'_> {
         seen: bool,
     ) -> Option<MarkerPrediction> {
         // Points have no outline that a detector could measure.
-        (shape != Shape::Point && self.setup.lens.contains(&outline.ellipse_px)).then_some(MarkerPrediction {
-            shape,
-            centre_px: outline.ellipse_px,
-            semi_major_px: outline.semi_major_px,
-            semi_minor_px: outline.semi_minor_px,
-            angle_rad: outline.angle_rad,
-            search_px,
-            seen,
-        })
+        (shape != Shape::Point && self.setup.lens.contains(&outline.ellipse_px)).then_some(
+            MarkerPrediction {
+                shape,
+                centre_px: outline.ellipse_px,
+                semi_major_px: outline.semi_major_px,
+                semi_minor_px: outline.semi_minor_px,
+                angle_rad: outline.angle_rad,
+                search_px,
+                seen,
+            },
+        )
     }
 }
 
@@ -190,5 +276,11 @@ fn identified_detections(observations: &[Observation]) -> (Vec<Detection>, Ident
         marker: None,
     };
     let marker_of = observations.iter().map(|o| Some(o.marker)).collect();
-    (observations.iter().map(detection).collect(), Identities { marker_of, ..Identities::default() })
+    (
+        observations.iter().map(detection).collect(),
+        Identities {
+            marker_of,
+            ..Identities::default()
+        },
+    )
 }

@@ -45,7 +45,9 @@ impl CodeTable {
     pub fn new(one: &HuffmanTable) -> Self {
         Self {
             codes: one.clone(),
-            groups: (0..1 << LOOKAHEAD_BITS).map(|bits| CodeGroup::from_bits(one, bits)).collect(),
+            groups: (0..1 << LOOKAHEAD_BITS)
+                .map(|bits| CodeGroup::from_bits(one, bits))
+                .collect(),
         }
     }
 }
@@ -56,7 +58,9 @@ impl CodeGroup {
         let known = LOOKAHEAD_BITS as u8;
         while !out.ends && out.bits < known {
             let ahead = (bits << (16 - LOOKAHEAD_BITS) << out.bits) as u16;
-            let Ok((symbol, length)) = table.lookup(ahead) else { break };
+            let Ok((symbol, length)) = table.lookup(ahead) else {
+                break;
+            };
             let (zeros, size) = (symbol >> 4, symbol & 15);
             let bits = out.bits + length + size;
             if bits > known {
@@ -83,12 +87,20 @@ pub struct CodeReader<'a> {
 impl<'a> CodeReader<'a> {
     /// Reads from the start of an interval's data, without stuffed bytes.
     pub fn new(data: &'a [u8]) -> Self {
-        Self { data, at: 0, ahead: 0, left: 0 }
+        Self {
+            data,
+            at: 0,
+            ahead: 0,
+            left: 0,
+        }
     }
 
     /// Reads from a bit position.
     pub fn from_bit(data: &'a [u8], bit: usize) -> Self {
-        let mut out = Self { at: bit / 8, ..Self::new(data) };
+        let mut out = Self {
+            at: bit / 8,
+            ..Self::new(data)
+        };
         out.fill();
         out.skip_bits((bit % 8) as u32);
         out
@@ -124,7 +136,10 @@ impl<'a> CodeReader<'a> {
     fn last_eight_bytes(&self) -> u64 {
         let rest = self.data.get(self.at..).unwrap_or_default();
         let mut eight = [u8::MAX; 8];
-        eight.iter_mut().zip(rest).for_each(|(to, from)| *to = *from);
+        eight
+            .iter_mut()
+            .zip(rest)
+            .for_each(|(to, from)| *to = *from);
         u64::from_be_bytes(eight)
     }
 
@@ -176,7 +191,11 @@ impl<'a> CodeReader<'a> {
 
     /// Reads the block's other coefficients.
     #[inline(always)]
-    pub fn read_coefficients(&mut self, table: &CodeTable, block: &mut [i16; ALL]) -> Result<(), JpegError> {
+    pub fn read_coefficients(
+        &mut self,
+        table: &CodeTable,
+        block: &mut [i16; ALL],
+    ) -> Result<(), JpegError> {
         let mut k = 1;
         while k < ALL {
             self.fill();
@@ -201,10 +220,17 @@ impl<'a> CodeReader<'a> {
                 }
             };
             k += zeros;
-            *ZIGZAG_ORDER.get(k).and_then(|&place| block.get_mut(place)).ok_or_else(out_of_step_error)? = number;
+            *ZIGZAG_ORDER
+                .get(k)
+                .and_then(|&place| block.get_mut(place))
+                .ok_or_else(out_of_step_error)? = number;
             k += 1;
         }
-        if k == ALL { Ok(()) } else { Err(out_of_step_error()) }
+        if k == ALL {
+            Ok(())
+        } else {
+            Err(out_of_step_error())
+        }
     }
 
     /// Skips the block's other coefficients.
@@ -213,7 +239,11 @@ impl<'a> CodeReader<'a> {
         let mut k = 1;
         while k < ALL {
             self.fill();
-            let CodeGroup { bits, coefficients, ends } = table.groups[(self.ahead >> (64 - LOOKAHEAD_BITS)) as usize];
+            let CodeGroup {
+                bits,
+                coefficients,
+                ends,
+            } = table.groups[(self.ahead >> (64 - LOOKAHEAD_BITS)) as usize];
             let then = k + usize::from(coefficients);
             // Complete codes of this block only.
             if bits > 0 && then + usize::from(ends) <= ALL {
@@ -223,16 +253,28 @@ impl<'a> CodeReader<'a> {
             }
             let symbol = self.read_symbol(&table.codes)?;
             self.skip_bits(u32::from(symbol & 15));
-            k = if symbol & 15 == 0 && symbol != ZEROS { ALL } else { k + usize::from(symbol >> 4) + 1 };
+            k = if symbol & 15 == 0 && symbol != ZEROS {
+                ALL
+            } else {
+                k + usize::from(symbol >> 4) + 1
+            };
         }
-        if k == ALL { Ok(()) } else { Err(out_of_step_error()) }
+        if k == ALL {
+            Ok(())
+        } else {
+            Err(out_of_step_error())
+        }
     }
 }
 
 /// Converts `size` bits to a signed number (ITU-T T.81, F.2.2.1).
 pub fn extend_sign(bits: u16, size: u8) -> i16 {
     let (bits, size) = (i32::from(bits), i32::from(size));
-    (if bits < 1 << (size - 1) { bits - (1 << size) + 1 } else { bits }) as i16
+    (if bits < 1 << (size - 1) {
+        bits - (1 << size) + 1
+    } else {
+        bits
+    }) as i16
 }
 
 /// Builds the error for codes read out of step.

@@ -16,7 +16,9 @@ const SEGMENT: usize = 6;
 pub fn resolve_height(bytes: &[u8]) -> Option<Result<Vec<u8>, JpegFault>> {
     let (height_at, scan) = find_height_and_scan(bytes)?;
     let at = find_marker(bytes, scan)?;
-    let &[0xff, LINES, 0, 4, high, low] = bytes.get(at..at + SEGMENT)? else { return None };
+    let &[0xff, LINES, 0, 4, high, low] = bytes.get(at..at + SEGMENT)? else {
+        return None;
+    };
     let own = bytes.get(height_at..height_at + 2)?;
     if [high, low] == [0, 0] || (own != [0, 0] && own != [high, low]) {
         let number = |two: &[u8]| two.iter().fold(0, |sum, b| 256 * sum + u32::from(*b));
@@ -36,7 +38,9 @@ fn find_height_and_scan(bytes: &[u8]) -> Option<(usize, usize)> {
         // Fill bytes may precede a marker.
         at += bytes.get(at..)?.iter().take_while(|b| **b == 0xff).count();
         let code = *bytes.get(at)?;
-        let length = usize::from(u16::from_be_bytes(bytes.get(at + 1..at + 3)?.try_into().ok()?));
+        let length = usize::from(u16::from_be_bytes(
+            bytes.get(at + 1..at + 3)?.try_into().ok()?,
+        ));
         let frame = (0xc0..=0xcf).contains(&code) && ![0xc4, 0xc8, 0xcc].contains(&code);
         if frame {
             height = height.or(Some(at + 4));

@@ -57,9 +57,15 @@ fn check_kind(header: &JpegMetadata) -> Result<FirstComponent, &'static str> {
         _ => return Err("two components"),
     };
     let finest = (first.horizontal_sampling, first.vertical_sampling);
-    let sampling = || parts.iter().map(|c| (c.horizontal_sampling, c.vertical_sampling));
+    let sampling = || {
+        parts
+            .iter()
+            .map(|c| (c.horizontal_sampling, c.vertical_sampling))
+    };
     match first_component(header) {
-        FirstComponent::Red if sampling().any(|s| s != finest) => Err("red, green and blue of different resolutions"),
+        FirstComponent::Red if sampling().any(|s| s != finest) => {
+            Err("red, green and blue of different resolutions")
+        }
         FirstComponent::Luma if sampling().any(|s| s.0 > finest.0 || s.1 > finest.1) => {
             Err("colour of higher resolution than brightness")
         }
@@ -75,7 +81,11 @@ fn first_component(header: &JpegMetadata) -> FirstComponent {
         Some(transform) => transform == 0,
         None => names == *b"RGB",
     };
-    if red { FirstComponent::Red } else { FirstComponent::Luma }
+    if red {
+        FirstComponent::Red
+    } else {
+        FirstComponent::Luma
+    }
 }
 
 /// Rejects implausible headers, which are most likely damaged.
@@ -88,7 +98,9 @@ fn check_plausible(header: &JpegMetadata, length: usize) -> Result<(), JpegFault
     }
     // A block of 8 x 8 px takes at least one bit.
     if width.div_ceil(8) * height.div_ceil(8) > 8 * length {
-        return damaged(format!("{length} bytes are too few for {width} x {height} px"));
+        return damaged(format!(
+            "{length} bytes are too few for {width} x {height} px"
+        ));
     }
     let names = frame.components.iter().map(|c| c.id);
     if names.collect::<std::collections::BTreeSet<u8>>().len() < frame.components.len() {
@@ -98,7 +110,11 @@ fn check_plausible(header: &JpegMetadata, length: usize) -> Result<(), JpegFault
 }
 
 /// Fills the missing Huffman tables with the standard ones for luma and colour.
-fn fill_tables(slots: &mut [Option<Arc<HuffmanTable>>; 4], luma: &Arc<HuffmanTable>, colour: &Arc<HuffmanTable>) {
+fn fill_tables(
+    slots: &mut [Option<Arc<HuffmanTable>>; 4],
+    luma: &Arc<HuffmanTable>,
+    colour: &Arc<HuffmanTable>,
+) {
     slots[0].get_or_insert_with(|| luma.clone());
     slots[1].get_or_insert_with(|| colour.clone());
 }

@@ -30,7 +30,15 @@ impl<'a> RestartIntervals<'a> {
     /// marker `end` or, if that is `None`, with any but a restart marker.
     pub fn new(scan: &'a [u8], units: usize, interval: usize, end: Option<u8>) -> Self {
         let length = if interval == 0 { units } else { interval };
-        Self { rest: scan, units, length, start: 0, number: 0, end, coded: &[] }
+        Self {
+            rest: scan,
+            units,
+            length,
+            start: 0,
+            number: 0,
+            end,
+            coded: &[],
+        }
     }
 
     /// Returns the units of the next interval; its data are then [`RestartIntervals::coded`].
@@ -42,12 +50,15 @@ impl<'a> RestartIntervals<'a> {
             return Ok(None);
         }
         let units = self.start..(self.start + self.length).min(self.units);
-        let (size, marker, next) =
-            split_at_marker(self.rest).ok_or_else(|| damaged_error("the end of the data is missing"))?;
+        let (size, marker, next) = split_at_marker(self.rest)
+            .ok_or_else(|| damaged_error("the end of the data is missing"))?;
         let right = if units.end < self.units {
             marker == FIRST_RESTART + (self.number % 8) as u8
         } else {
-            self.end.map_or(!(FIRST_RESTART..FIRST_RESTART + 8).contains(&marker), |end| marker == end)
+            self.end.map_or(
+                !(FIRST_RESTART..FIRST_RESTART + 8).contains(&marker),
+                |end| marker == end,
+            )
         };
         if !right {
             return Err(damaged_error("data are missing or misplaced"));

@@ -49,7 +49,11 @@ pub fn decode_partial(bytes: &[u8], wanted: &TileSelection) -> Result<PartialIma
     let image = PartialImage::from_jpeg(bytes, wanted);
     let damaged = matches!(image, Err(JpegFault::Damaged(_)));
     // If it cannot be read as it is, its height may be given after the first scan.
-    match if damaged { dnl::resolve_height(bytes) } else { None } {
+    match if damaged {
+        dnl::resolve_height(bytes)
+    } else {
+        None
+    } {
         Some(whole) => PartialImage::from_jpeg(&whole?, wanted),
         None => image,
     }

@@ -24,7 +24,11 @@ impl PartialImage {
                 let [width, height] = scan.size();
                 let decoded = wanted(width, height);
                 let (raster, rest) = scan.decode(coded, &decoded)?;
-                Ok(Self { raster, decoded, rest: Some(rest) })
+                Ok(Self {
+                    raster,
+                    decoded,
+                    rest: Some(rest),
+                })
             }
             None => scans::decode_luma(bytes, &header, colour).map(Self::from_raster),
         }
@@ -32,7 +36,11 @@ impl PartialImage {
 
     /// Wraps an image that is completely decoded.
     pub fn from_raster(raster: Raster) -> Self {
-        Self { decoded: Tiles::all(raster.width(), raster.height()), raster, rest: None }
+        Self {
+            decoded: Tiles::all(raster.width(), raster.height()),
+            raster,
+            rest: None,
+        }
     }
 
     /// Decodes the tiles wanted that are not decoded yet.

@@ -74,7 +74,10 @@ impl SequentialScan {
         let (across, down) = match &frame.components[..] {
             // One component: its blocks row by row, regardless of its sampling (ITU-T T.81, A.2.2).
             [_] => (1, 1),
-            [first, ..] => (usize::from(first.horizontal_sampling), usize::from(first.vertical_sampling)),
+            [first, ..] => (
+                usize::from(first.horizontal_sampling),
+                usize::from(first.vertical_sampling),
+            ),
             [] => return None,
         };
         let tables = (&header.dc_huffman_tables, &header.ac_huffman_tables);
@@ -100,7 +103,11 @@ impl SequentialScan {
             interval: usize::from(header.restart_interval),
             luma: components.next()?,
             colour: components.collect(),
-            steps: header.quant_tables.get(usize::from(quantisation))?.as_ref()?.values,
+            steps: header
+                .quant_tables
+                .get(usize::from(quantisation))?
+                .as_ref()?
+                .values,
             transform: simd::detect().idct_islow,
         })
     }
@@ -118,7 +125,11 @@ impl SequentialScan {
 
     /// Decodes the wanted grey values from the scan's coded bytes and the bytes after them, interval by interval (or the
     /// whole scan if it has no restart markers).
-    pub fn decode(self, coded: &[u8], wanted: &Tiles) -> Result<(Raster, ResumableScan), JpegFault> {
+    pub fn decode(
+        self,
+        coded: &[u8],
+        wanted: &Tiles,
+    ) -> Result<(Raster, ResumableScan), JpegFault> {
         let mut luma = vec![0; self.width * self.height];
         let units = self.columns * self.rows;
         let mut data = Vec::with_capacity(coded.len());
@@ -132,7 +143,14 @@ impl SequentialScan {
         }
         let raster = Raster::new(self.width, self.height, luma);
         let raster = raster.ok_or_else(|| damaged_error("the image has no pixels"))?;
-        Ok((raster, ResumableScan { scan: self, data, resume_points: places }))
+        Ok((
+            raster,
+            ResumableScan {
+                scan: self,
+                data,
+                resume_points: places,
+            },
+        ))
     }
 
     /// Decodes the units of one interval.
@@ -149,12 +167,18 @@ impl SequentialScan {
         let mut until_place = 0;
         for _ in units {
             if until_place == 0 {
-                places.push(ResumePoint { bit: codes.bit_position(), mean });
+                places.push(ResumePoint {
+                    bit: codes.bit_position(),
+                    mean,
+                });
                 until_place = stride;
             }
             until_place -= 1;
-            let near = |e: JpegError| JpegFault::Damaged(format!("{e} near row {}", row * self.down * BLOCK));
-            self.decode_unit([column, row], codes, &mut mean, wanted, luma).map_err(near)?;
+            let near = |e: JpegError| {
+                JpegFault::Damaged(format!("{e} near row {}", row * self.down * BLOCK))
+            };
+            self.decode_unit([column, row], codes, &mut mean, wanted, luma)
+                .map_err(near)?;
             column += 1;
             if column == self.columns {
                 (column, row) = (0, row + 1);
@@ -197,14 +221,22 @@ impl SequentialScan {
                 codes.skip_coefficients(&part.others)?;
             }
         }
-        if codes.bits_left() < 0 { Err(JpegError::UnexpectedEof) } else { Ok(()) }
+        if codes.bits_left() < 0 {
+            Err(JpegError::UnexpectedEof)
+        } else {
+            Ok(())
+        }
     }
 
     /// Returns the units in a row that hold wanted blocks.
     fn selected_units(&self, row: usize, wanted: &Tiles) -> Vec<usize> {
         let mut units = Vec::new();
         for row in row * self.down..(row + 1) * self.down {
-            let blocks = wanted.row(row).iter().enumerate().filter(|(_, wanted)| **wanted);
+            let blocks = wanted
+                .row(row)
+                .iter()
+                .enumerate()
+                .filter(|(_, wanted)| **wanted);
             units.extend(blocks.map(|(block, _)| block / self.across));
         }
         units.sort_unstable();
@@ -225,12 +257,21 @@ impl ResumableScan {
                 let from = unit / stride;
                 // The previous unit may end at a restart marker, after which the bits restart.
                 if next > unit || next <= from * stride {
-                    let Some(place) = self.resume_points.get(from) else { return };
-                    (codes, mean, next) = (CodeReader::from_bit(&self.data, place.bit), place.mean, from * stride);
+                    let Some(place) = self.resume_points.get(from) else {
+                        return;
+                    };
+                    (codes, mean, next) = (
+                        CodeReader::from_bit(&self.data, place.bit),
+                        place.mean,
+                        from * stride,
+                    );
                 }
                 for unit in next..=unit {
                     let at = [unit % scan.columns, unit / scan.columns];
-                    if scan.decode_unit(at, &mut codes, &mut mean, wanted, luma).is_err() {
+                    if scan
+                        .decode_unit(at, &mut codes, &mut mean, wanted, luma)
+                        .is_err()
+                    {
                         return;
                     }
                 }

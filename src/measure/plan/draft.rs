@@ -68,7 +68,8 @@ pub fn best_layout(
             best = Some((sigma_m, setup));
         }
     }
-    best.map(|(_, setup)| setup).ok_or_else(|| AdjustError::Input("no layout fits these dimensions".into()))
+    best.map(|(_, setup)| setup)
+        .ok_or_else(|| AdjustError::Input("no layout fits these dimensions".into()))
 }
 
 /// A wing with another lens or height of the camera, and its predicted precision.
@@ -87,20 +88,51 @@ const FOCAL_RATIOS: [f64; 4] = [0.5, 0.71, 1.41, 2.0];
 const HEIGHT_CHANGES_M: [f64; 3] = [-0.5, 0.5, 1.0];
 
 /// Predicts the precision with other lenses and heights of the camera, one frame each; the first is the draft itself.
-pub fn predict_variants(draft: &LayoutDraft, installation: &Setup, options: &PlanOptions) -> Vec<DraftVariant> {
-    let heights = HEIGHT_CHANGES_M.iter().map(|change| (1.0, draft.height_m + change));
+pub fn predict_variants(
+    draft: &LayoutDraft,
+    installation: &Setup,
+    options: &PlanOptions,
+) -> Vec<DraftVariant> {
+    let heights = HEIGHT_CHANGES_M
+        .iter()
+        .map(|change| (1.0, draft.height_m + change));
     let lenses = FOCAL_RATIOS.iter().map(|ratio| (*ratio, draft.height_m));
-    let all = [(1.0, draft.height_m)].into_iter().chain(lenses).chain(heights.filter(|(_, height_m)| *height_m > 0.1));
+    let all = [(1.0, draft.height_m)]
+        .into_iter()
+        .chain(lenses)
+        .chain(heights.filter(|(_, height_m)| *height_m > 0.1));
     all.map(|(focal_ratio, height_m)| {
-        let lens = Lens { fx: draft.lens.fx * focal_ratio, fy: draft.lens.fy * focal_ratio, ..draft.lens };
-        let other = LayoutDraft { lens, height_m, ..*draft };
-        let setup = Setup { lens, ..installation.clone() };
+        let lens = Lens {
+            fx: draft.lens.fx * focal_ratio,
+            fy: draft.lens.fy * focal_ratio,
+            ..draft.lens
+        };
+        let other = LayoutDraft {
+            lens,
+            height_m,
+            ..*draft
+        };
+        let setup = Setup {
+            lens,
+            ..installation.clone()
+        };
         let usable = |setup: &Setup| {
             let simulation = SimulatedFlight::new(setup, None, options).ok()?;
-            if simulation.find_obstacle().is_some() { None } else { simulation.predict_single_frame().ok() }
+            if simulation.find_obstacle().is_some() {
+                None
+            } else {
+                simulation.predict_single_frame().ok()
+            }
         };
-        let sigma_m = best_layout(&other, &setup, options, 1).ok().as_ref().and_then(usable);
-        DraftVariant { focal_ratio, height_m, sigma_m: sigma_m.map(|precision| precision.sigma_tip_deflection_m) }
+        let sigma_m = best_layout(&other, &setup, options, 1)
+            .ok()
+            .as_ref()
+            .and_then(usable);
+        DraftVariant {
+            focal_ratio,
+            height_m,
+            sigma_m: sigma_m.map(|precision| precision.sigma_tip_deflection_m),
+        }
     })
     .collect()
 }
@@ -114,12 +146,23 @@ fn build_drafted_setup(
     let mut setup = installation.clone();
     setup.markers = place_markers(draft, options.tip_deflection_m, crowding);
     let count = setup.markers.len();
-    setup.torsion = vec![TorsionPair { name: "tip".into(), leading: count - 2, trailing: count - 1 }];
+    setup.torsion = vec![TorsionPair {
+        name: "tip".into(),
+        leading: count - 2,
+        trailing: count - 1,
+    }];
     if draft.fixed > 0 {
         let simulation = SimulatedFlight::new(&setup, None, options)?;
         let (attitude, taken) = (&simulation.orientation, simulation.taken_places());
         // Markers of a wide wing may leave room for fewer.
-        let add = |count| fixed_targets::add_fixed_targets(&setup, attitude, (0, count, options.pixel_sigma), &taken);
+        let add = |count| {
+            fixed_targets::add_fixed_targets(
+                &setup,
+                attitude,
+                (0, count, options.pixel_sigma),
+                &taken,
+            )
+        };
         let added = (1..=draft.fixed).rev().find_map(add);
         setup = added.map(|(with_targets, _)| with_targets).unwrap_or(setup);
     }
@@ -137,18 +180,23 @@ fn place_markers(draft: &LayoutDraft, tip_deflection_m: f64, crowding: f64) -> V
     let single = count - 2;
     let first = nearest_station_m(draft, tip_deflection_m);
     let last = OUTERMOST_FRACTION * draft.span_m;
-    let station = |k: usize| first + (last - first) * (k as f64 / (single - 1) as f64).powf(crowding);
+    let station =
+        |k: usize| first + (last - first) * (k as f64 / (single - 1) as f64).powf(crowding);
     // The pair is clear of the prints on both sides.
     let pair = 0.5 * (station(single - 2) + station(single - 1));
     let position = |k: usize| match k.checked_sub(single) {
         None => (station(k), k.is_multiple_of(2)),
         Some(of_pair) => (pair, of_pair == 0),
     };
-    (0..count).map(|k| (k, position(k))).map(|(k, (along, leading))| draft_marker(draft, k, along, leading)).collect()
+    (0..count)
+        .map(|k| (k, position(k)))
+        .map(|(k, (along, leading))| draft_marker(draft, k, along, leading))
+        .collect()
 }
 
 fn draft_marker(draft: &LayoutDraft, k: usize, along_m: f64, leading: bool) -> SurveyMarker {
-    let half_chord = 0.5 * draft.chord_m * (1.0 - (1.0 - TAPER) * (along_m / draft.span_m).min(1.0));
+    let half_chord =
+        0.5 * draft.chord_m * (1.0 - (1.0 - TAPER) * (along_m / draft.span_m).min(1.0));
     let in_view = USED_FRACTION * 0.5 * f64::from(draft.lens.width) / draft.lens.fx * along_m;
     let offset_m = (CHORD_FRACTION * half_chord).min(in_view);
     let (shape, diameter_m) = choose_print(draft, along_m);
@@ -158,7 +206,11 @@ fn draft_marker(draft: &LayoutDraft, k: usize, along_m: f64, leading: bool) -> S
         diameter_m,
         position_m: Vector3::new(
             along_m,
-            if leading == (draft.side == WingSide::Right) { offset_m } else { -offset_m },
+            if leading == (draft.side == WingSide::Right) {
+                offset_m
+            } else {
+                -offset_m
+            },
             -draft.height_m,
         ),
         sigma_m: SURVEY_SIGMA_M,
@@ -170,7 +222,11 @@ fn draft_marker(draft: &LayoutDraft, k: usize, along_m: f64, leading: bool) -> S
 
 /// Chooses kind and size of a marker, large enough for its image along the view.
 fn choose_print(draft: &LayoutDraft, along_m: f64) -> (Shape, f64) {
-    let shape = if along_m < QUADRANT_FRACTION * draft.span_m { Shape::Quadrant } else { Shape::Circle };
+    let shape = if along_m < QUADRANT_FRACTION * draft.span_m {
+        Shape::Quadrant
+    } else {
+        Shape::Circle
+    };
     let least = MIN_IMAGE_PX * along_m * along_m / (draft.height_m * draft.lens.fy);
     let steps = (least.clamp(PRINT_RANGE_M.0, PRINT_RANGE_M.1) / PRINT_STEP_M - 1e-9).ceil();
     (shape, steps * PRINT_STEP_M)
@@ -181,6 +237,10 @@ fn nearest_station_m(draft: &LayoutDraft, tip_deflection_m: f64) -> f64 {
     let top = (tip_deflection_m.max(0.0) - draft.height_m).atan2(draft.span_m);
     let view = 2.0 * USED_FRACTION * (0.5 * f64::from(draft.lens.height) / draft.lens.fy).atan();
     let bottom = (top - view).max(-1.4);
-    let nearest = if bottom < 0.0 { draft.height_m / (-bottom).tan() } else { draft.span_m };
+    let nearest = if bottom < 0.0 {
+        draft.height_m / (-bottom).tan()
+    } else {
+        draft.span_m
+    };
     nearest.clamp(1.0, 0.5 * draft.span_m)
 }

@@ -38,22 +38,42 @@ pub(super) fn add_fixed_targets(
     let (mut setup, mut orientation) = (setup.clone(), orientation.clone());
     let median_sigma_m = median(setup.markers.iter().map(|m| m.sigma_m).collect())?;
     let size = Vector2::new(f64::from(setup.lens.width), f64::from(setup.lens.height));
-    let clear_px = CLEARANCE * setup.lens.focal_px() * fixed_target::DIAMETER_M / fixed_target::DISTANCE_M;
-    let is_free =
-        |pixel: &Vector2<f64>| taken.iter().all(|(centre, radius_px)| (centre - pixel).norm() > clear_px + radius_px);
+    let clear_px =
+        CLEARANCE * setup.lens.focal_px() * fixed_target::DIAMETER_M / fixed_target::DISTANCE_M;
+    let is_free = |pixel: &Vector2<f64>| {
+        taken
+            .iter()
+            .all(|(centre, radius_px)| (centre - pixel).norm() > clear_px + radius_px)
+    };
     let mut added = vec![];
-    for (k, (u, v)) in fixed_target::POSITIONS.iter().enumerate().skip(passed).take(count) {
-        let inward = |side: f64, shift: f64| if side < 0.5 { side + shift } else { side - shift };
-        let places = SHIFTS.map(|(du, dv)| size.component_mul(&Vector2::new(inward(*u, du), inward(*v, dv))));
+    for (k, (u, v)) in fixed_target::POSITIONS
+        .iter()
+        .enumerate()
+        .skip(passed)
+        .take(count)
+    {
+        let inward = |side: f64, shift: f64| {
+            if side < 0.5 {
+                side + shift
+            } else {
+                side - shift
+            }
+        };
+        let places = SHIFTS
+            .map(|(du, dv)| size.component_mul(&Vector2::new(inward(*u, du), inward(*v, dv))));
         let pixel = places.into_iter().find(is_free)?;
         let ray = setup.lens.ray(&pixel).ok()?.normalize();
-        let position_m =
-            setup.projection_centre_m + orientation.camera_from_survey.inverse() * ray * fixed_target::DISTANCE_M;
+        let position_m = setup.projection_centre_m
+            + orientation.camera_from_survey.inverse() * ray * fixed_target::DISTANCE_M;
         added.push((k, pixel, position_m));
     }
     for (k, pixel, position_m) in added {
         let covariance_px2 = Matrix2::identity() * (pixel_sigma * pixel_sigma);
-        orientation.ground.push(Observation { marker: setup.markers.len(), pixel, covariance_px2 });
+        orientation.ground.push(Observation {
+            marker: setup.markers.len(),
+            pixel,
+            covariance_px2,
+        });
         setup.markers.push(SurveyMarker {
             id: format!("F{:02}", k + 1),
             shape: Shape::Quadrant,

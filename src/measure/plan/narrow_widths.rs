@@ -27,21 +27,47 @@ pub fn find_narrow_widths(setup: &Setup) -> Vec<NarrowWidth> {
         let precision = SimulatedFlight::new(setup, None, &options)?.predict_single_frame()?;
         Ok::<_, crate::adjust::AdjustError>(precision.sigma_tip_deflection_m)
     };
-    let Ok(stated_m) = tip_sigma_m(setup) else { return vec![] };
+    let Ok(stated_m) = tip_sigma_m(setup) else {
+        return vec![];
+    };
     let compare = |key: String, unit: &'static str, values: [f64; 2], usual: Setup| {
-        let usual_m = tip_sigma_m(&usual).ok().filter(|usual_m| *usual_m > SENSITIVE_RATIO * stated_m)?;
-        Some(NarrowWidth { key, unit, values, tip_sigmas_m: [stated_m, usual_m] })
+        let usual_m = tip_sigma_m(&usual)
+            .ok()
+            .filter(|usual_m| *usual_m > SENSITIVE_RATIO * stated_m)?;
+        Some(NarrowWidth {
+            key,
+            unit,
+            values,
+            tip_sigmas_m: [stated_m, usual_m],
+        })
     };
     let flies = setup.uncertainty.has_flight_effects();
-    let widths = Width::ROWS.iter().filter(|row| flies || !row.of_flight).filter_map(|row| {
-        let values = [setup.uncertainty[row.width] / row.unit.factor, row.default];
-        let uncertainty = setup.uncertainty.with_width(row.width, row.unit.factor * row.default);
-        let usual = Setup { uncertainty, ..setup.clone() };
-        (values[0] < NARROW_FRACTION * values[1])
-            .then(|| compare(format!("{}.{}", row.section, row.key), row.unit.name, values, usual))?
-    });
+    let widths = Width::ROWS
+        .iter()
+        .filter(|row| flies || !row.of_flight)
+        .filter_map(|row| {
+            let values = [setup.uncertainty[row.width] / row.unit.factor, row.default];
+            let uncertainty = setup
+                .uncertainty
+                .with_width(row.width, row.unit.factor * row.default);
+            let usual = Setup {
+                uncertainty,
+                ..setup.clone()
+            };
+            (values[0] < NARROW_FRACTION * values[1]).then(|| {
+                compare(
+                    format!("{}.{}", row.section, row.key),
+                    row.unit.name,
+                    values,
+                    usual,
+                )
+            })?
+        });
     let values = [setup.mount_repeatability_px, DEFAULT_REPEATABILITY_PX];
-    let usual = Setup { mount_repeatability_px: values[1], ..setup.clone() };
+    let usual = Setup {
+        mount_repeatability_px: values[1],
+        ..setup.clone()
+    };
     let rotation = (values[0] < NARROW_FRACTION * values[1])
         .then(|| compare("camera.mount_repeatability_px".into(), "px", values, usual))
         .flatten();

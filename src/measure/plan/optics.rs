@@ -48,7 +48,9 @@ pub struct OpticsPlan {
 impl OpticsPlan {
     /// Computes the optics for markers between two distances, m.
     pub fn new(optics: &Optics, nearest_m: f64, farthest_m: f64) -> Self {
-        let confusion_um = optics.circle_of_confusion_um.unwrap_or(2.0 * optics.pixel_pitch_um);
+        let confusion_um = optics
+            .circle_of_confusion_um
+            .unwrap_or(2.0 * optics.pixel_pitch_um);
         let focal_m = 1e-3 * optics.focal_length_mm;
         let power = focal_m * focal_m / optics.f_number;
         let hyperfocal_m = power / (1e-6 * confusion_um) + focal_m;
@@ -76,7 +78,12 @@ impl OpticsPlan {
 
     /// Returns the diameter of the blur disc at a distance, m, when focused at `best_focus_m`, px.
     pub fn blur_px(&self, distance_m: f64) -> f64 {
-        let Optics { focal_length_mm, f_number, pixel_pitch_um, .. } = self.optics;
+        let Optics {
+            focal_length_mm,
+            f_number,
+            pixel_pitch_um,
+            ..
+        } = self.optics;
         let power = 1e-6 * focal_length_mm * focal_length_mm / f_number;
         1e6 * power * (1.0 / distance_m - 1.0 / self.best_focus_m).abs() / pixel_pitch_um
     }
@@ -88,8 +95,12 @@ mod tests {
 
     #[test]
     fn the_papers_lens_covers_5_to_40_metres() {
-        let optics =
-            Optics { focal_length_mm: 12.0, f_number: 4.0, pixel_pitch_um: 1.54, circle_of_confusion_um: Some(3.15) };
+        let optics = Optics {
+            focal_length_mm: 12.0,
+            f_number: 4.0,
+            pixel_pitch_um: 1.54,
+            circle_of_confusion_um: Some(3.15),
+        };
         let plan = OpticsPlan::new(&optics, 5.0, 40.0);
         assert!(plan.sharp && (plan.blur_um - 3.15).abs() < 1e-9, "{plan:?}");
         assert!((plan.near_limit_m - 5.0).abs() < 1e-6);
@@ -98,9 +109,23 @@ mod tests {
         // Diffraction: 5.4 um, 3.5 px, not the paper's two pixels of 2.2 um.
         assert!((plan.airy_um - 5.4).abs() < 0.05 && (plan.airy_px - 3.5).abs() < 0.05);
         // At both ends alike, and more towards the camera.
-        assert!([5.0, 40.0].iter().all(|d| (plan.blur_px(*d) - 3.15 / 1.54).abs() < 1e-9));
-        assert!((plan.blur_px(3.0) - 1e6 * 36e-6 * (1.0 / 3.0 - 1.0 / plan.best_focus_m) / 1.54).abs() < 1e-9);
-        let open = OpticsPlan::new(&Optics { f_number: 2.0, ..optics }, 5.0, 40.0);
+        assert!(
+            [5.0, 40.0]
+                .iter()
+                .all(|d| (plan.blur_px(*d) - 3.15 / 1.54).abs() < 1e-9)
+        );
+        assert!(
+            (plan.blur_px(3.0) - 1e6 * 36e-6 * (1.0 / 3.0 - 1.0 / plan.best_focus_m) / 1.54).abs()
+                < 1e-9
+        );
+        let open = OpticsPlan::new(
+            &Optics {
+                f_number: 2.0,
+                ..optics
+            },
+            5.0,
+            40.0,
+        );
         assert!(!open.sharp && (open.blur_um - 6.3).abs() < 1e-9);
     }
 }

@@ -100,9 +100,20 @@ pub struct LayoutPrediction {
 impl LayoutPrediction {
     /// Interpolates the standard deviations of deflection (m) and twist (degrees) at a span, m, linearly.
     pub fn sigmas_at(&self, span_m: f64) -> Option<(f64, Option<f64>)> {
-        let next = self.curve.iter().position(|p| p.0 >= span_m).or(self.curve.len().checked_sub(1))?;
-        let (b, a) = (self.curve.get(next)?, self.curve.get(next.saturating_sub(1))?);
-        let share = if b.0 > a.0 { ((span_m - a.0) / (b.0 - a.0)).clamp(0.0, 1.0) } else { 1.0 };
+        let next = self
+            .curve
+            .iter()
+            .position(|p| p.0 >= span_m)
+            .or(self.curve.len().checked_sub(1))?;
+        let (b, a) = (
+            self.curve.get(next)?,
+            self.curve.get(next.saturating_sub(1))?,
+        );
+        let share = if b.0 > a.0 {
+            ((span_m - a.0) / (b.0 - a.0)).clamp(0.0, 1.0)
+        } else {
+            1.0
+        };
         let mix = |x: f64, y: f64| x + share * (y - x);
         Some((mix(a.1, b.1), a.2.zip(b.2).map(|(x, y)| mix(x, y))))
     }
@@ -136,20 +147,29 @@ impl<'a> SimulatedFlight<'a> {
     ///
     /// # Errors
     /// Returns an error if the survey gives no wing.
-    pub fn new(setup: &'a Setup, orientation: Option<&Orientation>, options: &'a PlanOptions) -> AdjustResult<Self> {
+    pub fn new(
+        setup: &'a Setup,
+        orientation: Option<&Orientation>,
+        options: &'a PlanOptions,
+    ) -> AdjustResult<Self> {
         let shape = GroundShape::new(setup, &[])?;
         let ground: Vec<_> = shape.stations.iter().map(|s| s.surveyed_m).collect();
         let flight = bend_markers(setup, &shape, options.tip_deflection_m);
         let reach = |p: &Vector3<f64>| (p.x - setup.root_offset_m).max(0.0);
         let wing = setup.wing_markers();
         let tip = wing.iter().map(|(_, p)| reach(p)).fold(0.0, f64::max);
-        let a_per_m = if tip > 0.0 { options.tip_deflection_m / (tip * tip) } else { 0.0 };
+        let a_per_m = if tip > 0.0 {
+            options.tip_deflection_m / (tip * tip)
+        } else {
+            0.0
+        };
         let skin = SkinProfile::from_points(&wing.into_iter().map(|(_, p)| p).collect::<Vec<_>>());
         let mut simulation = Self {
             setup,
             options,
             orientation: Orientation {
-                camera_from_survey: camera_attitude(&ground, &flight) * shape.frame.wing_from_survey,
+                camera_from_survey: camera_attitude(&ground, &flight)
+                    * shape.frame.wing_from_survey,
                 covariance_rad2: None,
                 ground: Vec::new(),
                 templates: vec![],
@@ -170,23 +190,39 @@ impl<'a> SimulatedFlight<'a> {
     /// Simulates the ground frame, unless the orientation has one, and the frame in flight.
     fn take_frames(&mut self) {
         let covariance_px2 = |marker: usize| {
-            let least = if self.setup.is_point(marker) { points::TYPICAL_SIGMA_PX } else { 0.0 };
+            let least = if self.setup.is_point(marker) {
+                points::TYPICAL_SIGMA_PX
+            } else {
+                0.0
+            };
             Matrix2::identity() * self.options.pixel_sigma.max(least).powi(2)
         };
         let turn = &self.orientation.camera_from_survey;
         let see = |p: &Vector3<f64>, in_flight| {
             let survey = self.setup.wing_frame().wing_from_survey.inverse() * p;
-            let pixel =
-                self.setup.lens.project(&apparent_point(self.setup.window.as_ref(), turn, &survey, in_flight))?;
+            let pixel = self.setup.lens.project(&apparent_point(
+                self.setup.window.as_ref(),
+                turn,
+                &survey,
+                in_flight,
+            ))?;
             self.setup.lens.contains(&pixel).then_some(pixel)
         };
         // A ground frame that was taken shows by itself which markers are large enough.
         let untaken = self.orientation.ground.is_empty();
         let large = |marker: &usize| !untaken || self.is_large_enough(*marker);
-        let flight = self.flight.iter().enumerate().filter(|(marker, _)| large(marker));
+        let flight = self
+            .flight
+            .iter()
+            .enumerate()
+            .filter(|(marker, _)| large(marker));
         let observations: Vec<_> = flight
             .filter_map(|(marker, p)| {
-                Some(Observation { marker, pixel: see(p, true)?, covariance_px2: covariance_px2(marker) })
+                Some(Observation {
+                    marker,
+                    pixel: see(p, true)?,
+                    covariance_px2: covariance_px2(marker),
+                })
             })
             .collect();
         // A ground frame that was taken determines which markers are observed, and with which covariance. Its own errors
@@ -197,15 +233,26 @@ impl<'a> SimulatedFlight<'a> {
             None => taken.is_empty().then(|| covariance_px2(marker)),
         };
         let observe = |(marker, p): (usize, &Vector3<f64>)| {
-            Some(Observation { marker, covariance_px2: covariance(marker)?, pixel: see(p, false)? })
+            Some(Observation {
+                marker,
+                covariance_px2: covariance(marker)?,
+                pixel: see(p, false)?,
+            })
         };
-        let ground = self.ground.iter().enumerate().filter(|(marker, _)| large(marker)).filter_map(observe).collect();
+        let ground = self
+            .ground
+            .iter()
+            .enumerate()
+            .filter(|(marker, _)| large(marker))
+            .filter_map(observe)
+            .collect();
         (self.observations, self.orientation.ground) = (observations, ground);
     }
 
     /// Returns the slope of the skin in flight.
     pub fn slope_at(&self, flight: &Vector3<f64>) -> f64 {
-        self.skin.slope(flight.x) + 2.0 * self.a_per_m * (flight.x - self.setup.root_offset_m).max(0.0)
+        self.skin.slope(flight.x)
+            + 2.0 * self.a_per_m * (flight.x - self.setup.root_offset_m).max(0.0)
     }
 
     /// Predicts the uncertainty of the frame and of each changed layout.
@@ -214,15 +261,24 @@ impl<'a> SimulatedFlight<'a> {
     /// Returns an error if the layout cannot be adjusted.
     pub fn predict_layout(&self) -> AdjustResult<LayoutPrediction> {
         let solution = self.adjust_frame(&self.observations)?;
-        let mut changes: Vec<_> = self.observations.iter().map(|o| self.predict_without(o.marker)).collect();
+        let mut changes: Vec<_> = self
+            .observations
+            .iter()
+            .map(|o| self.predict_without(o.marker))
+            .collect();
         changes.extend(self.predict_with_additional());
         let degrees = |e: Option<adjust::Estimate>| e.and_then(|e| e.sigma).map(f64::to_degrees);
         Ok(LayoutPrediction {
             redundancy: solution.redundancy,
-            expected: precision_from_solution(&solution, self.setup)
-                .ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))?,
+            expected: precision_from_solution(&solution, self.setup).ok_or_else(|| {
+                AdjustError::Input("the adjustment gives no standard deviations".into())
+            })?,
             tip: tip_sigma(&solution, self.setup),
-            budget: solution.budget.iter().flat_map(|budget| budget.shares.clone()).collect(),
+            budget: solution
+                .budget
+                .iter()
+                .flat_map(|budget| budget.shares.clone())
+                .collect(),
             markers: marker_sigmas(&solution, self.setup),
             torsion: solution
                 .torsion
@@ -231,7 +287,10 @@ impl<'a> SimulatedFlight<'a> {
                 .collect(),
             pitch_bending_correlation: solution.pitch_bending_correlation,
             changes,
-            fixed_marks: fixed_targets::COUNTS.iter().map(|count| self.predict_with_fixed_targets(*count)).collect(),
+            fixed_marks: fixed_targets::COUNTS
+                .iter()
+                .map(|count| self.predict_with_fixed_targets(*count))
+                .collect(),
             terms_known: self.predict_with_each_term_known(),
             curve: solution
                 .curve
@@ -249,8 +308,10 @@ impl<'a> SimulatedFlight<'a> {
     /// # Errors
     /// Returns an error if the layout cannot be adjusted.
     pub fn predict_single_frame(&self) -> AdjustResult<LayoutPrecision> {
-        let precision = precision_from_solution(&self.adjust_frame(&self.observations)?, self.setup);
-        precision.ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
+        let precision =
+            precision_from_solution(&self.adjust_frame(&self.observations)?, self.setup);
+        precision
+            .ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
     }
 
     /// Predicts the precision of `frames` frames of one mounting adjusted together, for the frame with the largest
@@ -259,31 +320,57 @@ impl<'a> SimulatedFlight<'a> {
     ///
     /// # Errors
     /// Returns an error if the layout cannot be adjusted.
-    pub fn predict_flight(&self, frames: usize, flight_prior: Option<&FlightPrior>) -> AdjustResult<LayoutPrecision> {
-        let share = |k: usize| 1.0 - (1.0 - MIN_DEFLECTION_FRACTION) * k as f64 / (frames.max(2) - 1) as f64;
+    pub fn predict_flight(
+        &self,
+        frames: usize,
+        flight_prior: Option<&FlightPrior>,
+    ) -> AdjustResult<LayoutPrecision> {
+        let share = |k: usize| {
+            1.0 - (1.0 - MIN_DEFLECTION_FRACTION) * k as f64 / (frames.max(2) - 1) as f64
+        };
         let deflections = (0..frames.max(1)).map(|k| self.options.tip_deflection_m * share(k));
         let seen = deflections.map(|tip_deflection_m| {
-            let options = PlanOptions { tip_deflection_m, ..*self.options };
+            let options = PlanOptions {
+                tip_deflection_m,
+                ..*self.options
+            };
             let frame = SimulatedFlight::new(self.setup, Some(&self.orientation), &options)?;
             Ok(frame.observations)
         });
         let seen: Vec<Vec<Observation>> = seen.collect::<AdjustResult<_>>()?;
         let mountings = Some(vec![Mounting::Numbered(0); seen.len()]);
         let flight_prior = flight_prior.map(|flight_prior| Arc::new(flight_prior.at_nominal()));
-        let options = Options { mountings, flight_prior, ..adjustment_options(self.options) };
+        let options = Options {
+            mountings,
+            flight_prior,
+            ..adjustment_options(self.options)
+        };
         // Observations without noise would show that nothing moves.
         let mut setup = self.setup.clone();
         setup.uncertainty = setup.uncertainty.without_frame_scaling();
         let solutions = match &seen[..] {
-            [one] => vec![adjust::solve_spatial(&setup, &self.orientation, one, &options)?],
+            [one] => vec![adjust::solve_spatial(
+                &setup,
+                &self.orientation,
+                one,
+                &options,
+            )?],
             _ => adjust::solve_flight(&setup, &self.orientation, &seen, &options)?,
         };
-        let first = solutions.first().and_then(|solution| precision_from_solution(solution, self.setup));
-        first.ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
+        let first = solutions
+            .first()
+            .and_then(|solution| precision_from_solution(solution, self.setup));
+        first
+            .ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
     }
 
     fn adjust_frame(&self, observations: &[Observation]) -> AdjustResult<Solution> {
-        adjust::solve_spatial(self.setup, &self.orientation, observations, &adjustment_options(self.options))
+        adjust::solve_spatial(
+            self.setup,
+            &self.orientation,
+            observations,
+            &adjustment_options(self.options),
+        )
     }
 
     /// Predicts the layout with a marker surveyed but not visible on the ground and in flight. Its survey still shapes the
@@ -292,7 +379,12 @@ impl<'a> SimulatedFlight<'a> {
         let mut orientation = self.orientation.clone();
         let own = orientation.ground.iter_mut().filter(|g| g.marker == marker);
         own.for_each(|g| g.covariance_px2 *= UNSEEN_VARIANCE_RATIO);
-        let left: Vec<Observation> = self.observations.iter().filter(|o| o.marker != marker).cloned().collect();
+        let left: Vec<Observation> = self
+            .observations
+            .iter()
+            .filter(|o| o.marker != marker)
+            .cloned()
+            .collect();
         let options = adjustment_options(self.options);
         let solved = adjust::solve_spatial(self.setup, &orientation, &left, &options).ok();
         LayoutChange {
@@ -305,22 +397,43 @@ impl<'a> SimulatedFlight<'a> {
     /// Predicts the layout with an additional marker in the middle of the largest gap along the span.
     fn predict_with_additional(&self) -> Option<LayoutChange> {
         let on_the_wing = |k: &usize| self.setup.markers.get(*k).is_some_and(|m| !m.fixed);
-        let mut order: Vec<usize> = self.observations.iter().map(|o| o.marker).filter(on_the_wing).collect();
+        let mut order: Vec<usize> = self
+            .observations
+            .iter()
+            .map(|o| o.marker)
+            .filter(on_the_wing)
+            .collect();
         sort_by_value(&mut order, |&one| self.ground[one].x);
         let gap = |pair: &&[usize]| self.ground[pair[1]].x - self.ground[pair[0]].x;
         let widest = order.windows(2).max_by(|a, b| gap(a).total_cmp(&gap(b)))?;
-        let (a, b) = (self.setup.markers.get(widest[0])?, self.setup.markers.get(widest[1])?);
+        let (a, b) = (
+            self.setup.markers.get(widest[0])?,
+            self.setup.markers.get(widest[1])?,
+        );
         let mut setup = self.setup.clone();
         let position_m = 0.5 * (a.position_m + b.position_m);
-        setup.markers.push(SurveyMarker { id: "one more".into(), position_m, ..b.clone() });
+        setup.markers.push(SurveyMarker {
+            id: "one more".into(),
+            position_m,
+            ..b.clone()
+        });
         let mut orientation = self.orientation.clone();
         let frame = setup.wing_frame();
         let from_camera = position_m - frame.origin_m;
-        let seen = apparent_point(setup.window.as_ref(), &orientation.camera_from_survey, &from_camera, false);
+        let seen = apparent_point(
+            setup.window.as_ref(),
+            &orientation.camera_from_survey,
+            &from_camera,
+            false,
+        );
         let variance = self.options.pixel_sigma * self.options.pixel_sigma;
         let covariance_px2 = Matrix2::identity() * variance;
         let pixel = setup.lens.project(&seen)?;
-        orientation.ground.push(Observation { marker: setup.markers.len() - 1, pixel, covariance_px2 });
+        orientation.ground.push(Observation {
+            marker: setup.markers.len() - 1,
+            pixel,
+            covariance_px2,
+        });
         Some(LayoutChange {
             without: None,
             span_m: frame.wing_point(&position_m).x,
@@ -330,23 +443,40 @@ impl<'a> SimulatedFlight<'a> {
 
     fn predict_with_fixed_targets(&self, count: usize) -> AlternativeLayout {
         let request = (0, count, self.options.pixel_sigma);
-        let other = fixed_targets::add_fixed_targets(self.setup, &self.orientation, request, &self.taken_places());
+        let other = fixed_targets::add_fixed_targets(
+            self.setup,
+            &self.orientation,
+            request,
+            &self.taken_places(),
+        );
         let name = format!("{count} fixed target{}", if count == 1 { "" } else { "s" });
         AlternativeLayout {
             name,
-            expected: other.and_then(|(setup, orientation)| self.predict_precision_of_setup(&setup, &orientation)),
+            expected: other.and_then(|(setup, orientation)| {
+                self.predict_precision_of_setup(&setup, &orientation)
+            }),
         }
     }
 
     fn predict_with_each_term_known(&self) -> Vec<AlternativeLayout> {
         let one = |(name, setup): (&str, Setup)| {
             let expected = self.predict_precision_of_setup(&setup, &self.orientation);
-            AlternativeLayout { name: name.to_owned(), expected }
+            AlternativeLayout {
+                name: name.to_owned(),
+                expected,
+            }
         };
-        terms::setups_with_known_terms(self.setup).into_iter().map(one).collect()
+        terms::setups_with_known_terms(self.setup)
+            .into_iter()
+            .map(one)
+            .collect()
     }
 
-    fn predict_precision_of_setup(&self, setup: &Setup, orientation: &Orientation) -> Option<LayoutPrecision> {
+    fn predict_precision_of_setup(
+        &self,
+        setup: &Setup,
+        orientation: &Orientation,
+    ) -> Option<LayoutPrecision> {
         let other = SimulatedFlight::new(setup, Some(orientation), self.options).ok()?;
         precision_from_solution(&other.adjust_frame(&other.observations).ok()?, setup)
     }
@@ -368,24 +498,42 @@ fn tip_sigma(solution: &Solution, setup: &Setup) -> Option<TipSigma> {
 
 fn marker_sigmas(solution: &Solution, setup: &Setup) -> Vec<MarkerSigma> {
     let turn = setup.wing_frame().wing_from_survey;
-    let of_the_wing = |m: &&adjust::MarkerSolution| setup.markers.get(m.marker).is_some_and(|k| !k.fixed);
+    let of_the_wing =
+        |m: &&adjust::MarkerSolution| setup.markers.get(m.marker).is_some_and(|k| !k.fixed);
     let one = |m: &adjust::MarkerSolution| {
         let wing = turn * m.covariance_m2? * turn.inverse();
         let sigma = |k: usize| wing[(k, k)].max(0.0).sqrt();
         let (span_m, height_m, chord_m) = (sigma(0), sigma(1), sigma(2));
-        Some(MarkerSigma { marker: m.marker, deflection_m: m.deflection_m?.sigma?, span_m, chord_m, height_m })
+        Some(MarkerSigma {
+            marker: m.marker,
+            deflection_m: m.deflection_m?.sigma?,
+            span_m,
+            chord_m,
+            height_m,
+        })
     };
-    solution.markers.iter().filter(of_the_wing).filter_map(one).collect()
+    solution
+        .markers
+        .iter()
+        .filter(of_the_wing)
+        .filter_map(one)
+        .collect()
 }
 
 fn precision_from_solution(solution: &Solution, setup: &Setup) -> Option<LayoutPrecision> {
     let tip = solution.curve.last()?;
-    let sigmas: Vec<f64> = solution.curve.iter().filter_map(|p| p.deflection_m.sigma).collect();
+    let sigmas: Vec<f64> = solution
+        .curve
+        .iter()
+        .filter_map(|p| p.deflection_m.sigma)
+        .collect();
     let square = sigmas.iter().map(|s| s * s).sum::<f64>() / sigmas.len().max(1) as f64;
     Some(LayoutPrecision {
         sigma_tip_deflection_m: tip.deflection_m.sigma?,
         sigma_mean_deflection_m: square.sqrt(),
         sigma_tip_twist_deg: tip.twist_rad.and_then(|t| t.sigma).map(f64::to_degrees),
-        sigma_span_m: marker_sigmas(solution, setup).iter().fold(0.0, |m, s| m.max(s.span_m)),
+        sigma_span_m: marker_sigmas(solution, setup)
+            .iter()
+            .fold(0.0, |m, s| m.max(s.span_m)),
     })
 }

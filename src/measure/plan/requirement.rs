@@ -114,16 +114,25 @@ pub fn check_requirement(
 ) -> AdjustResult<(RequirementResult, Setup, Orientation)> {
     let first = SimulatedFlight::new(setup, orientation, options)?;
     let obstacle = first.find_obstacle();
-    let attitude = Orientation { ground: vec![], ..first.orientation };
-    let planned = Campaign { setup: setup.clone(), orientation: attitude, frames: requirement.frames.max(1) };
+    let attitude = Orientation {
+        ground: vec![],
+        ..first.orientation
+    };
+    let planned = Campaign {
+        setup: setup.clone(),
+        orientation: attitude,
+        frames: requirement.frames.max(1),
+    };
     let sigma_m = match predict_campaign_precision(&planned, options) {
         Ok(precision) => precision.sigma_tip_deflection_m,
         Err(_) if obstacle.is_some() => f64::NAN,
         Err(error) => return Err(error),
     };
-    let (remedies, proposal, proposal_m) = apply_remedies(&planned, options, (sigma_m, requirement.sigma_m));
+    let (remedies, proposal, proposal_m) =
+        apply_remedies(&planned, options, (sigma_m, requirement.sigma_m));
     let proposal_obstacle =
-        SimulatedFlight::new(&proposal.setup, Some(&proposal.orientation), options)?.find_obstacle();
+        SimulatedFlight::new(&proposal.setup, Some(&proposal.orientation), options)?
+            .find_obstacle();
     let answer = RequirementResult {
         reached: sigma_m <= requirement.sigma_m && obstacle.is_none(),
         obstacle,
@@ -170,8 +179,17 @@ pub fn assumed_attitude(
     Ok(SimulatedFlight::new(setup, orientation, options)?.orientation)
 }
 
-fn predict_campaign_precision(campaign: &Campaign, options: &PlanOptions) -> AdjustResult<LayoutPrecision> {
-    predict_precision(&campaign.setup, Some(&campaign.orientation), options, campaign.frames, None)
+fn predict_campaign_precision(
+    campaign: &Campaign,
+    options: &PlanOptions,
+) -> AdjustResult<LayoutPrecision> {
+    predict_precision(
+        &campaign.setup,
+        Some(&campaign.orientation),
+        options,
+        campaign.frames,
+        None,
+    )
 }
 
 /// Evaluates each improvement alone and after those before it, and builds the proposal from as many as it needs.
@@ -184,10 +202,13 @@ fn apply_remedies(
     let mut all: Vec<Remedy> = Vec::new();
     for (cost, change) in REMEDY_ACTIONS {
         let tried = change(&proposal, options);
-        let Some((remedy, next)) = tried else { continue };
+        let Some((remedy, next)) = tried else {
+            continue;
+        };
         // Alone it may be another improvement: two targets if the proposal already has two.
         let change_alone = change(planned, options).filter(|(other, _)| *other == remedy);
-        let alone = change_alone.and_then(|(_, campaign)| predict_campaign_precision(&campaign, options).ok());
+        let alone = change_alone
+            .and_then(|(_, campaign)| predict_campaign_precision(&campaign, options).ok());
         let mut taken_m = None;
         if reached_m > want_m
             && let Ok(better) = predict_campaign_precision(&next, options)
@@ -198,7 +219,12 @@ fn apply_remedies(
         }
         let sigma_alone_m = alone.map(|e| e.sigma_tip_deflection_m);
         if !all.iter().any(|known| known.remedy == remedy) {
-            all.push(Remedy { remedy, cost, sigma_alone_m, sigma_taken_m: taken_m });
+            all.push(Remedy {
+                remedy,
+                cost,
+                sigma_alone_m,
+                sigma_taken_m: taken_m,
+            });
         }
     }
     (all, proposal, reached_m)
@@ -206,20 +232,34 @@ fn apply_remedies(
 
 /// Returns the decrease of the variance if each uncertain term were known; the rest is images and survey. Terms that can
 /// replace each other count twice, so all are scaled to a sum of 1.
-fn variance_sources(planned: &Campaign, options: &PlanOptions, sigma_m: f64) -> Vec<VarianceFraction> {
+fn variance_sources(
+    planned: &Campaign,
+    options: &PlanOptions,
+    sigma_m: f64,
+) -> Vec<VarianceFraction> {
     let variance = |setup: &Setup| {
-        let campaign = Campaign { setup: setup.clone(), ..planned.clone() };
-        predict_campaign_precision(&campaign, options).ok().map(|e| (e.sigma_tip_deflection_m / sigma_m).powi(2))
+        let campaign = Campaign {
+            setup: setup.clone(),
+            ..planned.clone()
+        };
+        predict_campaign_precision(&campaign, options)
+            .ok()
+            .map(|e| (e.sigma_tip_deflection_m / sigma_m).powi(2))
     };
     let mut left = 1.0;
     let mut all: Vec<VarianceFraction> = Vec::new();
     for (name, setup) in terms::setups_with_known_terms(&planned.setup) {
-        let Some(rest) = variance(&setup).map(|rest| rest.min(1.0)) else { continue };
+        let Some(rest) = variance(&setup).map(|rest| rest.min(1.0)) else {
+            continue;
+        };
         if name == terms::ALL_TERMS {
             left = rest;
             continue;
         }
-        all.push(VarianceFraction { source: name.to_owned(), share: 1.0 - rest });
+        all.push(VarianceFraction {
+            source: name.to_owned(),
+            share: 1.0 - rest,
+        });
     }
     if all.len() == 1 {
         left = 1.0 - all[0].share;
@@ -228,22 +268,43 @@ fn variance_sources(planned: &Campaign, options: &PlanOptions, sigma_m: f64) -> 
     let scale = if sum > 0.0 { (1.0 - left) / sum } else { 0.0 };
     all.iter_mut().for_each(|s| s.share *= scale);
     let known: f64 = all.iter().map(|s| s.share).sum();
-    all.push(VarianceFraction { source: "images, survey and rotation of the mounting".to_owned(), share: 1.0 - known });
+    all.push(VarianceFraction {
+        source: "images, survey and rotation of the mounting".to_owned(),
+        share: 1.0 - known,
+    });
     sort_by_value(&mut all, |one| -one.share);
     all
 }
 
 fn propose_more_frames(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
-    let frames = if campaign.frames < FEW_FRAMES { FEW_FRAMES } else { 2 * campaign.frames };
-    let remedy = format!("adjust {frames} frames of a flight together, with deflections from small to large");
-    Some((remedy, Campaign { frames, ..campaign.clone() }))
+    let frames = if campaign.frames < FEW_FRAMES {
+        FEW_FRAMES
+    } else {
+        2 * campaign.frames
+    };
+    let remedy = format!(
+        "adjust {frames} frames of a flight together, with deflections from small to large"
+    );
+    Some((
+        remedy,
+        Campaign {
+            frames,
+            ..campaign.clone()
+        },
+    ))
 }
 
-fn propose_keeping_camera_mounted(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
+fn propose_keeping_camera_mounted(
+    campaign: &Campaign,
+    _: &PlanOptions,
+) -> Option<(String, Campaign)> {
     let mut next = campaign.clone();
     (next.setup.uncertainty[Width::MountShift] > 0.0).then(|| {
         next.setup.uncertainty[Width::MountShift] = 0.0;
-        ("keep the camera mounted between the ground frame and the flight".to_owned(), next)
+        (
+            "keep the camera mounted between the ground frame and the flight".to_owned(),
+            next,
+        )
     })
 }
 
@@ -266,7 +327,10 @@ fn propose_drawings(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Cam
     (next.setup.uncertainty != campaign.setup.uncertainty).then_some((remedy, next))
 }
 
-fn propose_measuring_temperature(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
+fn propose_measuring_temperature(
+    campaign: &Campaign,
+    _: &PlanOptions,
+) -> Option<(String, Campaign)> {
     let mut next = campaign.clone();
     let default = crate::setup::Thermal {
         expansion_per_k: 23.1e-6,
@@ -277,27 +341,52 @@ fn propose_measuring_temperature(campaign: &Campaign, _: &PlanOptions) -> Option
     };
     let thermal = next.setup.thermal.get_or_insert(default);
     let is_uncertain = campaign.setup.thermal.is_none()
-        || thermal.flight_temperature_sigma_k.is_some_and(|s| s > MEASURED_TEMPERATURE_SIGMA_K);
+        || thermal
+            .flight_temperature_sigma_k
+            .is_some_and(|s| s > MEASURED_TEMPERATURE_SIGMA_K);
     thermal.flight_temperature_sigma_k = Some(MEASURED_TEMPERATURE_SIGMA_K);
-    is_uncertain.then(|| (format!("measure the wing's temperature to {MEASURED_TEMPERATURE_SIGMA_K} K"), next))
+    is_uncertain.then(|| {
+        (
+            format!("measure the wing's temperature to {MEASURED_TEMPERATURE_SIGMA_K} K"),
+            next,
+        )
+    })
 }
 
-fn propose_two_fixed_targets(campaign: &Campaign, options: &PlanOptions) -> Option<(String, Campaign)> {
+fn propose_two_fixed_targets(
+    campaign: &Campaign,
+    options: &PlanOptions,
+) -> Option<(String, Campaign)> {
     let existing = campaign.setup.markers.iter().filter(|m| m.fixed).count();
-    let taken = SimulatedFlight::new(&campaign.setup, Some(&campaign.orientation), options).ok()?.taken_places();
+    let taken = SimulatedFlight::new(&campaign.setup, Some(&campaign.orientation), options)
+        .ok()?
+        .taken_places();
     let request = (existing, 2, options.pixel_sigma);
     let (setup, orientation) =
         fixed_targets::add_fixed_targets(&campaign.setup, &campaign.orientation, request, &taken)?;
     let count = setup.markers.iter().filter(|m| m.fixed).count();
-    let orientation = Orientation { ground: vec![], ..orientation };
+    let orientation = Orientation {
+        ground: vec![],
+        ..orientation
+    };
     let remedy = format!("{count} fixed targets, rigid to the cabin, in the corners of the frame");
-    (count > existing).then_some((remedy, Campaign { setup, orientation, ..campaign.clone() }))
+    (count > existing).then_some((
+        remedy,
+        Campaign {
+            setup,
+            orientation,
+            ..campaign.clone()
+        },
+    ))
 }
 
 fn propose_finer_survey(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {
     let mut next = campaign.clone();
     let reduced = |sigma: f64| sigma.min(FINE_SURVEY_SIGMA_M);
-    next.setup.markers.iter_mut().for_each(|m| m.sigma_m = reduced(m.sigma_m));
+    next.setup
+        .markers
+        .iter_mut()
+        .for_each(|m| m.sigma_m = reduced(m.sigma_m));
     next.setup.projection_centre_sigma_m = reduced(next.setup.projection_centre_sigma_m);
     let remedy = format!("survey markers and lens to {FINE_SURVEY_SIGMA_M} m");
     (next.setup != campaign.setup).then_some((remedy, next))
@@ -311,10 +400,20 @@ fn add_markers(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign
         sort_by_value(&mut wing, |one| one.1.x);
         let gap = |pair: &&[(usize, nalgebra::Vector3<f64>)]| pair[1].1.x - pair[0].1.x;
         let widest = wing.windows(2).max_by(|a, b| gap(a).total_cmp(&gap(b)))?;
-        let (a, b) = (next.setup.markers.get(widest[0].0)?, next.setup.markers.get(widest[1].0)?);
+        let (a, b) = (
+            next.setup.markers.get(widest[0].0)?,
+            next.setup.markers.get(widest[1].0)?,
+        );
         let position_m = 0.5 * (a.position_m + b.position_m);
-        let added = SurveyMarker { id: format!("N{:02}", k + 1), position_m, ..b.clone() };
+        let added = SurveyMarker {
+            id: format!("N{:02}", k + 1),
+            position_m,
+            ..b.clone()
+        };
         next.setup.markers.push(added);
     }
-    Some((format!("{ADDITIONAL_MARKERS} more markers, in the largest gaps along the span"), next))
+    Some((
+        format!("{ADDITIONAL_MARKERS} more markers, in the largest gaps along the span"),
+        next,
+    ))
 }

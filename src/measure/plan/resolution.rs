@@ -17,13 +17,19 @@ pub struct Footprint {
 pub fn skin_footprint(point: &Vector3<f64>, slope: f64, focal_px: f64) -> Footprint {
     let distance = point.norm();
     let height = (slope * point.x - point.y).abs() / slope.hypot(1.0);
-    Footprint { spanwise_mm: 1e3 * distance * distance / (height * focal_px), streamwise_mm: 1e3 * distance / focal_px }
+    Footprint {
+        spanwise_mm: 1e3 * distance * distance / (height * focal_px),
+        streamwise_mm: 1e3 * distance / focal_px,
+    }
 }
 
 /// Returns the footprint on a target that faces the camera, as fixed targets do.
 pub fn facing_footprint(point: &Vector3<f64>, focal_px: f64) -> Footprint {
     let mm = 1e3 * point.norm() / focal_px;
-    Footprint { spanwise_mm: mm, streamwise_mm: mm }
+    Footprint {
+        spanwise_mm: mm,
+        streamwise_mm: mm,
+    }
 }
 
 /// Profile of the skin on the ground along the span: height = c0 + c1 X + c2 X^2 through points of the wing frame, by
@@ -42,12 +48,16 @@ impl SkinProfile {
             normal += row * row.transpose();
             right += row * p.y;
         }
-        let order = (1..=points.len().min(3)).rev().find(|&n| normal.view((0, 0), (n, n)).determinant() > 1e-6);
+        let order = (1..=points.len().min(3))
+            .rev()
+            .find(|&n| normal.view((0, 0), (n, n)).determinant() > 1e-6);
         let mut coefficients = Vector3::zeros();
         if let Some(n) = order {
             let inverse = normal.view((0, 0), (n, n)).into_owned().try_inverse();
             if let Some(inverse) = inverse {
-                coefficients.rows_mut(0, n).copy_from(&(inverse * right.rows(0, n)));
+                coefficients
+                    .rows_mut(0, n)
+                    .copy_from(&(inverse * right.rows(0, n)));
             }
         }
         Self { coefficients }
@@ -55,7 +65,8 @@ impl SkinProfile {
 
     /// Returns the height at a span, m.
     pub fn height_m(&self, span_m: f64) -> f64 {
-        self.coefficients.dot(&Vector3::new(1.0, span_m, span_m * span_m))
+        self.coefficients
+            .dot(&Vector3::new(1.0, span_m, span_m * span_m))
     }
 
     /// Returns the slope dY/dX at a span.
@@ -75,10 +86,16 @@ mod tests {
         let skin = SkinProfile::from_points(&many);
         assert!((skin.slope(20.0) - 0.04).abs() < 1e-9 && (skin.height_m(20.0) + 0.8).abs() < 1e-9);
         let line = SkinProfile::from_points(&many[..2]);
-        assert!((line.height_m(6.0) - many[0].y).abs() < 1e-9 && (line.slope(0.0) - line.slope(9.0)).abs() < 1e-12);
+        assert!(
+            (line.height_m(6.0) - many[0].y).abs() < 1e-9
+                && (line.slope(0.0) - line.slope(9.0)).abs() < 1e-12
+        );
         assert_eq!(SkinProfile::from_points(&many[..1]).slope(3.0), 0.0);
         assert_eq!(SkinProfile::from_points(&[]).height_m(3.0), 0.0);
-        assert_eq!(SkinProfile::from_points(&[many[0], many[0], many[0]]).slope(3.0), 0.0);
+        assert_eq!(
+            SkinProfile::from_points(&[many[0], many[0], many[0]]).slope(3.0),
+            0.0
+        );
     }
 
     #[test]

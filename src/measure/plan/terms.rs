@@ -13,10 +13,18 @@ pub(super) const ALL_TERMS: &str = "all of the above";
 
 /// Uncertain quantities that are not widths.
 const OTHER_TERMS: [OtherTerm; 4] = [
-    (Width::SpanDirection, "temperature", remove_temperature_uncertainty),
-    (Width::MountShift, "camera calibration", |s| s.uncertainty.lens = None),
+    (
+        Width::SpanDirection,
+        "temperature",
+        remove_temperature_uncertainty,
+    ),
+    (Width::MountShift, "camera calibration", |s| {
+        s.uncertainty.lens = None
+    }),
     (Width::MountShift, "window panes", remove_pane_uncertainty),
-    (Width::Readout, "motion of the fixed targets", |s| s.markers.iter_mut().for_each(|m| m.flight_motion_m = 0.0)),
+    (Width::Readout, "motion of the fixed targets", |s| {
+        s.markers.iter_mut().for_each(|m| m.flight_motion_m = 0.0)
+    }),
 ];
 
 /// Returns the uncertain quantities: those of widths, which the registry names, and the others.
@@ -26,7 +34,9 @@ fn uncertain_terms() -> Vec<UncertainTerm> {
         let Some(name) = row.known_name else { continue };
         if terms.last().is_none_or(|(last, _)| *last != name) {
             let fix = move |setup: &mut Setup| {
-                let together = Width::ROWS.iter().filter(|row| row.known_name == Some(name));
+                let together = Width::ROWS
+                    .iter()
+                    .filter(|row| row.known_name == Some(name));
                 together.for_each(|row| setup.uncertainty[row.width] = 0.0);
             };
             terms.push((name, Box::new(fix)));
@@ -38,13 +48,22 @@ fn uncertain_terms() -> Vec<UncertainTerm> {
 }
 
 fn remove_temperature_uncertainty(setup: &mut Setup) {
-    let known = |t: Thermal| Thermal { expansion_sigma_per_k: None, flight_temperature_sigma_k: None, ..t };
+    let known = |t: Thermal| Thermal {
+        expansion_sigma_per_k: None,
+        flight_temperature_sigma_k: None,
+        ..t
+    };
     setup.thermal = Some(setup.thermal.map_or_else(Thermal::default, known));
 }
 
 fn remove_pane_uncertainty(setup: &mut Setup) {
     if let Some(pane) = setup.window.as_mut().and_then(|w| w.pane.as_mut()) {
-        (pane.thickness_sigma_m, pane.index_sigma, pane.normal_sigma_rad, pane.bow_sigma) = (0.0, 0.0, 0.0, 0.0);
+        (
+            pane.thickness_sigma_m,
+            pane.index_sigma,
+            pane.normal_sigma_rad,
+            pane.bow_sigma,
+        ) = (0.0, 0.0, 0.0, 0.0);
     }
 }
 

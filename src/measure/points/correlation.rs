@@ -31,25 +31,37 @@ pub(super) struct LikePlace {
 }
 
 /// Finds the places within `search` px of the centre, most alike first.
-pub(super) fn find_like_places(template: &GreyPatch, patch: &GreyPatch, search: [usize; 2]) -> Vec<LikePlace> {
+pub(super) fn find_like_places(
+    template: &GreyPatch,
+    patch: &GreyPatch,
+    search: [usize; 2],
+) -> Vec<LikePlace> {
     let reach = PATCH_REACH_PX;
     let mut places = if search[0].max(search[1]) < HALVED_FROM_PX {
         Correlator::new(template, patch, reach).find_peaks([0, 0], search)
     } else {
         let (small, half) = (template.halved(), patch.halved());
-        let coarse = Correlator::new(&small, &half, reach / 2).find_peaks([0, 0], search.map(|s| s.div_ceil(2)));
+        let coarse = Correlator::new(&small, &half, reach / 2)
+            .find_peaks([0, 0], search.map(|s| s.div_ceil(2)));
         let fine = Correlator::new(template, patch, reach);
         let refine = |place: &LikePlace| {
             let centre = [2 * place.shift.x as isize, 2 * place.shift.y as isize];
             fine.find_peaks(centre, [REFINED_PX; 2]).into_iter().next()
         };
         let best = coarse.first().map_or(0.0, |place| place.correlation);
-        coarse.iter().filter(|place| place.correlation > best - COARSE_MARGIN).filter_map(refine).collect()
+        coarse
+            .iter()
+            .filter(|place| place.correlation > best - COARSE_MARGIN)
+            .filter_map(refine)
+            .collect()
     };
     sort_by_value(&mut places, |place| -place.correlation);
     let mut kept: Vec<LikePlace> = Vec::new();
     for place in places {
-        if kept.iter().all(|other| (other.shift - place.shift).amax() > REFINED_PX as f64) {
+        if kept
+            .iter()
+            .all(|other| (other.shift - place.shift).amax() > REFINED_PX as f64)
+        {
             kept.push(place);
         }
     }
@@ -63,15 +75,26 @@ wide! {
 }
 
 #[inline(always)]
-fn multiply_rows_inline(rows: &[Vec<f32>], patch: &GreyPatch, [left, top]: [usize; 2], out: &mut [f32; SHIFTS]) {
+fn multiply_rows_inline(
+    rows: &[Vec<f32>],
+    patch: &GreyPatch,
+    [left, top]: [usize; 2],
+    out: &mut [f32; SHIFTS],
+) {
     let mut sums = [[0.0; LANES]; SHIFTS];
     for (row, line) in rows.iter().zip(patch.rows().skip(top)) {
         for (k, a) in row.chunks_exact(LANES).enumerate() {
             for (shift, sums) in sums.iter_mut().enumerate() {
                 let b = line.get(left + shift + k * LANES..).unwrap_or(&[]);
                 match b.first_chunk::<LANES>() {
-                    Some(b) => sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b),
-                    None => sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b),
+                    Some(b) => sums
+                        .iter_mut()
+                        .zip(a.iter().zip(b))
+                        .for_each(|(sum, (a, b))| *sum += a * b),
+                    None => sums
+                        .iter_mut()
+                        .zip(a.iter().zip(b))
+                        .for_each(|(sum, (a, b))| *sum += a * b),
                 }
             }
         }
@@ -94,7 +117,9 @@ impl<'a> Correlator<'a> {
     fn new(template: &GreyPatch, patch: &'a GreyPatch, reach: usize) -> Self {
         let side = 2 * reach + 1;
         let [left, top] = template.size().map(|own| (own - side) / 2);
-        let lines: Vec<&[f32]> = (top..top + side).map(|j| &template.row(j)[left..left + side]).collect();
+        let lines: Vec<&[f32]> = (top..top + side)
+            .map(|j| &template.row(j)[left..left + side])
+            .collect();
         let mean = lines.iter().flat_map(|line| line.iter()).sum::<f32>() / (side * side) as f32;
         let padded = |line: &&[f32]| {
             let mut row: Vec<f32> = line.iter().map(|v| v - mean).collect();
@@ -102,7 +127,12 @@ impl<'a> Correlator<'a> {
             row
         };
         let rows: Vec<Vec<f32>> = lines.iter().map(padded).collect();
-        let norm = rows.iter().flatten().map(|v| f64::from(v * v)).sum::<f64>().sqrt();
+        let norm = rows
+            .iter()
+            .flatten()
+            .map(|v| f64::from(v * v))
+            .sum::<f64>()
+            .sqrt();
         let [width, height] = patch.size();
         let mut sums = vec![[0.0; 2]; (width + 1) * (height + 1)];
         for (j, row) in patch.rows().enumerate() {
@@ -114,23 +144,39 @@ impl<'a> Correlator<'a> {
                 sums[(j + 1) * (width + 1) + i + 1] = [above[0] + line[0], above[1] + line[1]];
             }
         }
-        Self { patch, reach, rows, norm, sums }
+        Self {
+            patch,
+            reach,
+            rows,
+            norm,
+            sums,
+        }
     }
 
     /// Writes the correlations at shifts along u from one on; 0 if the patch ends within the template.
     fn correlate(&self, [x, y]: [isize; 2], out: &mut [f64]) {
         let side = 2 * self.reach + 1;
         let [width, height] = self.patch.size();
-        let [x, y] = [x + (width / 2) as isize, y + (height / 2) as isize].map(|at| at - self.reach as isize);
+        let [x, y] = [x + (width / 2) as isize, y + (height / 2) as isize]
+            .map(|at| at - self.reach as isize);
         let is_inside = |at: isize, size: usize| at >= 0 && at as usize + side <= size;
         for (x, out) in (x..).step_by(SHIFTS).zip(out.chunks_mut(SHIFTS)) {
             let mut products = [0.0; SHIFTS];
             if x >= 0 && y >= 0 {
-                multiply_rows(&self.rows, self.patch, [x as usize, y as usize], &mut products);
+                multiply_rows(
+                    &self.rows,
+                    self.patch,
+                    [x as usize, y as usize],
+                    &mut products,
+                );
             }
             for ((x, out), product) in (x..).zip(out).zip(products) {
                 let inside = is_inside(x, width) && is_inside(y, height);
-                *out = if inside { self.normalise(product, [x as usize, y as usize]) } else { 0.0 };
+                *out = if inside {
+                    self.normalise(product, [x as usize, y as usize])
+                } else {
+                    0.0
+                };
             }
         }
     }
@@ -138,12 +184,22 @@ impl<'a> Correlator<'a> {
     /// Returns the correlation from the sum of products at a column and row of the patch.
     fn normalise(&self, product: f32, [left, top]: [usize; 2]) -> f64 {
         let side = 2 * self.reach + 1;
-        let corner = |i: usize, j: usize| self.sums[(top + j) * (self.patch.size()[0] + 1) + left + i];
-        let [all, right, below, both] = [corner(0, 0), corner(side, 0), corner(0, side), corner(side, side)];
+        let corner =
+            |i: usize, j: usize| self.sums[(top + j) * (self.patch.size()[0] + 1) + left + i];
+        let [all, right, below, both] = [
+            corner(0, 0),
+            corner(side, 0),
+            corner(0, side),
+            corner(side, side),
+        ];
         let area = |k: usize| both[k] - right[k] - below[k] + all[k];
         let variance = area(1) - area(0) * area(0) / (side * side) as f64;
         let norm = self.norm * variance.max(0.0).sqrt();
-        if norm > 1e-3 { f64::from(product) / norm } else { 0.0 }
+        if norm > 1e-3 {
+            f64::from(product) / norm
+        } else {
+            0.0
+        }
     }
 
     /// Finds the local maxima within `search` px of a shift, most alike first.
@@ -155,11 +211,17 @@ impl<'a> Correlator<'a> {
             .zip(map.chunks_exact_mut(width))
             .for_each(|(y, row)| self.correlate([centre[0] - a, centre[1] + y], row));
         let mut places: Vec<LikePlace> = Vec::new();
-        for (at, &correlation) in map.iter().enumerate().filter(|(_, c)| **c > MIN_CORRELATION) {
+        for (at, &correlation) in map
+            .iter()
+            .enumerate()
+            .filter(|(_, c)| **c > MIN_CORRELATION)
+        {
             let (i, j) = ((at % width) as isize - a, (at / width) as isize - b);
             let around = (-1..=1).flat_map(|y| (-1..=1).map(move |x| (i + x, j + y)));
             let inside = around.filter(|(x, y)| x.abs() <= a && y.abs() <= b);
-            let highest = inside.map(|(x, y)| map[(y + b) as usize * width + (x + a) as usize]).fold(0.0, f64::max);
+            let highest = inside
+                .map(|(x, y)| map[(y + b) as usize * width + (x + a) as usize])
+                .fold(0.0, f64::max);
             if correlation >= highest {
                 let shift = Vector2::new((centre[0] + i) as f64, (centre[1] + j) as f64);
                 places.push(LikePlace { shift, correlation });

@@ -59,22 +59,39 @@ struct PatchPair<'a> {
 }
 
 impl<'a> PatchPair<'a> {
-    fn new(frame: &Raster, template: &PointTemplate, prediction: &'a PatchPrediction) -> Result<Self, PointRejection> {
-        let inverse = prediction.map_jacobian(&Vector2::zeros()).try_inverse().ok_or(PointRejection::Grazing)?;
+    fn new(
+        frame: &Raster,
+        template: &PointTemplate,
+        prediction: &'a PatchPrediction,
+    ) -> Result<Self, PointRejection> {
+        let inverse = prediction
+            .map_jacobian(&Vector2::zeros())
+            .try_inverse()
+            .ok_or(PointRejection::Grazing)?;
         let reach = inverse.map(f64::abs) * prediction.search_px;
         let search = [reach.x, reach.y].map(|r| r.min(MAX_SEARCH_PX).ceil() as usize);
         let offset = centre_offset(template);
-        let (patch, saturated) = frame_patch(frame, prediction, offset, search).ok_or(PointRejection::OutsideFrame)?;
+        let (patch, saturated) =
+            frame_patch(frame, prediction, offset, search).ok_or(PointRejection::OutsideFrame)?;
         if saturated > MAX_SATURATED {
             return Err(PointRejection::Saturated);
         }
-        Ok(Self { prediction, template: template_patch(template, prediction), patch, offset, inverse, search })
+        Ok(Self {
+            prediction,
+            template: template_patch(template, prediction),
+            patch,
+            offset,
+            inverse,
+            search,
+        })
     }
 
     /// Returns the log odds of a shift by the prediction.
     fn prior_odds(&self, shift: &Vector2<f64>) -> f64 {
         let covariance = self.inverse * self.prediction.covariance_px2 * self.inverse.transpose();
-        covariance.try_inverse().map_or(0.0, |weight| -0.5 * shift.dot(&(weight * shift)))
+        covariance
+            .try_inverse()
+            .map_or(0.0, |weight| -0.5 * shift.dot(&(weight * shift)))
     }
 
     /// Returns the places that look like the template with their log odds, most likely first.
@@ -84,8 +101,10 @@ impl<'a> PatchPair<'a> {
             let alike = -0.5 * values * (1.0 - place.correlation.powi(2)).max(1e-6).ln();
             (place, alike + self.prior_odds(&place.shift))
         };
-        let mut all: Vec<_> =
-            find_like_places(&self.template, &self.patch, self.search).into_iter().map(odds).collect();
+        let mut all: Vec<_> = find_like_places(&self.template, &self.patch, self.search)
+            .into_iter()
+            .map(odds)
+            .collect();
         all.sort_by(|a, b| b.1.total_cmp(&a.1));
         all
     }
@@ -97,10 +116,14 @@ pub fn find_places(
     template: &PointTemplate,
     prediction: &PatchPrediction,
 ) -> Vec<(Vector2<f64>, Matrix2<f64>)> {
-    let Ok(pair) = PatchPair::new(frame, template, prediction) else { return Vec::new() };
+    let Ok(pair) = PatchPair::new(frame, template, prediction) else {
+        return Vec::new();
+    };
     let places = pair.places();
     let best = places.first().map_or(0.0, |(_, odds)| *odds);
-    let likely = places.into_iter().take_while(|(_, odds)| *odds > best - MIN_LOG_ODDS);
+    let likely = places
+        .into_iter()
+        .take_while(|(_, odds)| *odds > best - MIN_LOG_ODDS);
     let place = |(place, _): (LikePlace, f64)| {
         let jacobian = prediction.map_jacobian(&place.shift);
         let covariance = jacobian * jacobian.transpose() * CORRELATION_SIGMA_PX.powi(2);
@@ -117,28 +140,49 @@ struct AdjustedPlace {
 
 impl PatchPair<'_> {
     /// Adjusts the places that may be the point, most likely first; places that lead to one shift count once.
-    fn adjust_places(&self, slopes: [Matrix2<f64>; 2]) -> Result<Vec<AdjustedPlace>, PointRejection> {
+    fn adjust_places(
+        &self,
+        slopes: [Matrix2<f64>; 2],
+    ) -> Result<Vec<AdjustedPlace>, PointRejection> {
         let places = self.places();
         let best = places.first().ok_or(PointRejection::Unlike)?.1;
         let mut all: Vec<AdjustedPlace> = Vec::new();
         let mut failure = PointRejection::NoConvergence;
-        for (place, _) in places.iter().take_while(|(_, odds)| *odds > best - WIDE_LOG_ODDS).take(MAX_ADJUSTED) {
-            let adjusted =
-                match adjust_shift(&self.template, &self.patch, place.shift, self.offset, slopes, &MATCH_PASSES) {
-                    Ok(adjusted) => adjusted,
-                    Err(other) => {
-                        failure = other;
-                        continue;
-                    }
-                };
+        for (place, _) in places
+            .iter()
+            .take_while(|(_, odds)| *odds > best - WIDE_LOG_ODDS)
+            .take(MAX_ADJUSTED)
+        {
+            let adjusted = match adjust_shift(
+                &self.template,
+                &self.patch,
+                place.shift,
+                self.offset,
+                slopes,
+                &MATCH_PASSES,
+            ) {
+                Ok(adjusted) => adjusted,
+                Err(other) => {
+                    failure = other;
+                    continue;
+                }
+            };
             let shift = adjusted.shift();
-            if all.iter().all(|known| (known.adjusted.shift() - shift).norm() > 1.0) {
-                let odds = -0.5 * ADJUSTED_VALUES * adjusted.misfit().ln() + self.prior_odds(&shift);
+            if all
+                .iter()
+                .all(|known| (known.adjusted.shift() - shift).norm() > 1.0)
+            {
+                let odds =
+                    -0.5 * ADJUSTED_VALUES * adjusted.misfit().ln() + self.prior_odds(&shift);
                 all.push(AdjustedPlace { adjusted, odds });
             }
         }
         all.sort_by(|a, b| b.odds.total_cmp(&a.odds));
-        if all.is_empty() { Err(failure) } else { Ok(all) }
+        if all.is_empty() {
+            Err(failure)
+        } else {
+            Ok(all)
+        }
     }
 }
 
@@ -154,11 +198,18 @@ pub fn match_point(
     let pair = PatchPair::new(frame, template, prediction)?;
     let slopes = prediction.by_slope.map(|by| pair.inverse * by);
     let places = pair.adjust_places(slopes)?;
-    let (AdjustedPlace { adjusted, odds }, others) = places.split_first().ok_or(PointRejection::Unlike)?;
+    let (AdjustedPlace { adjusted, odds }, others) =
+        places.split_first().ok_or(PointRejection::Unlike)?;
     let shifted = adjusted.shifted_patch(&pair.patch);
     let mut found = adjusted.conclude(&shifted)?;
-    let weight = found.covariance.try_inverse().ok_or(PointRejection::NoStructure)?;
-    for other in others.iter().filter(|other| other.odds > odds - MIN_LOG_ODDS) {
+    let weight = found
+        .covariance
+        .try_inverse()
+        .ok_or(PointRejection::NoStructure)?;
+    for other in others
+        .iter()
+        .filter(|other| other.odds > odds - MIN_LOG_ODDS)
+    {
         let apart = other.adjusted.shift() - found.shift;
         if apart.dot(&(weight * apart)) > SAME_SIGMAS * SAME_SIGMAS {
             return Err(PointRejection::Ambiguous);
@@ -170,7 +221,15 @@ pub fn match_point(
         return Err(PointRejection::Changed);
     }
     let start = Vector2::new(BACKWARD_START_PX, -BACKWARD_START_PX);
-    let back = adjust_shift(&shifted, &pair.template, start, pair.offset, slopes.map(|by| -by), &CHECK_PASSES)?.shift();
+    let back = adjust_shift(
+        &shifted,
+        &pair.template,
+        start,
+        pair.offset,
+        slopes.map(|by| -by),
+        &CHECK_PASSES,
+    )?
+    .shift();
     if back.dot(&(weight * back)) > MAX_LOOP.0 * MAX_LOOP.0 && back.norm() > MAX_LOOP.1 {
         return Err(PointRejection::Inconsistent);
     }

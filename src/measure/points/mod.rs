@@ -77,16 +77,26 @@ impl PointRejection {
 }
 
 /// Cuts the template of a point from a ground frame; `None` if the patch is not completely in the frame.
-pub fn cut_template(frame: &Raster, marker: usize, place_px: Vector2<f64>) -> Option<PointTemplate> {
+pub fn cut_template(
+    frame: &Raster,
+    marker: usize,
+    place_px: Vector2<f64>,
+) -> Option<PointTemplate> {
     let reach = TEMPLATE_REACH_PX as f64;
     let first = place_px.map(|v| v.round() - reach);
     let side = TEMPLATE_SIDE_PX;
-    let limit = Vector2::new(frame.width() as f64, frame.height() as f64).add_scalar(-(side as f64));
+    let limit =
+        Vector2::new(frame.width() as f64, frame.height() as f64).add_scalar(-(side as f64));
     if !(first.min() >= 0.0 && first.x <= limit.x && first.y <= limit.y) {
         return None;
     }
     let [left, top] = [first.x as usize, first.y as usize];
     let rows = (top..top + side).flat_map(|y| frame.row(y).iter().skip(left).take(side).copied());
     let patch = Raster::new(side, side, rows.collect())?;
-    Some(PointTemplate { marker, patch, origin_px: [left, top], place_px })
+    Some(PointTemplate {
+        marker,
+        patch,
+        origin_px: [left, top],
+        place_px,
+    })
 }

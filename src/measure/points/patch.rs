@@ -43,16 +43,25 @@ impl GreyPatch {
     /// Creates a patch from its values at the pixels up to `reach` on both sides of the origin.
     pub(super) fn from_values(reach: [usize; 2], value: impl Fn(i32, i32) -> f32) -> Self {
         Self::from_rows(reach, |y, row| {
-            (-(reach[0] as i32)..).zip(row).for_each(|(x, own)| *own = value(x, y));
+            (-(reach[0] as i32)..)
+                .zip(row)
+                .for_each(|(x, own)| *own = value(x, y));
         })
     }
 
     /// Creates a patch whose rows are filled at the pixels up to `reach` on both sides of the origin.
     pub(super) fn from_rows(reach: [usize; 2], mut fill: impl FnMut(i32, &mut [f32])) -> Self {
         let ([width, height], first) = (reach.map(|r| 2 * r + 1), reach.map(|r| -(r as i32)));
-        let mut patch = Self { first, width, height, values: vec![0.0; width * height] };
+        let mut patch = Self {
+            first,
+            width,
+            height,
+            values: vec![0.0; width * height],
+        };
         let rows = patch.values.chunks_exact_mut(patch.width);
-        (patch.first[1]..).zip(rows).for_each(|(y, row)| fill(y, row));
+        (patch.first[1]..)
+            .zip(rows)
+            .for_each(|(y, row)| fill(y, row));
         patch
     }
 
@@ -68,13 +77,16 @@ impl GreyPatch {
 
     /// Returns the row with an index from the top.
     pub(super) fn row(&self, index: usize) -> &[f32] {
-        self.values.get(index * self.width..(index + 1) * self.width).unwrap_or(&[])
+        self.values
+            .get(index * self.width..(index + 1) * self.width)
+            .unwrap_or(&[])
     }
 
     /// Returns the 3 x 3 values around a pixel, which must be inside by one.
     #[inline(always)]
     pub(super) fn neighbours(&self, x: i32, y: i32) -> [[f64; 3]; 3] {
-        let start = (y - 1 - self.first[1]) as usize * self.width + (x - 1 - self.first[0]) as usize;
+        let start =
+            (y - 1 - self.first[1]) as usize * self.width + (x - 1 - self.first[0]) as usize;
         [0, 1, 2].map(|k| {
             let row = &self.values[start + k * self.width..][..3];
             [f64::from(row[0]), f64::from(row[1]), f64::from(row[2])]
@@ -86,7 +98,9 @@ impl GreyPatch {
         let reach = [self.width, self.height].map(|side| (side - 3) / 4);
         Self::from_values(reach, |x, y| {
             let [column, row] = [2 * x - self.first[0], 2 * y - self.first[1]].map(|v| v as usize);
-            let sum = |row: usize| self.values[row * self.width + column] + self.values[row * self.width + column + 1];
+            let sum = |row: usize| {
+                self.values[row * self.width + column] + self.values[row * self.width + column + 1]
+            };
             0.25 * (sum(row) + sum(row + 1))
         })
     }
@@ -97,7 +111,12 @@ impl GreyPatch {
         let one = covariance_px2.map(|v| (v / count) as f32);
         for _ in 0..count as usize {
             let before = self.values.clone();
-            smooth_rows(&before, self.width, [one[(0, 0)], one[(0, 1)], one[(1, 1)]], &mut self.values);
+            smooth_rows(
+                &before,
+                self.width,
+                [one[(0, 0)], one[(0, 1)], one[(1, 1)]],
+                &mut self.values,
+            );
         }
     }
 
@@ -109,7 +128,13 @@ impl GreyPatch {
         u[0] -= left;
         v[0] -= top;
         let path = [u, v].map(|along| along.map(|c| c as f32));
-        sample_cubic(&self.values, [self.width, self.height], &path, [first, step].map(|x| x as f32), out);
+        sample_cubic(
+            &self.values,
+            [self.width, self.height],
+            &path,
+            [first, step].map(|x| x as f32),
+            out,
+        );
     }
 }
 
@@ -171,7 +196,10 @@ fn sample_cubic_inline(
                 let rounded = at - 0.5 + ROUNDING;
                 whole[k][lane] = rounded.to_bits() - ROUNDING.to_bits();
                 let four = cubic_weights(at - (rounded - ROUNDING));
-                weights[k].iter_mut().zip(four).for_each(|(lanes, weight)| lanes[lane] = weight);
+                weights[k]
+                    .iter_mut()
+                    .zip(four)
+                    .for_each(|(lanes, weight)| lanes[lane] = weight);
             }
         }
         let [wx, wy] = weights;
@@ -180,7 +208,10 @@ fn sample_cubic_inline(
             let start = (whole[1][lane] as usize - 1) * size[0] + whole[0][lane] as usize - 1;
             for (j, wy) in wy.iter().enumerate() {
                 let line = &values[start + j * size[0]..][..4];
-                columns.iter_mut().zip(line).for_each(|(sum, value)| *sum += wy[lane] * value);
+                columns
+                    .iter_mut()
+                    .zip(line)
+                    .for_each(|(sum, value)| *sum += wy[lane] * value);
             }
         }
         let along = |lane: usize| {
@@ -196,13 +227,20 @@ fn sample_cubic_inline(
 #[inline(always)]
 fn cubic_weights(t: f32) -> [f32; 4] {
     let (t2, t3) = (t * t, t * t * t);
-    [-0.5 * t + t2 - 0.5 * t3, 1.0 - 2.5 * t2 + 1.5 * t3, 0.5 * t + 2.0 * t2 - 1.5 * t3, 0.5 * (t3 - t2)]
+    [
+        -0.5 * t + t2 - 0.5 * t3,
+        1.0 - 2.5 * t2 + 1.5 * t3,
+        0.5 * t + 2.0 * t2 - 1.5 * t3,
+        0.5 * (t3 - t2),
+    ]
 }
 
 /// Returns the positive part of a symmetric matrix.
 fn positive_part(matrix: &Matrix2<f64>) -> Matrix2<f64> {
     let axes = SymmetricEigen::new(*matrix);
-    axes.eigenvectors * Matrix2::from_diagonal(&axes.eigenvalues.map(|v| v.max(0.0))) * axes.eigenvectors.transpose()
+    axes.eigenvectors
+        * Matrix2::from_diagonal(&axes.eigenvalues.map(|v| v.max(0.0)))
+        * axes.eigenvectors.transpose()
 }
 
 /// Offset of the patch's centre from the point, px.
@@ -216,8 +254,11 @@ pub(super) fn template_patch(template: &PointTemplate, prediction: &PatchPredict
     let centre = template.place_px.map(|v| v.round() as isize);
     let [left, top] = template.origin_px.map(|v| v as isize);
     let reach = [(width - 1) / 2, (height - 1) / 2];
-    let value =
-        |x: i32, y: i32| template.patch.clamped_value(centre.x - left + x as isize, centre.y - top + y as isize);
+    let value = |x: i32, y: i32| {
+        template
+            .patch
+            .clamped_value(centre.x - left + x as isize, centre.y - top + y as isize)
+    };
     let mut patch = GreyPatch::from_values(reach, |x, y| f32::from(value(x, y)));
     if let Some(inverse) = prediction.map_jacobian(&Vector2::zeros()).try_inverse() {
         let excess = inverse * inverse.transpose() - Matrix2::identity();
@@ -229,10 +270,17 @@ pub(super) fn template_patch(template: &PointTemplate, prediction: &PatchPredict
 /// Copies values of a frame from a column and row on, clamped to the frame's edge.
 fn copy_row(frame: &Raster, [left, y]: [i32; 2], out: &mut [f32]) {
     let row = frame.row(y.clamp(0, frame.height() as i32 - 1) as usize);
-    let inside = usize::try_from(left).ok().and_then(|left| row.get(left..left + out.len()));
+    let inside = usize::try_from(left)
+        .ok()
+        .and_then(|left| row.get(left..left + out.len()));
     match inside {
-        Some(values) => out.iter_mut().zip(values).for_each(|(out, value)| *out = f32::from(*value)),
-        None => (left..).zip(out).for_each(|(x, out)| *out = f32::from(row[x.clamp(0, row.len() as i32 - 1) as usize])),
+        Some(values) => out
+            .iter_mut()
+            .zip(values)
+            .for_each(|(out, value)| *out = f32::from(*value)),
+        None => (left..)
+            .zip(out)
+            .for_each(|(x, out)| *out = f32::from(row[x.clamp(0, row.len() as i32 - 1) as usize])),
     }
 }
 
@@ -247,25 +295,39 @@ pub(super) fn frame_patch(
     search: [usize; 2],
 ) -> Option<(GreyPatch, f64)> {
     let border = |reach: Vector2<f64>| {
-        let around = (-1..=1).flat_map(|y| (-1..=1).map(move |x| Vector2::new(f64::from(x), f64::from(y))));
+        let around =
+            (-1..=1).flat_map(|y| (-1..=1).map(move |x| Vector2::new(f64::from(x), f64::from(y))));
         around.map(move |at| prediction.frame_point(&at.component_mul(&reach)))
     };
     let (right, bottom) = (frame.width() as f64 - 2.0, frame.height() as f64 - 2.0);
-    let is_inside = |at: Vector2<f64>| at.x >= 1.0 && at.y >= 1.0 && at.x <= right && at.y <= bottom;
+    let is_inside =
+        |at: Vector2<f64>| at.x >= 1.0 && at.y >= 1.0 && at.x <= right && at.y <= bottom;
     if !border(Vector2::repeat(PATCH_REACH_PX as f64 + 1.0)).all(is_inside) {
         return None;
     }
     let reach = search.map(|s| s + PATCH_REACH_PX + MARGIN_PX);
     let all: Vec<Vector2<f64>> = border(Vector2::from(reach.map(|r| r as f64 + 1.0))).collect();
-    let low = all.iter().fold(prediction.centre_px, |a, b| a.inf(b)).map(|v| v.floor() - MARGIN_PX as f64);
-    let high = all.iter().fold(prediction.centre_px, |a, b| a.sup(b)).map(|v| v.ceil() + MARGIN_PX as f64);
-    let [width, height] = [high.x - low.x, high.y - low.y].map(|side| side.min(MAX_AREA_PX) as usize + 1);
+    let low = all
+        .iter()
+        .fold(prediction.centre_px, |a, b| a.inf(b))
+        .map(|v| v.floor() - MARGIN_PX as f64);
+    let high = all
+        .iter()
+        .fold(prediction.centre_px, |a, b| a.sup(b))
+        .map(|v| v.ceil() + MARGIN_PX as f64);
+    let [width, height] =
+        [high.x - low.x, high.y - low.y].map(|side| side.min(MAX_AREA_PX) as usize + 1);
     let [left, top] = [low.x, low.y].map(|v| v as i32);
     let mut values = vec![0.0; width * height];
     for (y, values) in (top..).zip(values.chunks_exact_mut(width)) {
         copy_row(frame, [left, y], values);
     }
-    let mut area = GreyPatch { first: [left, top], width, height, values };
+    let mut area = GreyPatch {
+        first: [left, top],
+        width,
+        height,
+        values,
+    };
     let jacobian = prediction.map_jacobian(&Vector2::zeros());
     let excess = jacobian * jacobian.transpose() - Matrix2::identity();
     area.smooth(&(positive_part(&excess) * POINT_SPREAD_PX.powi(2)));
@@ -273,7 +335,11 @@ pub(super) fn frame_patch(
         let path = prediction.row_path(f64::from(y) + offset.y);
         area.sample_row(&path, offset.x - reach[0] as f64, 1.0, row);
     });
-    let saturated = patch.values.iter().filter(|value| **value >= SATURATED_LEVEL).count();
+    let saturated = patch
+        .values
+        .iter()
+        .filter(|value| **value >= SATURATED_LEVEL)
+        .count();
     let share = saturated as f64 / patch.values.len() as f64;
     Some((patch, share))
 }

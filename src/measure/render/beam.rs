@@ -78,17 +78,30 @@ impl CantileverBeam {
             b.cosh() + b.cos() - free * (b.sinh() + b.sin())
         };
         let slope = running_integral(self.step_m(), (0..=INTERVALS).map(unit));
-        let tip = running_integral(self.step_m(), slope.into_iter()).last().copied().unwrap_or(1.0);
+        let tip = running_integral(self.step_m(), slope.into_iter())
+            .last()
+            .copied()
+            .unwrap_or(1.0);
         (0..=INTERVALS).map(|i| unit(i) / tip).collect()
     }
 
     /// Bends the axis of unbent slope `ground_slope_rad` so that the load raises the tip by `tip_deflection_m`, and adds
     /// the second mode with `second_m` at the tip.
-    pub fn bend(&self, ground_slope_rad: &[f64], load: &LoadShape, tip_deflection_m: f64, second_m: f64) -> BentBeam {
+    pub fn bend(
+        &self,
+        ground_slope_rad: &[f64],
+        load: &LoadShape,
+        tip_deflection_m: f64,
+        second_m: f64,
+    ) -> BentBeam {
         let step = self.step_m();
         let second_curvature: Vec<f64> = match second_m {
             0.0 => vec![0.0; INTERVALS + 1],
-            _ => self.second_mode().into_iter().map(|curvature| second_m * curvature).collect(),
+            _ => self
+                .second_mode()
+                .into_iter()
+                .map(|curvature| second_m * curvature)
+                .collect(),
         };
         let shear = self.integral_from_tip(|i| load.load(i as f64 / INTERVALS as f64));
         let mut slope = vec![0.0; INTERVALS + 1];
@@ -97,15 +110,21 @@ impl CantileverBeam {
         let mut amplitude = 0.0;
         for _ in 0..ITERATIONS {
             moment = self.integral_from_tip(|i| shear[i] * (ground_slope_rad[i] + slope[i]).cos());
-            let unit =
-                |i: usize| moment[i] / self.relative_chord_at(i as f64 / INTERVALS as f64).powf(self.stiffness_power);
+            let unit = |i: usize| {
+                moment[i]
+                    / self
+                        .relative_chord_at(i as f64 / INTERVALS as f64)
+                        .powf(self.stiffness_power)
+            };
             if amplitude == 0.0 {
                 // First guess for small slopes; the loop refines it.
                 let mut unit_slope = running_integral(step, (0..=INTERVALS).map(unit));
                 unit_slope = running_integral(step, unit_slope.into_iter());
                 amplitude = tip_deflection_m / unit_slope[INTERVALS];
             }
-            curvature = (0..=INTERVALS).map(|i| amplitude * unit(i) + second_curvature[i]).collect();
+            curvature = (0..=INTERVALS)
+                .map(|i| amplitude * unit(i) + second_curvature[i])
+                .collect();
             slope = running_integral(step, curvature.iter().copied());
             let deflection = tip_deflection(step, ground_slope_rad, &slope) - second_m;
             if (deflection - tip_deflection_m).abs() < 1e-12 || deflection == 0.0 {
@@ -113,13 +132,20 @@ impl CantileverBeam {
             }
             amplitude *= tip_deflection_m / deflection;
         }
-        BentBeam { step_m: step, slope_rad: slope, moment, curvature_per_m: curvature }
+        BentBeam {
+            step_m: step,
+            slope_rad: slope,
+            moment,
+            curvature_per_m: curvature,
+        }
     }
 
     /// Returns the twist along the span: torque of an aerodynamic moment ~ chord^2 over GJ ~ chord^3, scaled to `tip_rad`.
     pub fn twist(&self, tip_rad: f64) -> Vec<f64> {
-        let torque = self.integral_from_tip(|i| self.relative_chord_at(i as f64 / INTERVALS as f64).powi(2));
-        let rate = |i: usize| torque[i] / self.relative_chord_at(i as f64 / INTERVALS as f64).powi(3);
+        let torque =
+            self.integral_from_tip(|i| self.relative_chord_at(i as f64 / INTERVALS as f64).powi(2));
+        let rate =
+            |i: usize| torque[i] / self.relative_chord_at(i as f64 / INTERVALS as f64).powi(3);
         let twist = running_integral(self.step_m(), (0..=INTERVALS).map(rate));
         let scale = tip_rad / twist[INTERVALS];
         twist.into_iter().map(|phi| phi * scale).collect()
@@ -146,7 +172,10 @@ pub fn running_integral(step: f64, values: impl Iterator<Item = f64>) -> Vec<f64
 }
 
 fn tip_deflection(step: f64, ground_slope: &[f64], slope: &[f64]) -> f64 {
-    let rise = ground_slope.iter().zip(slope).map(|(&ground, &bent)| (ground + bent).sin() - ground.sin());
+    let rise = ground_slope
+        .iter()
+        .zip(slope)
+        .map(|(&ground, &bent)| (ground + bent).sin() - ground.sin());
     running_integral(step, rise).last().copied().unwrap_or(0.0)
 }
 
@@ -155,7 +184,11 @@ mod tests {
     use super::*;
 
     fn beam(taper: f64) -> CantileverBeam {
-        CantileverBeam { length_m: 33.0, taper, stiffness_power: 3.5 }
+        CantileverBeam {
+            length_m: 33.0,
+            taper,
+            stiffness_power: 3.5,
+        }
     }
 
     fn flat(beam: &CantileverBeam) -> Vec<f64> {
@@ -166,7 +199,15 @@ mod tests {
     fn the_tip_rises_as_given_and_has_no_moment() {
         let beam = beam(0.3);
         for deflection in [3.1, -0.8, 0.0] {
-            let bent = beam.bend(&flat(&beam), &LoadShape { triangular: 0.3, relief: 0.2 }, deflection, 0.0);
+            let bent = beam.bend(
+                &flat(&beam),
+                &LoadShape {
+                    triangular: 0.3,
+                    relief: 0.2,
+                },
+                deflection,
+                0.0,
+            );
             let rise = tip_deflection(bent.step_m, &flat(&beam), &bent.slope_rad);
             assert!((rise - deflection).abs() < 1e-9, "{rise} for {deflection}");
             assert_eq!(*bent.moment.last().unwrap(), 0.0);
@@ -179,15 +220,25 @@ mod tests {
     fn the_second_mode_has_a_node_near_80_percent_and_a_free_tip() {
         // A uniform cantilever: node at 0.783 of the length (any textbook on vibrations).
         let beam = beam(0.3);
-        let load = LoadShape { triangular: 0.3, relief: 0.2 };
+        let load = LoadShape {
+            triangular: 0.3,
+            relief: 0.2,
+        };
         let rise = |second_m: f64| {
             let bent = beam.bend(&flat(&beam), &load, 2.0, second_m);
             running_integral(bent.step_m, bent.slope_rad.iter().map(|t| t.sin()))
         };
-        let mode: Vec<f64> = rise(0.01).iter().zip(rise(0.0)).map(|(a, b)| a - b).collect();
+        let mode: Vec<f64> = rise(0.01)
+            .iter()
+            .zip(rise(0.0))
+            .map(|(a, b)| a - b)
+            .collect();
         assert!((mode[INTERVALS] - 0.01).abs() < 1e-9, "{}", mode[INTERVALS]);
         let node = mode.iter().skip(10).position(|w| *w > 0.0).unwrap() + 10;
-        assert!((node as f64 / INTERVALS as f64 - 0.783).abs() < 0.02, "{node}");
+        assert!(
+            (node as f64 / INTERVALS as f64 - 0.783).abs() < 0.02,
+            "{node}"
+        );
         let curvature = beam.second_mode();
         assert!(curvature[INTERVALS].abs() < 1e-9 * curvature[0].abs());
     }
@@ -196,8 +247,19 @@ mod tests {
     fn a_uniform_beam_under_a_triangular_load_matches_the_textbook() {
         // EI w = q0 L^4 (10 x^2 - 10 x^3 + 5 x^4 - x^5) / 120 for q = q0 (1 - x): slope at the tip
         // over tip deflection times L is 5/4.
-        let beam = CantileverBeam { taper: 1.0, ..beam(1.0) };
-        let bent = beam.bend(&flat(&beam), &LoadShape { triangular: 1.0, relief: 0.0 }, 0.01, 0.0);
+        let beam = CantileverBeam {
+            taper: 1.0,
+            ..beam(1.0)
+        };
+        let bent = beam.bend(
+            &flat(&beam),
+            &LoadShape {
+                triangular: 1.0,
+                relief: 0.0,
+            },
+            0.01,
+            0.0,
+        );
         let ratio = bent.slope_rad.last().unwrap() * beam.length_m / 0.01;
         assert!((ratio - 1.25).abs() < 1e-4, "{ratio}");
     }

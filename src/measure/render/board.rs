@@ -70,14 +70,21 @@ impl RenderedBoard {
         loop {
             let azimuth = random.uniform(0.0, std::f64::consts::TAU);
             let axis = Unit::new_normalize(Vector3::new(azimuth.cos(), azimuth.sin(), 0.0));
-            let tilt = random.uniform(TILT_RANGE_DEG[0].to_radians(), TILT_RANGE_DEG[1].to_radians());
+            let tilt = random.uniform(
+                TILT_RANGE_DEG[0].to_radians(),
+                TILT_RANGE_DEG[1].to_radians(),
+            );
             let camera_from_board = Rotation3::from_axis_angle(&axis, tilt)
-                * Rotation3::from_axis_angle(&Vector3::z_axis(), random.uniform(-MAX_ROTATION_RAD, MAX_ROTATION_RAD));
+                * Rotation3::from_axis_angle(
+                    &Vector3::z_axis(),
+                    random.uniform(-MAX_ROTATION_RAD, MAX_ROTATION_RAD),
+                );
             let mut cell = |k: usize| (k as f64 + random.unit()) / CELLS as f64;
             let (u, v) = (cell(k % CELLS), cell(k / CELLS % CELLS));
             let at = Vector2::new(u * f64::from(lens.width), v * f64::from(lens.height));
             let distance_m = filling_m * random.uniform(DISTANCE_RANGE[0], DISTANCE_RANGE[1]);
-            let half = Vector3::new(corners.0 as f64 - 1.0, corners.1 as f64 - 1.0, 0.0) * square_m / 2.0;
+            let half =
+                Vector3::new(corners.0 as f64 - 1.0, corners.1 as f64 - 1.0, 0.0) * square_m / 2.0;
             let found = lens.ray(&at).ok().map(|ray| Self {
                 lens: *lens,
                 corners,
@@ -95,16 +102,30 @@ impl RenderedBoard {
             // A large board may not fit in a cell at the border: after about 50 attempts another cell is
             // tried.
             if random.unit() < 0.02 {
-                return Self::calibration_image(lens, corners, square_m, bow_m, k + CELLS + 1, random);
+                return Self::calibration_image(
+                    lens,
+                    corners,
+                    square_m,
+                    bow_m,
+                    k + CELLS + 1,
+                    random,
+                );
             }
         }
     }
 
     fn is_fully_visible(&self) -> bool {
-        let edge = |n: usize| [-EDGE * self.square_m, (n as f64 + EDGE - 1.0) * self.square_m];
+        let edge = |n: usize| {
+            [
+                -EDGE * self.square_m,
+                (n as f64 + EDGE - 1.0) * self.square_m,
+            ]
+        };
         let (across, along) = (edge(self.corners.0), edge(self.corners.1));
         let seen = |x: f64, y: f64| {
-            self.lens.project(&self.camera_point(&Vector2::new(x, y))).is_some_and(|p| self.lens.contains(&p))
+            self.lens
+                .project(&self.camera_point(&Vector2::new(x, y)))
+                .is_some_and(|p| self.lens.contains(&p))
         };
         across.iter().all(|x| along.iter().all(|y| seen(*x, *y)))
     }
@@ -125,9 +146,15 @@ impl RenderedBoard {
     /// Returns the true images of the inner corners, row by row, px.
     pub fn corner_pixels(&self) -> Vec<Vector2<f64>> {
         let (columns, rows) = self.corners;
-        let cells = (0..rows).flat_map(|r| (0..columns).map(move |c| Vector2::new(c as f64, r as f64)));
+        let cells =
+            (0..rows).flat_map(|r| (0..columns).map(move |c| Vector2::new(c as f64, r as f64)));
         let seen = |p: Vector3<f64>| self.pane.map_or(p, |pane| pane.apparent_point(&p));
-        cells.filter_map(|c| self.lens.project(&seen(self.camera_point(&(c * self.square_m))))).collect()
+        cells
+            .filter_map(|c| {
+                self.lens
+                    .project(&seen(self.camera_point(&(c * self.square_m))))
+            })
+            .collect()
     }
 
     /// Renders the image; `None` if its size is 0.
@@ -177,7 +204,9 @@ impl RenderedBoard {
     fn trace_pixel(&self, pixel: &Vector2<f64>) -> Option<Vector2<f64>> {
         let back = self.camera_from_board.inverse();
         let ray = self.lens.ray(pixel).ok()?;
-        let (from, ray) = self.pane.map_or((Vector3::zeros(), ray), |p| p.outside_ray(&ray.normalize()));
+        let (from, ray) = self
+            .pane
+            .map_or((Vector3::zeros(), ray), |p| p.outside_ray(&ray.normalize()));
         let (ray, eye) = (back * ray, back * (from - self.origin_m));
         let mut position = Vector2::zeros();
         let mut height = 0.0;
@@ -189,15 +218,22 @@ impl RenderedBoard {
         let squares = Vector2::new(self.corners.0 as f64 + 1.0, self.corners.1 as f64 + 1.0);
         let is_outside = |v: f64, n: f64| v < -2.0 - 2.0 * RIM || v > n + 2.0 * RIM;
         let cell = position / self.square_m;
-        (ray.z.abs() > 1e-9 && !is_outside(cell.x, squares.x) && !is_outside(cell.y, squares.y)).then_some(position)
+        (ray.z.abs() > 1e-9 && !is_outside(cell.x, squares.x) && !is_outside(cell.y, squares.y))
+            .then_some(position)
     }
 
     /// Returns the samples' offsets from the pixel, px, and their weights.
     fn sample_offsets(&self) -> Vec<(Vector2<f64>, f64)> {
         let middle = 0.5 * f64::from(SAMPLES - 1);
         let one = |k: i32| {
-            let off = Vector2::new(f64::from(k % SAMPLES) - middle, f64::from(k / SAMPLES) - middle) * self.step_px();
-            (off, (-0.5 * off.norm_squared() / self.blur_px.powi(2)).exp())
+            let off = Vector2::new(
+                f64::from(k % SAMPLES) - middle,
+                f64::from(k / SAMPLES) - middle,
+            ) * self.step_px();
+            (
+                off,
+                (-0.5 * off.norm_squared() / self.blur_px.powi(2)).exp(),
+            )
         };
         (0..SAMPLES * SAMPLES).map(one).collect()
     }
@@ -217,10 +253,13 @@ impl RenderedBoard {
         let extent = Vector2::new(by_pixel.row(0).norm(), by_pixel.row(1).norm());
         let clear = |v: f64, extent: f64| {
             let cell = v / self.square_m;
-            ((cell - cell.round()) * self.square_m).abs() > extent * (SAMPLE_RADIUS_BLURS * self.blur_px + 1.0)
+            ((cell - cell.round()) * self.square_m).abs()
+                > extent * (SAMPLE_RADIUS_BLURS * self.blur_px + 1.0)
         };
         let ramp = extent * (0.5 * self.step_px());
-        if !self.on_board(here) || (clear(here.x, extent.x) && clear(here.y, extent.y) && self.inside_squares(here)) {
+        if !self.on_board(here)
+            || (clear(here.x, extent.x) && clear(here.y, extent.y) && self.inside_squares(here))
+        {
             return self.reflectance(here, &ramp);
         }
         let (mut sum, mut weights) = (0.0, 0.0);
@@ -251,7 +290,11 @@ impl RenderedBoard {
         if self.inside_squares(position) {
             let wave = |v: f64, ramp: f64| {
                 let line = (v / self.square_m).round();
-                let side = if line.rem_euclid(2.0) < 0.5 { 1.0 } else { -1.0 };
+                let side = if line.rem_euclid(2.0) < 0.5 {
+                    1.0
+                } else {
+                    -1.0
+                };
                 side * ((v - line * self.square_m) / ramp.max(1e-12)).clamp(-1.0, 1.0)
             };
             let both = wave(position.x, ramp.x) * wave(position.y, ramp.y);

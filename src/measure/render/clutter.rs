@@ -57,7 +57,9 @@ impl SkinClutter {
             s += random.uniform(1.6, 3.6);
         }
         let count = random.integer(3, 5);
-        let stringers = (0..count).map(|i| (i as f64 + random.uniform(0.2, 0.8)) / count as f64).collect();
+        let stringers = (0..count)
+            .map(|i| (i as f64 + random.uniform(0.2, 0.8)) / count as f64)
+            .collect();
         let mut clutter = Self {
             seed: random.bits(),
             base: random.uniform(0.34, 0.56),
@@ -68,7 +70,9 @@ impl SkinClutter {
             line_depth: random.uniform(0.15, 0.4),
             spots: Vec::new(),
         };
-        let count_of = |random: &mut SeededRandom, low: f64, high: f64| (random.uniform(low, high) * density) as usize;
+        let count_of = |random: &mut SeededRandom, low: f64, high: f64| {
+            (random.uniform(low, high) * density) as usize
+        };
         for _ in 0..count_of(random, 5.0, 10.0) {
             clutter.add_access_cover(random, wing);
         }
@@ -85,7 +89,16 @@ impl SkinClutter {
     #[cfg(test)]
     pub(super) fn bare(base: f64) -> Self {
         let (ribs_m, stringers, spots) = (Vec::new(), Vec::new(), Vec::new());
-        Self { seed: 0, base, mottle: 0.0, ribs_m, stringers, line_m: 0.0, line_depth: 0.0, spots }
+        Self {
+            seed: 0,
+            base,
+            mottle: 0.0,
+            ribs_m,
+            stringers,
+            line_m: 0.0,
+            line_depth: 0.0,
+            spots,
+        }
     }
 
     fn random_skin_position(random: &mut SeededRandom, wing: &SceneWing) -> (f64, f64) {
@@ -99,9 +112,19 @@ impl SkinClutter {
         let (s, z) = Self::random_skin_position(random, wing);
         let radius = random.uniform(0.07, 0.22);
         let width = random.uniform(0.006, 0.02);
-        let kind = SpotKind::Ring { radius, width, depth: random.uniform(0.2, 0.6) };
+        let kind = SpotKind::Ring {
+            radius,
+            width,
+            depth: random.uniform(0.2, 0.6),
+        };
         let reach = radius + width;
-        self.spots.push(ClutterSpot { s, z, reach_s: reach, reach_z: reach, kind });
+        self.spots.push(ClutterSpot {
+            s,
+            z,
+            reach_s: reach,
+            reach_z: reach,
+            kind,
+        });
     }
 
     fn add_lettering(&mut self, random: &mut SeededRandom, wing: &SceneWing) {
@@ -111,11 +134,27 @@ impl SkinClutter {
         for i in 0..random.integer(4, 9) {
             for (along, across, reach_s, reach_z) in [
                 (0.0, 0.0, 0.5 * height, 0.12 * width),
-                (random.uniform(-0.5, 0.5) * height, 0.3 * width, 0.1 * height, 0.4 * width),
-                (random.uniform(-0.5, 0.5) * height, 0.3 * width, 0.1 * height, 0.4 * width),
+                (
+                    random.uniform(-0.5, 0.5) * height,
+                    0.3 * width,
+                    0.1 * height,
+                    0.4 * width,
+                ),
+                (
+                    random.uniform(-0.5, 0.5) * height,
+                    0.3 * width,
+                    0.1 * height,
+                    0.4 * width,
+                ),
             ] {
                 let z = z + 1.5 * width * i as f64 + across;
-                self.spots.push(ClutterSpot { s: s + along, z, reach_s, reach_z, kind: SpotKind::Block { depth } });
+                self.spots.push(ClutterSpot {
+                    s: s + along,
+                    z,
+                    reach_s,
+                    reach_z,
+                    kind: SpotKind::Block { depth },
+                });
             }
         }
     }
@@ -124,9 +163,21 @@ impl SkinClutter {
         let (s, z) = Self::random_skin_position(random, wing);
         let streak = random.unit() < 0.35;
         let reach_s = random.uniform(0.05, 0.5);
-        let reach_z = if streak { random.uniform(0.8, 2.0) } else { random.uniform(0.05, 0.4) };
-        let kind = SpotKind::Blob { depth: random.uniform(0.05, 0.45) };
-        self.spots.push(ClutterSpot { s, z, reach_s, reach_z, kind });
+        let reach_z = if streak {
+            random.uniform(0.8, 2.0)
+        } else {
+            random.uniform(0.05, 0.4)
+        };
+        let kind = SpotKind::Blob {
+            depth: random.uniform(0.05, 0.45),
+        };
+        self.spots.push(ClutterSpot {
+            s,
+            z,
+            reach_s,
+            reach_z,
+            kind,
+        });
     }
 
     /// Adds a salient structure at a position, one of four kinds in turn: the end of a gap between panels, the corner of a
@@ -137,7 +188,13 @@ impl SkinClutter {
         let (along, across) = (arm(random), arm(random));
         let depth = random.uniform(0.25, 0.6);
         let mut block = |ds: f64, dz: f64, reach_s: f64, reach_z: f64| {
-            self.spots.push(ClutterSpot { s: s + ds, z: z + dz, reach_s, reach_z, kind: SpotKind::Block { depth } });
+            self.spots.push(ClutterSpot {
+                s: s + ds,
+                z: z + dz,
+                reach_s,
+                reach_z,
+                kind: SpotKind::Block { depth },
+            });
         };
         match kind % 4 {
             0 => {
@@ -176,7 +233,11 @@ impl SkinClutter {
         footprint: &PixelFootprint,
     ) -> NearbyClutter {
         let reaches = |spot: &ClutterSpot| {
-            let soft = if matches!(spot.kind, SpotKind::Blob { .. }) { 3.0 } else { 1.2 };
+            let soft = if matches!(spot.kind, SpotKind::Blob { .. }) {
+                3.0
+            } else {
+                1.2
+            };
             let (ds, dz) = (soft * spot.reach_s, soft * spot.reach_z);
             spot.s + ds > s.0 && spot.s - ds < s.1 && spot.z + dz > z.0 && spot.z - dz < z.1
         };
@@ -191,7 +252,9 @@ impl SkinClutter {
         NearbyClutter {
             ribs_m: self.ribs_m.iter().filter(rib).copied().collect(),
             stringers: self.stringers.iter().filter(stringer).copied().collect(),
-            spots: (0..self.spots.len()).filter(|&i| reaches(&self.spots[i])).collect(),
+            spots: (0..self.spots.len())
+                .filter(|&i| reaches(&self.spots[i]))
+                .collect(),
         }
     }
 
@@ -204,13 +267,25 @@ impl SkinClutter {
         z: f64,
         footprint: &PixelFootprint,
     ) -> f64 {
-        self.line_factor(near, wing, s, z, footprint) * self.spot_factor(&near.spots, s, z, footprint)
+        self.line_factor(near, wing, s, z, footprint)
+            * self.spot_factor(&near.spots, s, z, footprint)
     }
 
     /// Returns the factor by which ribs and stringers darken the paint seen by a pixel.
-    fn line_factor(&self, near: &NearbyClutter, wing: &SceneWing, s: f64, z: f64, footprint: &PixelFootprint) -> f64 {
+    fn line_factor(
+        &self,
+        near: &NearbyClutter,
+        wing: &SceneWing,
+        s: f64,
+        z: f64,
+        footprint: &PixelFootprint,
+    ) -> f64 {
         let covered = |distance: f64, pixel: f64| bar_overlap(distance, 0.5 * self.line_m, pixel);
-        let mut cover = near.ribs_m.iter().map(|rib| covered(s - rib, footprint.s)).fold(0.0, f64::max);
+        let mut cover = near
+            .ribs_m
+            .iter()
+            .map(|rib| covered(s - rib, footprint.s))
+            .fold(0.0, f64::max);
         if !near.stringers.is_empty() {
             let (low, high) = wing.edges(s);
             let place = |stringer: &f64| covered(z - low - stringer * (high - low), footprint.z);
@@ -220,7 +295,11 @@ impl SkinClutter {
     }
 
     fn spot_factor(&self, indices: &[usize], s: f64, z: f64, footprint: &PixelFootprint) -> f64 {
-        indices.iter().filter_map(|&i| self.spots.get(i)).map(|spot| spot.spot_reflectance(s, z, footprint)).product()
+        indices
+            .iter()
+            .filter_map(|&i| self.spots.get(i))
+            .map(|spot| spot.spot_reflectance(s, z, footprint))
+            .product()
     }
 }
 
@@ -236,13 +315,18 @@ impl ClutterSpot {
     fn spot_reflectance(&self, s: f64, z: f64, footprint: &PixelFootprint) -> f64 {
         let (ds, dz) = (s - self.s, z - self.z);
         match self.kind {
-            SpotKind::Ring { radius, width, depth } => {
+            SpotKind::Ring {
+                radius,
+                width,
+                depth,
+            } => {
                 let r = ds.hypot(dz).max(1e-6);
                 let pixel = ((ds * footprint.s).powi(2) + (dz * footprint.z).powi(2)).sqrt() / r;
                 1.0 - depth * bar_overlap(r - radius, 0.5 * width, pixel)
             }
             SpotKind::Block { depth } => {
-                let covered = bar_overlap(ds, self.reach_s, footprint.s) * bar_overlap(dz, self.reach_z, footprint.z);
+                let covered = bar_overlap(ds, self.reach_s, footprint.s)
+                    * bar_overlap(dz, self.reach_z, footprint.z);
                 1.0 - depth * covered
             }
             SpotKind::Blob { depth } => {

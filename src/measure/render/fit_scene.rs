@@ -25,7 +25,10 @@ pub enum FitFault {
     OffSkin { id: String, off_mm: f64 },
 }
 
-const LOAD: LoadShape = LoadShape { triangular: 0.35, relief: 0.15 };
+const LOAD: LoadShape = LoadShape {
+    triangular: 0.35,
+    relief: 0.15,
+};
 const MAX_OFFSET_M: f64 = 0.15;
 
 impl Scene {
@@ -63,12 +66,19 @@ impl Scene {
                     height_m: 0.0,
                     fixed_m: surveyed.fixed.then_some(point),
                 };
-                if surveyed.fixed { marker } else { place_marker(marker, &pose, &point) }
+                if surveyed.fixed {
+                    marker
+                } else {
+                    place_marker(marker, &pose, &point)
+                }
             })
             .collect();
         let off = |marker: &&SceneMarker| marker.height_m.abs() > MAX_OFFSET_M;
         if let Some(marker) = markers.iter().find(off) {
-            return Err(FitFault::OffSkin { id: marker.id.clone(), off_mm: 1e3 * marker.height_m });
+            return Err(FitFault::OffSkin {
+                id: marker.id.clone(),
+                off_mm: 1e3 * marker.height_m,
+            });
         }
         let mut setup = setup.clone();
         for (marker, surveyed) in markers.iter_mut().zip(&mut setup.markers) {
@@ -78,13 +88,21 @@ impl Scene {
                 surveyed.position_m = frame.survey_point(&marker.disc_on_wing(&pose).centre_m);
             }
         }
-        let options = SceneOptions { lens: setup.lens, tip_deflection_m, ..SceneOptions::random(seed, wing.side) };
-        let attitude =
-            camera_from_survey.unwrap_or_else(|| aim_camera(&mut random, &wing, &options) * frame.wing_from_survey);
+        let options = SceneOptions {
+            lens: setup.lens,
+            tip_deflection_m,
+            ..SceneOptions::random(seed, wing.side)
+        };
+        let attitude = camera_from_survey
+            .unwrap_or_else(|| aim_camera(&mut random, &wing, &options) * frame.wing_from_survey);
         let mut clutter = SkinClutter::random(&mut random, &wing, 1.0);
-        let points = markers.iter().filter(|m| m.shape == Shape::Point && m.fixed_m.is_none());
+        let points = markers
+            .iter()
+            .filter(|m| m.shape == Shape::Point && m.fixed_m.is_none());
         let mut structures = SeededRandom::new(seed, 13);
-        points.enumerate().for_each(|(k, m)| clutter.add_structure(&mut structures, k, m.s_m, m.z_m));
+        points
+            .enumerate()
+            .for_each(|(k, m)| clutter.add_structure(&mut structures, k, m.s_m, m.z_m));
         Ok(Self {
             setup,
             clutter,
@@ -92,7 +110,10 @@ impl Scene {
             markers,
             frame,
             camera_from_survey: attitude,
-            load: LoadShape { triangular: random.uniform(0.15, 0.6), relief: random.uniform(0.05, 0.3) },
+            load: LoadShape {
+                triangular: random.uniform(0.15, 0.6),
+                relief: random.uniform(0.05, 0.3),
+            },
             twist_rad_per_m: random.uniform(0.2, 1.0).to_radians(),
         })
     }
@@ -104,7 +125,9 @@ fn initial_wing(setup: &Setup, points: &[Vector3<f64>]) -> SceneWing {
     let furthest = points.iter().map(|p| p.x).fold(0.0, f64::max);
     let length_m = setup.skin_height.map_or(0.0, |skin| skin.tip_span_m);
     let length_m = length_m.max(1.02 * (furthest - setup.root_offset_m));
-    let axis_z_m = setup.axis_chord_offset_m.unwrap_or(points.iter().map(|p| p.z).sum::<f64>() / n);
+    let axis_z_m = setup
+        .axis_chord_offset_m
+        .unwrap_or(points.iter().map(|p| p.z).sum::<f64>() / n);
     let eta = |p: &Vector3<f64>| (p.x - setup.root_offset_m) / length_m;
     // Wide enough for every marker, with a typical taper.
     let taper = 0.3;
@@ -113,33 +136,64 @@ fn initial_wing(setup: &Setup, points: &[Vector3<f64>]) -> SceneWing {
         .map(|p| (p.z - axis_z_m).abs() * 1.25 / (1.0 - (1.0 - taper) * eta(p)))
         .fold(0.1 * length_m, f64::max);
     let leading = |pair: &crate::setup::TorsionPair| {
-        let z = |i: usize| setup.markers.get(i).map_or(0.0, |m| setup.wing_frame().wing_point(&m.position_m).z);
+        let z = |i: usize| {
+            setup
+                .markers
+                .get(i)
+                .map_or(0.0, |m| setup.wing_frame().wing_point(&m.position_m).z)
+        };
         z(pair.leading) < z(pair.trailing)
     };
-    let side = if setup.torsion.first().is_none_or(leading) { SceneSide::Right } else { SceneSide::Left };
-    let skin = setup.skin_height.map_or(LinearTaper { root: 0.0, tip: 0.0 }, |skin| LinearTaper {
-        root: skin.root_m,
-        tip: skin.root_m + (skin.tip_m - skin.root_m) * length_m / skin.tip_span_m,
-    });
+    let side = if setup.torsion.first().is_none_or(leading) {
+        SceneSide::Right
+    } else {
+        SceneSide::Left
+    };
+    let skin = setup.skin_height.map_or(
+        LinearTaper {
+            root: 0.0,
+            tip: 0.0,
+        },
+        |skin| LinearTaper {
+            root: skin.root_m,
+            tip: skin.root_m + (skin.tip_m - skin.root_m) * length_m / skin.tip_span_m,
+        },
+    );
     SceneWing {
         side,
         root_x_m: setup.root_offset_m,
         root_y_m: points.iter().map(|p| p.y - 0.08 * p.x).sum::<f64>() / n - skin.root,
         axis_z_m,
-        slope_rad: LinearTaper { root: 0.08, tip: 0.08 },
-        edge_low_m: LinearTaper { root: -half, tip: -half * taper },
-        edge_high_m: LinearTaper { root: half, tip: half * taper },
+        slope_rad: LinearTaper {
+            root: 0.08,
+            tip: 0.08,
+        },
+        edge_low_m: LinearTaper {
+            root: -half,
+            tip: -half * taper,
+        },
+        edge_high_m: LinearTaper {
+            root: half,
+            tip: half * taper,
+        },
         skin_m: skin,
         crown: 0.04,
         wave_m: 0.0,
-        beam: CantileverBeam { length_m, taper, stiffness_power: 3.5 },
+        beam: CantileverBeam {
+            length_m,
+            taper,
+            stiffness_power: 3.5,
+        },
     }
 }
 
 fn change_wing_surface(wing: &SceneWing, change: &Vector4<f64>) -> SceneWing {
     SceneWing {
         root_y_m: wing.root_y_m + change[0],
-        slope_rad: LinearTaper { root: wing.slope_rad.root + change[1], tip: wing.slope_rad.tip + change[2] },
+        slope_rad: LinearTaper {
+            root: wing.slope_rad.root + change[1],
+            tip: wing.slope_rad.tip + change[2],
+        },
         crown: wing.crown + change[3],
         ..*wing
     }
@@ -152,8 +206,15 @@ fn fit_skin(mut wing: SceneWing, points: &[Vector3<f64>]) -> SceneWing {
         let base = skin_heights(&wing, points);
         let columns: Vec<Vec<f64>> = (0..4)
             .map(|k| {
-                let moved = skin_heights(&change_wing_surface(&wing, &(Vector4::ith(k, STEP[k]))), points);
-                moved.iter().zip(&base).map(|(m, b)| (m - b) / STEP[k]).collect()
+                let moved = skin_heights(
+                    &change_wing_surface(&wing, &(Vector4::ith(k, STEP[k]))),
+                    points,
+                );
+                moved
+                    .iter()
+                    .zip(&base)
+                    .map(|(m, b)| (m - b) / STEP[k])
+                    .collect()
             })
             .collect();
         let mut normal = Matrix4::zeros();
@@ -169,7 +230,9 @@ fn fit_skin(mut wing: SceneWing, points: &[Vector3<f64>]) -> SceneWing {
         let bow = Vector4::new(0.0, 1.0, -1.0, 0.0);
         normal += bow * bow.transpose() / 2.5e-3;
         right -= bow * (wing.slope_rad.root - wing.slope_rad.tip) / 2.5e-3;
-        let Some(change) = normal.lu().solve(&right) else { break };
+        let Some(change) = normal.lu().solve(&right) else {
+            break;
+        };
         wing = change_wing_surface(&wing, &change);
     }
     wing

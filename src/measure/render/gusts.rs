@@ -25,7 +25,10 @@ impl GustSeries {
             let whole_hz = (hz * seconds).round().max(1.0) / seconds;
             (whole_hz, random.uniform(0.0, std::f64::consts::TAU))
         };
-        Self { amplitude_m, gusts: GUSTS_HZ.map(gust) }
+        Self {
+            amplitude_m,
+            gusts: GUSTS_HZ.map(gust),
+        }
     }
 
     /// Returns the maximum deflection added by gusts and modes, m.
@@ -36,12 +39,18 @@ impl GustSeries {
 
     /// Returns the tip deflection added by the gusts at a time, m.
     pub fn tip_deflection_m(&self, time_s: f64) -> f64 {
-        (0..self.gusts.len()).map(|k| self.amplitude_m * self.phase_sine(k, time_s)).sum()
+        (0..self.gusts.len())
+            .map(|k| self.amplitude_m * self.phase_sine(k, time_s))
+            .sum()
     }
 
     /// Returns the factor of the fuel's bending relief at a time.
     pub fn relief_factor(&self, time_s: f64) -> f64 {
-        if self.amplitude_m > 0.0 { 1.0 + RELIEF_VARIATION * self.phase_sine(2, time_s + 0.1) } else { 1.0 }
+        if self.amplitude_m > 0.0 {
+            1.0 + RELIEF_VARIATION * self.phase_sine(2, time_s + 0.1)
+        } else {
+            1.0
+        }
     }
 
     fn phase_sine(&self, gust: usize, time_s: f64) -> f64 {
@@ -63,7 +72,12 @@ pub struct BendingMode {
 
 impl BendingMode {
     /// Samples the mode's amplitude at each frame, m: a damped oscillator driven by white noise, in its steady state.
-    pub fn sample_amplitudes(self, rate_hz: f64, count: usize, random: &mut SeededRandom) -> Vec<f64> {
+    pub fn sample_amplitudes(
+        self,
+        rate_hz: f64,
+        count: usize,
+        random: &mut SeededRandom,
+    ) -> Vec<f64> {
         let omega = std::f64::consts::TAU * self.hz / rate_hz;
         let decay = (-self.damping * omega).exp();
         let first = 2.0 * decay * (omega * (1.0 - self.damping.powi(2)).sqrt()).cos();
@@ -86,18 +100,37 @@ mod tests {
 
     #[test]
     fn a_mode_has_its_frequency_damping_and_rms() {
-        let mode = BendingMode { hz: 1.3, damping: 0.03, rms_m: 0.1 };
+        let mode = BendingMode {
+            hz: 1.3,
+            damping: 0.03,
+            rms_m: 0.1,
+        };
         let swing = mode.sample_amplitudes(10.0, 200_000, &mut SeededRandom::new(5, 1));
-        let mean =
-            |lag: usize| swing.iter().zip(&swing[lag..]).map(|(a, b)| a * b).sum::<f64>() / (swing.len() - lag) as f64;
-        assert!((mean(0).sqrt() / 0.1 - 1.0).abs() < 0.03, "{}", mean(0).sqrt());
+        let mean = |lag: usize| {
+            swing
+                .iter()
+                .zip(&swing[lag..])
+                .map(|(a, b)| a * b)
+                .sum::<f64>()
+                / (swing.len() - lag) as f64
+        };
+        assert!(
+            (mean(0).sqrt() / 0.1 - 1.0).abs() < 0.03,
+            "{}",
+            mean(0).sqrt()
+        );
         // Yule and Walker: the recursion from its correlations.
         let (zero, one, two) = (mean(0), mean(1), mean(2));
-        let (first, second) =
-            (one * (zero - two) / (zero * zero - one * one), (zero * two - one * one) / (zero * zero - one * one));
+        let (first, second) = (
+            one * (zero - two) / (zero * zero - one * one),
+            (zero * two - one * one) / (zero * zero - one * one),
+        );
         let decay = (-second).sqrt();
         let (real, imaginary) = (decay.ln(), (0.5 * first / decay).acos());
         let hz = real.hypot(imaginary) * 10.0 / std::f64::consts::TAU;
-        assert!((hz - 1.3).abs() < 0.01 && (-real / real.hypot(imaginary) - 0.03).abs() < 0.005, "{hz}");
+        assert!(
+            (hz - 1.3).abs() < 0.01 && (-real / real.hypot(imaginary) - 0.03).abs() < 0.005,
+            "{hz}"
+        );
     }
 }

@@ -11,7 +11,8 @@ use super::scene::Scene;
 use super::wing::{LinearTaper, SceneSide, SceneWing};
 use crate::geometry::{Lens, WingFrame};
 use crate::setup::{
-    self, Setup, SetupUncertainty, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, fixed_target,
+    self, Setup, SetupUncertainty, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair,
+    fixed_target,
 };
 
 /// Options of a random scene.
@@ -87,10 +88,17 @@ impl Scene {
         let wing = random_wing(&mut random, options);
         let heading = random.uniform(0.0, std::f64::consts::TAU);
         let span = round_vector(Vector3::new(heading.cos(), heading.sin(), 0.0), 8).xy();
-        let origin = Vector3::new(random.uniform(-60.0, 60.0), random.uniform(-60.0, 60.0), random.uniform(2.0, 6.0));
+        let origin = Vector3::new(
+            random.uniform(-60.0, 60.0),
+            random.uniform(-60.0, 60.0),
+            random.uniform(2.0, 6.0),
+        );
         let frame = WingFrame::new(origin, span);
         let camera_from_wing = aim_camera(&mut random, &wing, options);
-        let load = LoadShape { triangular: random.uniform(0.15, 0.6), relief: random.uniform(0.05, 0.3) };
+        let load = LoadShape {
+            triangular: random.uniform(0.15, 0.6),
+            relief: random.uniform(0.05, 0.3),
+        };
         let mut scene = Self {
             setup: setup_without_markers(&mut random, &wing, options, origin, span),
             clutter: SkinClutter::random(&mut random, &wing, options.clutter),
@@ -99,7 +107,9 @@ impl Scene {
             frame,
             camera_from_survey: camera_from_wing * frame.wing_from_survey,
             load,
-            twist_rad_per_m: (random.uniform(0.2, 1.2) * if random.unit() < 0.3 { -1.0 } else { 1.0 }).to_radians(),
+            twist_rad_per_m: (random.uniform(0.2, 1.2)
+                * if random.unit() < 0.3 { -1.0 } else { 1.0 })
+            .to_radians(),
         };
         let fixed = scene.fixed_targets(options);
         scene.place_markers(&mut random, options, &fixed);
@@ -111,7 +121,12 @@ impl Scene {
 
     /// Places markers one after another so that they are completely visible in the ground frame and at the highest
     /// deflection.
-    fn place_markers(&mut self, random: &mut SeededRandom, options: &SceneOptions, fixed: &[SceneMarker]) {
+    fn place_markers(
+        &mut self,
+        random: &mut SeededRandom,
+        options: &SceneOptions,
+        fixed: &[SceneMarker],
+    ) {
         let single = options.markers.saturating_sub(2);
         let length = self.wing.beam.length_m;
         let first = self.nearest_station(options);
@@ -120,16 +135,27 @@ impl Scene {
             for attempt in 0..80 {
                 let spread = 1.0 - attempt as f64 / 100.0;
                 let (s, outer) = match i.checked_sub(single) {
-                    None => (first + (0.975 * length - first) * i as f64 / (single.max(2) - 1) as f64, i % 2 == 0),
+                    None => (
+                        first + (0.975 * length - first) * i as f64 / (single.max(2) - 1) as f64,
+                        i % 2 == 0,
+                    ),
                     Some(k) => (0.93 * length + random.uniform(-0.5, 0.5), k == 0),
                 };
                 let (low, high) = self.wing.edges(s);
                 let reach = (0.46 * options.lens.width as f64 / options.lens.fx) * s;
-                let edge = if outer == (options.side == SceneSide::Left) { high } else { low };
+                let edge = if outer == (options.side == SceneSide::Left) {
+                    high
+                } else {
+                    low
+                };
                 let z = edge.clamp(-reach, reach) * spread * random.uniform(0.5, 0.8);
                 let marker = SceneMarker {
                     id: format!("M{:02}", i + 1),
-                    shape: if i < options.quadrants { Shape::Quadrant } else { Shape::Circle },
+                    shape: if i < options.quadrants {
+                        Shape::Quadrant
+                    } else {
+                        Shape::Circle
+                    },
                     diameter_m: (options.diameter_m * 100.0).round() / 100.0,
                     s_m: s + random.uniform(-0.25, 0.25),
                     z_m: z,
@@ -152,7 +178,10 @@ impl Scene {
 
     /// Places points on salient structures, from the nearest station to the tip and alternately near the two edges.
     fn place_points(&mut self, random: &mut SeededRandom, options: &SceneOptions) {
-        let (first, last) = (self.nearest_station(options) + 0.5, 0.95 * self.wing.beam.length_m);
+        let (first, last) = (
+            self.nearest_station(options) + 0.5,
+            0.95 * self.wing.beam.length_m,
+        );
         for i in 0..options.points {
             let share = i as f64 / (options.points.max(2) - 1) as f64;
             for attempt in 0..80 {
@@ -160,8 +189,11 @@ impl Scene {
                 let (low, high) = self.wing.edges(s);
                 let reach = (0.44 * options.lens.width as f64 / options.lens.fx) * s;
                 let edge = if i % 2 == 0 { low } else { high };
-                let z = edge.clamp(-reach, reach) * (1.0 - f64::from(attempt) / 100.0) * random.uniform(0.4, 0.75);
-                self.markers.push(SceneMarker::point(format!("P{:02}", i + 1), s, z));
+                let z = edge.clamp(-reach, reach)
+                    * (1.0 - f64::from(attempt) / 100.0)
+                    * random.uniform(0.4, 0.75);
+                self.markers
+                    .push(SceneMarker::point(format!("P{:02}", i + 1), s, z));
                 if self.is_last_marker_visible_and_separate(options, &[]) {
                     self.clutter.add_structure(random, i, s, z);
                     break;
@@ -179,7 +211,11 @@ impl Scene {
         let aft = |i: usize| self.markers[i].z_m * self.wing.side.aft_sign();
         let (a, b) = (count - 2, count - 1);
         let (leading, trailing) = if aft(a) < aft(b) { (a, b) } else { (b, a) };
-        self.setup.torsion = vec![TorsionPair { name: "tip".into(), leading, trailing }];
+        self.setup.torsion = vec![TorsionPair {
+            name: "tip".into(),
+            leading,
+            trailing,
+        }];
     }
 
     /// Returns the first station whose middle is well above the frame's lower edge.
@@ -187,18 +223,30 @@ impl Scene {
         let pose = self.wing.deform(&self.ground_shot(0).state);
         let camera_from_wing = self.camera_from_wing(&self.ground_shot(0));
         let inside = |s: &f64| {
-            let pixel = options.lens.project(&(camera_from_wing * pose.skin_point(*s, 0.0)));
+            let pixel = options
+                .lens
+                .project(&(camera_from_wing * pose.skin_point(*s, 0.0)));
             pixel.is_some_and(|p| p.y < 0.86 * f64::from(options.lens.height))
         };
-        (10..).map(|i| 0.2 * f64::from(i)).take(200).find(inside).unwrap_or(6.0)
+        (10..)
+            .map(|i| 0.2 * f64::from(i))
+            .take(200)
+            .find(inside)
+            .unwrap_or(6.0)
     }
 
     /// Returns fixed targets in the corners of the frame, the upper ones first: on brackets a few metres outboard.
     fn fixed_targets(&self, options: &SceneOptions) -> Vec<SceneMarker> {
         let wing_from_camera = self.camera_from_wing(&self.ground_shot(0)).inverse();
-        let (width, height) = (f64::from(options.lens.width), f64::from(options.lens.height));
+        let (width, height) = (
+            f64::from(options.lens.width),
+            f64::from(options.lens.height),
+        );
         let mark = |(k, (u, v)): (usize, &(f64, f64))| {
-            let ray = options.lens.ray(&Vector2::new(u * width, v * height)).ok()?;
+            let ray = options
+                .lens
+                .ray(&Vector2::new(u * width, v * height))
+                .ok()?;
             Some(SceneMarker {
                 id: format!("F{}", k + 1),
                 shape: Shape::Quadrant,
@@ -210,28 +258,50 @@ impl Scene {
                 fixed_m: Some(wing_from_camera * ray * fixed_target::DISTANCE_M),
             })
         };
-        fixed_target::POSITIONS.iter().take(options.fixed_targets).enumerate().filter_map(mark).collect()
+        fixed_target::POSITIONS
+            .iter()
+            .take(options.fixed_targets)
+            .enumerate()
+            .filter_map(mark)
+            .collect()
     }
 
-    fn is_last_marker_visible_and_separate(&self, options: &SceneOptions, fixed: &[SceneMarker]) -> bool {
+    fn is_last_marker_visible_and_separate(
+        &self,
+        options: &SceneOptions,
+        fixed: &[SceneMarker],
+    ) -> bool {
         let highest = self.flight_shot(options.tip_deflection_m, Light::Plain, 0);
         [self.ground_shot(0), highest].iter().all(|shot| {
             let pose = self.wing.deform(&shot.state);
-            let seen: Vec<_> =
-                self.marker_discs(&pose, &[]).iter().map(|placed| self.marker_image(shot, &pose, placed)).collect();
-            let Some((Some(pixel), size, visible)) = seen.last().copied() else { return false };
+            let seen: Vec<_> = self
+                .marker_discs(&pose, &[])
+                .iter()
+                .map(|placed| self.marker_image(shot, &pose, placed))
+                .collect();
+            let Some((Some(pixel), size, visible)) = seen.last().copied() else {
+                return false;
+            };
             let margin = 40.0;
             let framed = pixel.x > margin + 0.5 * size.x
                 && pixel.y > margin + 0.5 * size.y
                 && pixel.x < f64::from(options.lens.width) - margin - 0.5 * size.x;
-            let plates = fixed.iter().map(|m| self.marker_image(shot, &pose, &m.disc_on_wing(&pose)));
-            let plates: Vec<_> = plates.map(|(pixel, size, _)| (pixel, 2.0 * size, true)).collect();
-            let is_separate = seen[..seen.len() - 1].iter().chain(&plates).all(|(other, other_size, _)| {
-                other.is_none_or(|other| {
-                    let gap = (other - pixel).abs() - 0.5 * (other_size + size);
-                    gap.x > 12.0 || gap.y > 6.0
-                })
-            });
+            let plates = fixed
+                .iter()
+                .map(|m| self.marker_image(shot, &pose, &m.disc_on_wing(&pose)));
+            let plates: Vec<_> = plates
+                .map(|(pixel, size, _)| (pixel, 2.0 * size, true))
+                .collect();
+            let is_separate =
+                seen[..seen.len() - 1]
+                    .iter()
+                    .chain(&plates)
+                    .all(|(other, other_size, _)| {
+                        other.is_none_or(|other| {
+                            let gap = (other - pixel).abs() - 0.5 * (other_size + size);
+                            gap.x > 12.0 || gap.y > 6.0
+                        })
+                    });
             visible && framed && is_separate
         })
     }
@@ -244,7 +314,10 @@ impl Scene {
             .iter()
             .map(|marker| {
                 let noise = Vector3::from_fn(|_, _| sigma * random.normal());
-                let position = self.frame.survey_point(&marker.disc_on_wing(&ground).centre_m) + noise;
+                let position = self
+                    .frame
+                    .survey_point(&marker.disc_on_wing(&ground).centre_m)
+                    + noise;
                 SurveyMarker {
                     id: marker.id.clone(),
                     shape: marker.shape,
@@ -264,28 +337,53 @@ fn random_wing(random: &mut SeededRandom, options: &SceneOptions) -> SceneWing {
     let root_chord = options.length_m * random.uniform(0.20, 0.25);
     let taper = random.uniform(0.25, 0.38);
     let forward = random.uniform(0.45, 0.55);
-    let skin = LinearTaper { root: random.uniform(0.35, 0.55), tip: random.uniform(0.08, 0.16) };
+    let skin = LinearTaper {
+        root: random.uniform(0.35, 0.55),
+        tip: random.uniform(0.08, 0.16),
+    };
     let slope = random.uniform(0.065, 0.095);
     SceneWing {
         side: options.side,
         root_x_m: random.uniform(0.4, 0.9),
         root_y_m: -(options.camera_height_m + skin.root),
         axis_z_m: random.uniform(-0.25, 0.25),
-        slope_rad: LinearTaper { root: slope, tip: slope + random.uniform(-0.005, 0.025) },
-        edge_low_m: LinearTaper { root: -forward * root_chord, tip: -forward * root_chord * taper },
-        edge_high_m: LinearTaper { root: (1.0 - forward) * root_chord, tip: (1.0 - forward) * root_chord * taper },
+        slope_rad: LinearTaper {
+            root: slope,
+            tip: slope + random.uniform(-0.005, 0.025),
+        },
+        edge_low_m: LinearTaper {
+            root: -forward * root_chord,
+            tip: -forward * root_chord * taper,
+        },
+        edge_high_m: LinearTaper {
+            root: (1.0 - forward) * root_chord,
+            tip: (1.0 - forward) * root_chord * taper,
+        },
         skin_m: skin,
         crown: random.uniform(0.03, 0.055),
         wave_m: random.uniform(0.0, 0.001),
-        beam: CantileverBeam { length_m: options.length_m, taper, stiffness_power: random.uniform(3.0, 4.0) },
+        beam: CantileverBeam {
+            length_m: options.length_m,
+            taper,
+            stiffness_power: random.uniform(3.0, 4.0),
+        },
     }
 }
 
 /// Aims the camera along the wing so that the highest tip is near the frame's upper edge.
-pub(super) fn aim_camera(random: &mut SeededRandom, wing: &SceneWing, options: &SceneOptions) -> Rotation3<f64> {
-    let load = LoadShape { triangular: 0.3, relief: 0.1 };
-    let state =
-        super::wing::SceneState { tip_deflection_m: options.tip_deflection_m, ..super::wing::SceneState::ground(load) };
+pub(super) fn aim_camera(
+    random: &mut SeededRandom,
+    wing: &SceneWing,
+    options: &SceneOptions,
+) -> Rotation3<f64> {
+    let load = LoadShape {
+        triangular: 0.3,
+        relief: 0.1,
+    };
+    let state = super::wing::SceneState {
+        tip_deflection_m: options.tip_deflection_m,
+        ..super::wing::SceneState::ground(load)
+    };
     let tip = wing.deform(&state).skin_point(wing.beam.length_m, 0.0);
     let half = (0.5 * f64::from(options.lens.height) / options.lens.fy).atan();
     let pitch = (tip.y / tip.x).atan() - 0.93 * half;
@@ -307,7 +405,11 @@ fn setup_without_markers(
     span: Vector2<f64>,
 ) -> Setup {
     let noise = Vector3::from_fn(|_, _| options.survey_sigma_m * random.normal());
-    let side = if wing.side == SceneSide::Left { "left" } else { "right" };
+    let side = if wing.side == SceneSide::Left {
+        "left"
+    } else {
+        "right"
+    };
     Setup {
         name: format!("simulated {side} wing"),
         lens: options.lens,

@@ -27,8 +27,15 @@ pub enum Light {
 
 impl Light {
     /// List of the kinds.
-    pub const ALL: [Self; 7] =
-        [Self::Plain, Self::Gradient, Self::Shadow, Self::Glare, Self::Dusk, Self::Backlight, Self::Haze];
+    pub const ALL: [Self; 7] = [
+        Self::Plain,
+        Self::Gradient,
+        Self::Shadow,
+        Self::Glare,
+        Self::Dusk,
+        Self::Backlight,
+        Self::Haze,
+    ];
 
     /// Returns the word used in files.
     pub fn name(self) -> &'static str {
@@ -98,7 +105,11 @@ impl Illumination {
     /// Samples the details of a kind of light.
     pub fn random(light: Light, random: &mut SeededRandom, pose: &DeformedWing) -> Self {
         let side = if random.unit() < 0.5 { -1.0 } else { 1.0 };
-        let high = Vector3::new(random.uniform(-0.4, 0.4), 1.0, side * random.uniform(0.1, 0.5));
+        let high = Vector3::new(
+            random.uniform(-0.4, 0.4),
+            1.0,
+            side * random.uniform(0.1, 0.5),
+        );
         let mut lit = Self {
             exposure: random.uniform(0.80, 1.05),
             ambient: 0.45,
@@ -128,8 +139,11 @@ impl Illumination {
                 lit.ambient = 0.8;
                 lit.sky = random.uniform(0.9, 1.3);
                 lit.stray = random.uniform(0.04, 0.10);
-                lit.specular =
-                    Some(Specular { gain: random.uniform(0.08, 0.2), spread_along: 0.5, spread_across: 0.25 });
+                lit.specular = Some(Specular {
+                    gain: random.uniform(0.08, 0.2),
+                    spread_along: 0.5,
+                    spread_across: 0.25,
+                });
                 lit.sun = Vector3::new(1.0, 0.35, side * 0.2).normalize();
             }
             Light::Haze => {
@@ -162,14 +176,19 @@ impl Illumination {
         let (along, across, normal) = pose.tangents(hit.s, hit.z);
         let distance = point.norm();
         let shadow = self.bands.map_or(1.0, |bands| bands.light_factor_at(hit));
-        let slope = self.gradient_s * (2.0 * pose.wing.eta(hit.s) - 1.0) + self.gradient_z * hit.z / 4.0;
+        let slope =
+            self.gradient_s * (2.0 * pose.wing.eta(hit.s) - 1.0) + self.gradient_z * hit.z / 4.0;
         let direct = normal.dot(&self.sun).max(0.0) * shadow;
         // Shadowed points receive less sky light too, as the cloud covers part of the sky.
         let ambient = self.ambient * (0.6 + 0.4 * shadow);
-        let diffuse = self.exposure * (ambient + (1.0 - self.ambient) * direct) * (1.0 + slope).max(0.15);
+        let diffuse =
+            self.exposure * (ambient + (1.0 - self.ambient) * direct) * (1.0 + slope).max(0.15);
         let mirrored = self.specular.map_or(0.0, |specular| {
             let half = (self.sun - point / distance).normalize();
-            specular.radiance_at(half.dot(&along) / along.norm(), half.dot(&across) / across.norm())
+            specular.radiance_at(
+                half.dot(&along) / along.norm(),
+                half.dot(&across) / across.norm(),
+            )
         });
         let clear = (-self.haze_per_m * distance).exp();
         SkinLight {

@@ -39,7 +39,16 @@ impl SceneMarker {
     /// Creates a point without a decal at a position on the skin.
     pub(super) fn point(id: String, s_m: f64, z_m: f64) -> Self {
         let (shape, diameter_m) = (Shape::Point, POINT_EXTENT_M);
-        Self { id, shape, diameter_m, s_m, z_m, rotation_rad: 0.0, height_m: 0.0, fixed_m: None }
+        Self {
+            id,
+            shape,
+            diameter_m,
+            s_m,
+            z_m,
+            rotation_rad: 0.0,
+            height_m: 0.0,
+            fixed_m: None,
+        }
     }
 
     /// Returns the marker's disc on a deformed wing.
@@ -145,21 +154,28 @@ impl MarkerDisc {
     /// Returns true if plate or pattern have an edge within `reach_m` of a point.
     pub fn plate_edge_within(&self, at: (f64, f64), reach_m: f64) -> bool {
         let side = at.0.abs().max(at.1.abs());
-        self.edge_within(at, reach_m) || self.plate_m.is_some_and(|half| (side - half).abs() <= reach_m)
+        self.edge_within(at, reach_m)
+            || self
+                .plate_m
+                .is_some_and(|half| (side - half).abs() <= reach_m)
     }
 
     /// Returns the corners of the plate, m; none on the wing.
     pub fn plate_corners(&self) -> Vec<Vector3<f64>> {
-        let corner = |(a, b): (f64, f64), half: f64| self.surface_point(&(Vector2::new(a, b) * half));
+        let corner =
+            |(a, b): (f64, f64), half: f64| self.surface_point(&(Vector2::new(a, b) * half));
         let all = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
-        self.plate_m.map_or(vec![], |half| all.map(|c| corner(c, half)).to_vec())
+        self.plate_m
+            .map_or(vec![], |half| all.map(|c| corner(c, half)).to_vec())
     }
 
     /// Returns true if the pattern has an edge within `reach_m` of a point.
     pub fn edge_within(&self, (a, b): (f64, f64), reach_m: f64) -> bool {
         let r = a.hypot(b);
         let rim = (r - self.radius_m).abs() <= reach_m;
-        let inner = self.shape == Shape::Quadrant && r < self.radius_m && (a.abs() <= reach_m || b.abs() <= reach_m);
+        let inner = self.shape == Shape::Quadrant
+            && r < self.radius_m
+            && (a.abs() <= reach_m || b.abs() <= reach_m);
         rim || inner
     }
 
@@ -194,11 +210,20 @@ fn second_fundamental_form(
     let twice = (at(1.0, 1.0) - at(1.0, -1.0) - at(-1.0, 1.0) + at(-1.0, -1.0)) / 4.0;
     let curvature = |v: Vector3<f64>| v.dot(normal) / (H * H);
     let mixed = curvature(twice);
-    let material =
-        Matrix2::new(curvature(after + before - centre * 2.0), mixed, mixed, curvature(left + right - centre * 2.0));
+    let material = Matrix2::new(
+        curvature(after + before - centre * 2.0),
+        mixed,
+        mixed,
+        curvature(left + right - centre * 2.0),
+    );
     let first = (along - normal * along.dot(normal)).normalize();
     let second = normal.cross(&first);
-    let tangent = Matrix2::new(along.dot(&first), across.dot(&first), along.dot(&second), across.dot(&second));
+    let tangent = Matrix2::new(
+        along.dot(&first),
+        across.dot(&first),
+        along.dot(&second),
+        across.dot(&second),
+    );
     let turn = Matrix2::new(cos, sin, -sin, cos);
     match tangent.try_inverse() {
         Some(inverse) => turn * inverse.transpose() * material * inverse * turn.transpose(),

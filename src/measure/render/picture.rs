@@ -42,24 +42,39 @@ impl RenderView<'_> {
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
         let corners: Vec<Vec<TileCorner>> = (0..=rows)
             .into_par_iter()
-            .map(|j| (0..=columns).map(|i| self.trace_tile_corner(tile_edge(i), tile_edge(j))).collect())
+            .map(|j| {
+                (0..=columns)
+                    .map(|i| self.trace_tile_corner(tile_edge(i), tile_edge(j)))
+                    .collect()
+            })
             .collect();
         let boxes = self.marker_bounding_boxes();
         let mut radiance = vec![0.0f32; width * height];
-        radiance.par_chunks_mut(TILE * width).enumerate().for_each(|(j, band)| {
-            for i in 0..columns {
-                let (above, below) = (&corners[j], &corners[j + 1]);
-                let corners = [&above[i], &above[i + 1], &below[i], &below[i + 1]];
-                let tile = Tile::new(corners, markers_touching_tile(&boxes, tile_edge(i), tile_edge(j)));
-                self.fill_tile(&tile, band, width, i);
-            }
-        });
+        radiance
+            .par_chunks_mut(TILE * width)
+            .enumerate()
+            .for_each(|(j, band)| {
+                for i in 0..columns {
+                    let (above, below) = (&corners[j], &corners[j + 1]);
+                    let corners = [&above[i], &above[i + 1], &below[i], &below[i + 1]];
+                    let tile = Tile::new(
+                        corners,
+                        markers_touching_tile(&boxes, tile_edge(i), tile_edge(j)),
+                    );
+                    self.fill_tile(&tile, band, width, i);
+                }
+            });
         radiance
     }
 
     fn pixel_direction(&self, u: f64, v: f64) -> Vector3<f64> {
         let pixel = Vector2::new(u, v);
-        let pinhole = || Vector2::new((u - self.lens.cx) / self.lens.fx, (v - self.lens.cy) / self.lens.fy);
+        let pinhole = || {
+            Vector2::new(
+                (u - self.lens.cx) / self.lens.fx,
+                (v - self.lens.cy) / self.lens.fy,
+            )
+        };
         let n = self.lens.undistort(&pixel).unwrap_or_else(|_| pinhole());
         self.wing_from_camera * Vector3::new(n.x, n.y, 1.0)
     }
@@ -67,9 +82,17 @@ impl RenderView<'_> {
     fn trace_tile_corner(&self, u: f64, v: f64) -> TileCorner {
         let direction = self.pixel_direction(u, v);
         let hit = self.pose.first_hit(&direction);
-        let lit = hit.map_or(SkinLight::default(), |hit| self.light.light_at(self.pose, &hit));
+        let lit = hit.map_or(SkinLight::default(), |hit| {
+            self.light.light_at(self.pose, &hit)
+        });
         let paint = hit.map_or(0.0, |hit| self.clutter.paint_reflectance(hit.s, hit.z));
-        TileCorner { direction, hit, lit, paint, sky: self.light.sky(&direction) }
+        TileCorner {
+            direction,
+            hit,
+            lit,
+            paint,
+            sky: self.light.sky(&direction),
+        }
     }
 
     fn marker_bounding_boxes(&self) -> Vec<BoxedMarker<'_>> {
@@ -87,7 +110,9 @@ impl RenderView<'_> {
         }
         let patch = match tile.hits {
             [None, None, None, None] => None,
-            [Some(a), Some(b), Some(c), Some(d)] => Patch::new(self.pose, self.clutter, tile, [a, b, c, d]),
+            [Some(a), Some(b), Some(c), Some(d)] => {
+                Patch::new(self.pose, self.clutter, tile, [a, b, c, d])
+            }
             _ => return self.fill_outline(tile, band, width, column),
         };
         if tile.hits[0].is_some() && patch.is_none() {
@@ -102,7 +127,11 @@ impl RenderView<'_> {
     /// Fills a tile with the wing's outline or a crest: ray by ray, with fine sampling at differences.
     fn fill_outline(&self, tile: &Tile, band: &mut [f32], width: usize, column: usize) {
         let sheets: Vec<Option<Hit>> = (0..(TILE + 1) * (TILE + 1))
-            .map(|i| self.pose.first_hit(&tile.ray_direction((i % (TILE + 1)) as f64, (i / (TILE + 1)) as f64)))
+            .map(|i| {
+                self.pose.first_hit(
+                    &tile.ray_direction((i % (TILE + 1)) as f64, (i / (TILE + 1)) as f64),
+                )
+            })
             .collect();
         let lit = tile.mean_lit();
         fill_pixels(band, width, column, |x, y| {
@@ -113,7 +142,9 @@ impl RenderView<'_> {
                 (true, true) => COARSE,
                 (true, false) => (1, 1),
             };
-            lattice_mean(lattice, |dx, dy| self.ray_radiance(tile, &lit, x + dx, y + dy))
+            lattice_mean(lattice, |dx, dy| {
+                self.ray_radiance(tile, &lit, x + dx, y + dy)
+            })
         });
     }
 
@@ -121,21 +152,40 @@ impl RenderView<'_> {
     fn fill_plates(&self, tile: &Tile, band: &mut [f32], width: usize, column: usize) {
         let lit = tile.mean_lit();
         let on_plates = self.light.light_at(self.pose, &Hit { s: 0.0, z: 0.0 });
-        let plates: Vec<&MarkerDisc> = tile.markers.iter().filter(|m| m.plate_m.is_some()).copied().collect();
+        let plates: Vec<&MarkerDisc> = tile
+            .markers
+            .iter()
+            .filter(|m| m.plate_m.is_some())
+            .copied()
+            .collect();
         let ray = |x: f64, y: f64| {
             let direction = tile.ray_direction(x, y);
-            let plate = plates.iter().find_map(|m| m.plate_reflectance(m.pattern_point(&direction)));
-            plate.map_or_else(|| self.ray_radiance(tile, &lit, x, y), |r| r * on_plates.diffuse + on_plates.added)
+            let plate = plates
+                .iter()
+                .find_map(|m| m.plate_reflectance(m.pattern_point(&direction)));
+            plate.map_or_else(
+                || self.ray_radiance(tile, &lit, x, y),
+                |r| r * on_plates.diffuse + on_plates.added,
+            )
         };
         fill_pixels(band, width, column, |x, y| {
             let direction = tile.ray_direction(x, y);
             let pixel = |m: &&&MarkerDisc| m.centre_m.norm() / self.lens.fx;
-            let edge = |m: &&MarkerDisc| m.plate_edge_within(m.pattern_point(&direction), pixel(&m));
-            let inside = |m: &&MarkerDisc| m.plate_reflectance(m.pattern_point(&direction)).is_some();
+            let edge =
+                |m: &&MarkerDisc| m.plate_edge_within(m.pattern_point(&direction), pixel(&m));
+            let inside =
+                |m: &&MarkerDisc| m.plate_reflectance(m.pattern_point(&direction)).is_some();
             if plates.iter().any(|m| inside(m) && !edge(m)) {
                 return ray(x, y);
             }
-            lattice_mean(if plates.iter().any(edge) { FINE } else { COARSE }, |dx, dy| ray(x + dx, y + dy))
+            lattice_mean(
+                if plates.iter().any(edge) {
+                    FINE
+                } else {
+                    COARSE
+                },
+                |dx, dy| ray(x + dx, y + dy),
+            )
         });
     }
 
@@ -145,8 +195,11 @@ impl RenderView<'_> {
         let Some(hit) = self.pose.first_hit(&direction) else {
             return interpolate_bilinear(&tile.sky, x, y);
         };
-        let printed =
-            tile.markers.iter().filter(|m| m.covers(hit.s)).find_map(|m| m.reflectance(m.pattern_point(&direction)));
+        let printed = tile
+            .markers
+            .iter()
+            .filter(|m| m.covers(hit.s))
+            .find_map(|m| m.reflectance(m.pattern_point(&direction)));
         let reflectance = printed.unwrap_or_else(|| self.clutter.paint_reflectance(hit.s, hit.z));
         reflectance * lit.diffuse + lit.added
     }
@@ -154,18 +207,32 @@ impl RenderView<'_> {
     fn skin_radiance_at(&self, tile: &Tile, patch: &Patch, x: f64, y: f64) -> f64 {
         let direction = tile.ray_direction(x, y);
         let guess = interpolate_bilinear(&patch.s, x, y);
-        let Some(hit) = self.pose.near_hit(guess, &patch.rates, patch.reach_m, &direction) else {
+        let Some(hit) = self
+            .pose
+            .near_hit(guess, &patch.rates, patch.reach_m, &direction)
+        else {
             let lit = tile.mean_lit();
-            return lattice_mean(COARSE, |dx, dy| self.ray_radiance(tile, &lit, x + dx, y + dy));
+            return lattice_mean(COARSE, |dx, dy| {
+                self.ray_radiance(tile, &lit, x + dx, y + dy)
+            });
         };
-        let clutter = self.clutter.reflectance_factor(&patch.near, &self.pose.wing, hit.s, hit.z, &patch.footprint);
+        let clutter = self.clutter.reflectance_factor(
+            &patch.near,
+            &self.pose.wing,
+            hit.s,
+            hit.z,
+            &patch.footprint,
+        );
         let paint = interpolate_bilinear(&tile.paint, x, y) * clutter;
         let reflectance = tile
             .markers
             .iter()
             .filter(|m| m.covers(hit.s))
-            .fold(paint, |below, m| print_reflectance(m, below, tile, patch, x, y));
-        reflectance * interpolate_bilinear(&tile.diffuse, x, y) + interpolate_bilinear(&tile.added, x, y)
+            .fold(paint, |below, m| {
+                print_reflectance(m, below, tile, patch, x, y)
+            });
+        reflectance * interpolate_bilinear(&tile.diffuse, x, y)
+            + interpolate_bilinear(&tile.added, x, y)
     }
 }
 
@@ -179,20 +246,32 @@ fn spans_sheets(hits: &[Option<Hit>; 4]) -> bool {
 }
 
 /// Returns the reflectance of a pixel of a marker over the paint `below`.
-fn print_reflectance(marker: &MarkerDisc, below: f64, tile: &Tile, patch: &Patch, x: f64, y: f64) -> f64 {
+fn print_reflectance(
+    marker: &MarkerDisc,
+    below: f64,
+    tile: &Tile,
+    patch: &Patch,
+    x: f64,
+    y: f64,
+) -> f64 {
     let at = |x: f64, y: f64| marker.pattern_point(&tile.ray_direction(x, y));
     let centre = at(x, y);
     if !marker.edge_within(centre, patch.half_pixel_m) {
         return marker.reflectance(centre).unwrap_or(below);
     }
-    lattice_mean(FINE, |dx, dy| marker.reflectance(at(x + dx, y + dy)).unwrap_or(below))
+    lattice_mean(FINE, |dx, dy| {
+        marker.reflectance(at(x + dx, y + dy)).unwrap_or(below)
+    })
 }
 
 /// Averages over a pixel by a rank-1 lattice, whose projections are even in every direction.
 fn lattice_mean((count, generator): (usize, usize), value: impl Fn(f64, f64) -> f64) -> f64 {
     let n = count as f64;
     let place = |i: usize| (i as f64 + 0.5) / n - 0.5;
-    (0..count).map(|i| value(place(i), place(i * generator % count))).sum::<f64>() / n
+    (0..count)
+        .map(|i| value(place(i), place(i * generator % count)))
+        .sum::<f64>()
+        / n
 }
 
 /// Calls `value` with every pixel's centre, in px from the tile's corner.
@@ -207,8 +286,9 @@ fn fill_pixels(band: &mut [f32], width: usize, column: usize, value: impl Fn(f64
 
 fn markers_touching_tile<'a>(boxes: &[BoxedMarker<'a>], u: f64, v: f64) -> Vec<&'a MarkerDisc> {
     let size = TILE as f64 + 2.0;
-    let near =
-        |b: &&BoxedMarker<'a>| b.high.x > u - 2.0 && b.low.x < u + size && b.high.y > v - 2.0 && b.low.y < v + size;
+    let near = |b: &&BoxedMarker<'a>| {
+        b.high.x > u - 2.0 && b.low.x < u + size && b.high.y > v - 2.0 && b.low.y < v + size
+    };
     boxes.iter().filter(near).map(|b| b.marker).collect()
 }
 
@@ -239,7 +319,11 @@ mod tests {
 
     fn scene() -> Scene {
         let mut options = SceneOptions::random(5, SceneSide::Left);
-        options.lens = Lens { k1: -0.06, k2: 0.05, ..Lens::pinhole(1600, 1200, 3200.0, 803.0, 597.0) };
+        options.lens = Lens {
+            k1: -0.06,
+            k2: 0.05,
+            ..Lens::pinhole(1600, 1200, 3200.0, 803.0, 597.0)
+        };
         let mut scene = Scene::random(5, &options);
         scene.clutter = SkinClutter::bare(PAINT);
         scene
@@ -259,7 +343,10 @@ mod tests {
             light: &light,
         };
         let (with, without) = (view(markers).radiance(), view(&[]).radiance());
-        with.iter().zip(&without).map(|(a, b)| f64::from(*a) / f64::from(*b) - 1.0).collect()
+        with.iter()
+            .zip(&without)
+            .map(|(a, b)| f64::from(*a) / f64::from(*b) - 1.0)
+            .collect()
     }
 
     /// Area and first moments of a polygon (signed).
@@ -281,7 +368,9 @@ mod tests {
         let project = |p: Vector3<f64>| scene.setup.lens.project(&(camera_from_wing * p)).unwrap();
         // Edges follow the curved skin: polar coordinates of each sector's outline.
         let polar = |share: f64, angle: f64| {
-            project(placed.surface_point(&(Vector2::new(angle.cos(), angle.sin()) * (share * placed.radius_m))))
+            project(placed.surface_point(
+                &(Vector2::new(angle.cos(), angle.sin()) * (share * placed.radius_m)),
+            ))
         };
         let steps = || (0..500).map(|i| f64::from(i) / 500.0);
         let mut sums = [0.0; 3];
@@ -302,25 +391,52 @@ mod tests {
     #[test]
     fn markers_are_rendered_at_their_true_positions() {
         let scene = scene();
-        for shot in [scene.ground_shot(1), scene.flight_shot(2.0, Light::Plain, 2)] {
+        for shot in [
+            scene.ground_shot(1),
+            scene.flight_shot(2.0, Light::Plain, 2),
+        ] {
             let pose = scene.wing.deform(&shot.state);
-            for (marker, placed) in scene.markers.iter().zip(scene.marker_discs(&pose, &[])).step_by(3) {
+            for (marker, placed) in scene
+                .markers
+                .iter()
+                .zip(scene.marker_discs(&pose, &[]))
+                .step_by(3)
+            {
                 let image = reflectance(&scene, &shot, std::slice::from_ref(&placed));
                 let mut rendered = [0.0; 3];
                 for (i, value) in image.iter().enumerate() {
                     let (x, y) = ((i % 1600) as f64, (i / 1600) as f64);
-                    [1.0, x, y].iter().zip(&mut rendered).for_each(|(m, sum)| *sum += m * value);
+                    [1.0, x, y]
+                        .iter()
+                        .zip(&mut rendered)
+                        .for_each(|(m, sum)| *sum += m * value);
                 }
                 let expected = expected(&scene, &shot, &placed, marker.shape);
                 // Displacement of the marker that corresponds to the first moments.
-                let pixel = scene.truth(&shot).markers.iter().find(|m| m.id == marker.id).unwrap().pixel.unwrap();
+                let pixel = scene
+                    .truth(&shot)
+                    .markers
+                    .iter()
+                    .find(|m| m.id == marker.id)
+                    .unwrap()
+                    .pixel
+                    .unwrap();
                 let area = std::f64::consts::PI
-                    * scene.marker_image(&shot, &pose, &placed).1.fold(0.25, |product, side| product * side);
+                    * scene
+                        .marker_image(&shot, &pose, &placed)
+                        .1
+                        .fold(0.25, |product, side| product * side);
                 let off = |k: usize| {
                     let about = |sums: &[f64; 3]| sums[k] - pixel[k - 1] * sums[0];
                     (about(&rendered) - about(&expected)) / area
                 };
-                assert!(off(1).abs() < 0.005 && off(2).abs() < 0.005, "{} {} {}", marker.id, off(1), off(2));
+                assert!(
+                    off(1).abs() < 0.005 && off(2).abs() < 0.005,
+                    "{} {} {}",
+                    marker.id,
+                    off(1),
+                    off(2)
+                );
             }
         }
     }

@@ -60,7 +60,8 @@ pub fn value_noise(x: f64, y: f64, seed: u64) -> f64 {
     let ease = |t: f64| t * t * t * (t * (6.0 * t - 15.0) + 10.0);
     let (a, b) = (ease(x - i), ease(y - j));
     let at = |di: i64, dj: i64| {
-        let key = (i as i64 + di).wrapping_mul(0x8DA6_B343) ^ (j as i64 + dj).wrapping_mul(0xD816_3841);
+        let key =
+            (i as i64 + di).wrapping_mul(0x8DA6_B343) ^ (j as i64 + dj).wrapping_mul(0xD816_3841);
         (mix_bits(seed ^ key as u64) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
     };
     let top = at(0, 0) + a * (at(1, 0) - at(0, 0));
@@ -91,7 +92,13 @@ mod tests {
 
     #[test]
     fn streams_repeat_and_differ_by_purpose() {
-        assert_eq!(SeededRandom::new(3, 4).bits(), SeededRandom::new(3, 4).bits());
-        assert_ne!(SeededRandom::new(3, 4).bits(), SeededRandom::new(3, 5).bits());
+        assert_eq!(
+            SeededRandom::new(3, 4).bits(),
+            SeededRandom::new(3, 4).bits()
+        );
+        assert_ne!(
+            SeededRandom::new(3, 4).bits(),
+            SeededRandom::new(3, 5).bits()
+        );
     }
 }

@@ -10,7 +10,9 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use super::random::SeededRandom;
 use super::scene::{Scene, SceneShot};
 use super::wing::SceneMotion;
-use crate::setup::{DEFAULT_SCALE_SIGMA, Setup, SetupUncertainty, SkinHeight, SurveyMarker, Thermal, Width};
+use crate::setup::{
+    DEFAULT_SCALE_SIGMA, Setup, SetupUncertainty, SkinHeight, SurveyMarker, Thermal, Width,
+};
 
 /// Aircraft sampled from an installation's priors, in one flight.
 #[derive(Clone, Debug)]
@@ -39,13 +41,29 @@ impl SampledAircraft {
             root_pitch_rad: normal(priors[Width::RootRotation]),
             root_slope_rad: normal(priors[Width::RootRotation]),
         };
-        let length = 1.0 + normal(scene.setup.thermal.as_ref().map_or(DEFAULT_SCALE_SIGMA, Thermal::scale_sigma));
+        let length = 1.0
+            + normal(
+                scene
+                    .setup
+                    .thermal
+                    .as_ref()
+                    .map_or(DEFAULT_SCALE_SIGMA, Thermal::scale_sigma),
+            );
         let scale = 1.0 + normal(priors[Width::FlightScale]);
         let off = Vector2::from_fn(|_, _| normal(priors[Width::PrincipalPoint]));
         let ground_bend_m = normal(priors[Width::GroundBend]);
-        let motion_sigma = |marker: &SurveyMarker| if marker.fixed { marker.flight_motion_m } else { 0.0 };
+        let motion_sigma = |marker: &SurveyMarker| {
+            if marker.fixed {
+                marker.flight_motion_m
+            } else {
+                0.0
+            }
+        };
         let sigmas: Vec<f64> = scene.setup.markers.iter().map(motion_sigma).collect();
-        let target_shifts_m = sigmas.into_iter().map(|sigma| Vector3::from_fn(|_, _| normal(sigma))).collect();
+        let target_shifts_m = sigmas
+            .into_iter()
+            .map(|sigma| Vector3::from_fn(|_, _| normal(sigma)))
+            .collect();
         let mount = scene.remount(random);
         Self {
             ground_bend_m,
@@ -90,22 +108,40 @@ impl SampledAircraft {
         setup.projection_centre_m = tilt * (setup.projection_centre_m + error);
         let (sin, cos) = normal(priors[Width::SpanDirection]).sin_cos();
         let span = setup.span_direction;
-        setup.span_direction = Vector2::new(cos * span.x - sin * span.y, sin * span.x + cos * span.y);
+        setup.span_direction =
+            Vector2::new(cos * span.x - sin * span.y, sin * span.x + cos * span.y);
         setup.root_offset_m += normal(priors[Width::RootOffset]);
         setup.axis_chord_offset_m = Some(scene.wing.axis_z_m + normal(priors[Width::ChordOffset]));
         let off = normal(priors[Width::SkinHeight]);
         let skin = scene.wing.skin_m;
         let tip_span_m = scene.wing.beam.length_m;
-        setup.skin_height = Some(SkinHeight { root_m: skin.root + off, tip_m: skin.tip + off, tip_span_m });
+        setup.skin_height = Some(SkinHeight {
+            root_m: skin.root + off,
+            tip_m: skin.tip + off,
+            tip_span_m,
+        });
         setup.uncertainty = Self::without_unsampled(priors);
         setup
     }
 
     /// Removes the priors of quantities that are never sampled.
     pub fn without_unsampled(mut priors: SetupUncertainty) -> SetupUncertainty {
-        let unsampled = [Width::ConstantBend, Width::SkinMotion, Width::InPlane, Width::Torque, Width::Readout];
+        let unsampled = [
+            Width::ConstantBend,
+            Width::SkinMotion,
+            Width::InPlane,
+            Width::Torque,
+            Width::Readout,
+        ];
         unsampled.into_iter().for_each(|width| priors[width] = 0.0);
-        let SetupUncertainty { vibration, shake, .. } = SetupUncertainty::from_drawings();
-        SetupUncertainty { skin_scaled_by_frames: false, vibration, shake, ..priors }
+        let SetupUncertainty {
+            vibration, shake, ..
+        } = SetupUncertainty::from_drawings();
+        SetupUncertainty {
+            skin_scaled_by_frames: false,
+            vibration,
+            shake,
+            ..priors
+        }
     }
 }

@@ -83,13 +83,21 @@ impl Scene {
             thermal_scale: self.setup.thermal.map_or(1.0, |thermal| thermal.scale()),
             motion: SceneMotion::default(),
         };
-        SceneShot { state, light, ..self.ground_shot(seed) }
+        SceneShot {
+            state,
+            light,
+            ..self.ground_shot(seed)
+        }
     }
 
     /// Samples a remount: pitch and yaw by the mount's repeatability, a little roll.
     pub fn remount(&self, random: &mut SeededRandom) -> Rotation3<f64> {
         let angle = self.setup.mount_repeatability_px / self.setup.lens.focal_px();
-        Rotation3::from_euler_angles(angle * random.normal(), angle * random.normal(), 0.3 * angle * random.normal())
+        Rotation3::from_euler_angles(
+            angle * random.normal(),
+            angle * random.normal(),
+            0.3 * angle * random.normal(),
+        )
     }
 
     /// Renders a shot; `None` for a lens without pixels.
@@ -100,7 +108,12 @@ impl Scene {
             .marker_discs(&pose, &shot.target_shifts_m)
             .into_iter()
             .enumerate()
-            .filter(|(i, _)| self.markers.get(*i).is_some_and(|m| m.shape != Shape::Point) && !shot.hidden.contains(i))
+            .filter(|(i, _)| {
+                self.markers
+                    .get(*i)
+                    .is_some_and(|m| m.shape != Shape::Point)
+                    && !shot.hidden.contains(i)
+            })
             .map(|(_, marker)| marker)
             .collect();
         let lens = &self.lens(shot);
@@ -113,7 +126,12 @@ impl Scene {
             light: &light,
         }
         .radiance();
-        shot.sensor.develop(radiance, lens.width as usize, lens.height as usize, shot.seed)
+        shot.sensor.develop(
+            radiance,
+            lens.width as usize,
+            lens.height as usize,
+            shot.seed,
+        )
     }
 
     /// Returns the illumination of a shot.
@@ -122,9 +140,19 @@ impl Scene {
     }
 
     /// Returns the discs of all markers in a shot, in the survey's order.
-    pub(super) fn marker_discs(&self, pose: &DeformedWing, target_shifts_m: &[Vector3<f64>]) -> Vec<MarkerDisc> {
-        let mut all: Vec<MarkerDisc> = self.markers.iter().map(|marker| marker.disc_on_wing(pose)).collect();
-        all.iter_mut().zip(target_shifts_m).for_each(|(disc, shift)| disc.centre_m += shift);
+    pub(super) fn marker_discs(
+        &self,
+        pose: &DeformedWing,
+        target_shifts_m: &[Vector3<f64>],
+    ) -> Vec<MarkerDisc> {
+        let mut all: Vec<MarkerDisc> = self
+            .markers
+            .iter()
+            .map(|marker| marker.disc_on_wing(pose))
+            .collect();
+        all.iter_mut()
+            .zip(target_shifts_m)
+            .for_each(|(disc, shift)| disc.centre_m += shift);
         all
     }
 
@@ -132,7 +160,13 @@ impl Scene {
     pub(super) fn lens(&self, shot: &SceneShot) -> Lens {
         let (scale, off) = shot.lens_change;
         let lens = self.setup.lens;
-        Lens { fx: scale * lens.fx, fy: scale * lens.fy, cx: lens.cx + off.x, cy: lens.cy + off.y, ..lens }
+        Lens {
+            fx: scale * lens.fx,
+            fy: scale * lens.fy,
+            cx: lens.cx + off.x,
+            cy: lens.cy + off.y,
+            ..lens
+        }
     }
 
     /// Returns the true attitude of the camera in a shot.

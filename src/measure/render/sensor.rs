@@ -23,7 +23,13 @@ pub struct SensorModel {
 
 impl Default for SensorModel {
     fn default() -> Self {
-        Self { blur_px: 0.8, motion_px: Vector2::zeros(), noise: 1.5, read_fraction: 0.3, gamma: 2.2 }
+        Self {
+            blur_px: 0.8,
+            motion_px: Vector2::zeros(),
+            noise: 1.5,
+            read_fraction: 0.3,
+            gamma: 2.2,
+        }
     }
 }
 
@@ -31,19 +37,30 @@ const TONES: usize = 4096;
 
 impl SensorModel {
     /// Develops `radiance` (row by row, 1 saturates).
-    pub fn develop(&self, radiance: Vec<f32>, width: usize, height: usize, seed: u64) -> Option<Raster> {
+    pub fn develop(
+        &self,
+        radiance: Vec<f32>,
+        width: usize,
+        height: usize,
+        seed: u64,
+    ) -> Option<Raster> {
         let smeared = smear_image(radiance, width, &self.motion_px);
         let blurred = blur_image(smeared, width, self.blur_px);
-        let tones: Vec<f32> =
-            (0..=TONES).map(|i| 255.0 * (i as f64 / TONES as f64).powf(1.0 / self.gamma) as f32).collect();
+        let tones: Vec<f32> = (0..=TONES)
+            .map(|i| 255.0 * (i as f64 / TONES as f64).powf(1.0 / self.gamma) as f32)
+            .collect();
         let mut luma = vec![0; width * height];
-        luma.par_chunks_mut(width).zip(blurred.par_chunks(width)).enumerate().for_each(|(y, (out, row))| {
-            // A stream per row, so that the result does not depend on the number of threads.
-            let mut random = SeededRandom::new(seed, 1000 + y as u64);
-            for (grey, &value) in out.iter_mut().zip(row) {
-                *grey = self.add_noise_and_quantise(apply_tone_curve(&tones, value), &mut random);
-            }
-        });
+        luma.par_chunks_mut(width)
+            .zip(blurred.par_chunks(width))
+            .enumerate()
+            .for_each(|(y, (out, row))| {
+                // A stream per row, so that the result does not depend on the number of threads.
+                let mut random = SeededRandom::new(seed, 1000 + y as u64);
+                for (grey, &value) in out.iter_mut().zip(row) {
+                    *grey =
+                        self.add_noise_and_quantise(apply_tone_curve(&tones, value), &mut random);
+                }
+            });
         Raster::new(width, height, luma)
     }
 
@@ -66,7 +83,9 @@ fn gaussian_kernel(sigma: f64) -> Vec<f32> {
     let radius = (4.0 * sigma).ceil() as i64;
     let weight = |x: i64| (-0.5 * (x as f64 / sigma).powi(2)).exp();
     let sum: f64 = (-radius..=radius).map(weight).sum();
-    (-radius..=radius).map(|x| (weight(x) / sum) as f32).collect()
+    (-radius..=radius)
+        .map(|x| (weight(x) / sum) as f32)
+        .collect()
 }
 
 fn blur_image(image: Vec<f32>, width: usize, sigma: f64) -> Vec<f32> {
@@ -76,12 +95,19 @@ fn blur_image(image: Vec<f32>, width: usize, sigma: f64) -> Vec<f32> {
     let kernel = gaussian_kernel(sigma);
     let radius = kernel.len() / 2;
     let mut across = vec![0.0; image.len()];
-    across.par_chunks_mut(width).zip(image.par_chunks(width)).for_each(|(out, row)| {
-        let padded: Vec<f32> = (0..width + 2 * radius).map(|x| row[x.saturating_sub(radius).min(width - 1)]).collect();
-        for (k, weight) in kernel.iter().enumerate() {
-            out.iter_mut().zip(&padded[k..]).for_each(|(o, p)| *o += weight * p);
-        }
-    });
+    across
+        .par_chunks_mut(width)
+        .zip(image.par_chunks(width))
+        .for_each(|(out, row)| {
+            let padded: Vec<f32> = (0..width + 2 * radius)
+                .map(|x| row[x.saturating_sub(radius).min(width - 1)])
+                .collect();
+            for (k, weight) in kernel.iter().enumerate() {
+                out.iter_mut()
+                    .zip(&padded[k..])
+                    .for_each(|(o, p)| *o += weight * p);
+            }
+        });
     drop(image);
     let height = across.len() / width;
     let mut down = vec![0.0; across.len()];
@@ -124,7 +150,12 @@ fn bilinear_weights(dx: f64, dy: f64) -> [(f32, i64, i64); 4] {
     let (x, y) = (dx.floor(), dy.floor());
     let (a, b) = ((dx - x) as f32, (dy - y) as f32);
     let (x, y) = (x as i64, y as i64);
-    [((1.0 - a) * (1.0 - b), x, y), (a * (1.0 - b), x + 1, y), ((1.0 - a) * b, x, y + 1), (a * b, x + 1, y + 1)]
+    [
+        ((1.0 - a) * (1.0 - b), x, y),
+        (a * (1.0 - b), x + 1, y),
+        ((1.0 - a) * b, x, y + 1),
+        (a * b, x + 1, y + 1),
+    ]
 }
 
 #[cfg(test)]
@@ -146,7 +177,12 @@ mod tests {
             }
         }
         let (mx, my) = (sums[1] / sums[0], sums[2] / sums[0]);
-        (mx, my, sums[3] / sums[0] - mx * mx, sums[4] / sums[0] - my * my)
+        (
+            mx,
+            my,
+            sums[3] / sums[0] - mx * mx,
+            sums[4] / sums[0] - my * my,
+        )
     }
 
     #[test]
@@ -165,12 +201,21 @@ mod tests {
 
     #[test]
     fn noise_has_its_size_and_repeats() {
-        let sensor = SensorModel { noise: 4.0, read_fraction: 1.0, ..SensorModel::default() };
+        let sensor = SensorModel {
+            noise: 4.0,
+            read_fraction: 1.0,
+            ..SensorModel::default()
+        };
         let develop = || sensor.develop(vec![0.25; 200 * 200], 200, 200, 9).unwrap();
         let image = develop();
         assert_eq!(image, develop());
         let mean = image.luma().iter().map(|&g| f64::from(g)).sum::<f64>() / 4e4;
-        let variance = image.luma().iter().map(|&g| (f64::from(g) - mean).powi(2)).sum::<f64>() / 4e4;
+        let variance = image
+            .luma()
+            .iter()
+            .map(|&g| (f64::from(g) - mean).powi(2))
+            .sum::<f64>()
+            / 4e4;
         assert!((variance.sqrt() - 4.0).abs() < 0.15, "{variance}");
     }
 }

@@ -57,11 +57,17 @@ impl<'a> Tile<'a> {
         let mut sum = SkinLight::default();
         let mut count = 0.0;
         for i in (0..4).filter(|&i| self.hits[i].is_some()) {
-            sum = SkinLight { diffuse: sum.diffuse + self.diffuse[i], added: sum.added + self.added[i] };
+            sum = SkinLight {
+                diffuse: sum.diffuse + self.diffuse[i],
+                added: sum.added + self.added[i],
+            };
             count += 1.0;
         }
         let count = f64::max(count, 1.0);
-        SkinLight { diffuse: sum.diffuse / count, added: sum.added / count }
+        SkinLight {
+            diffuse: sum.diffuse / count,
+            added: sum.added / count,
+        }
     }
 
     /// Returns the direction of the ray at (`x`, `y`) px from the first corner.
@@ -97,14 +103,29 @@ pub struct Patch {
 
 impl Patch {
     /// Creates the patch; `None` if the corners are not on one sheet of the skin.
-    pub fn new(pose: &DeformedWing, clutter: &SkinClutter, tile: &Tile, hits: [Hit; 4]) -> Option<Self> {
+    pub fn new(
+        pose: &DeformedWing,
+        clutter: &SkinClutter,
+        tile: &Tile,
+        hits: [Hit; 4],
+    ) -> Option<Self> {
         let [a, b, c, d] = hits;
         let n = 2.0 * TILE as f64;
-        let (su, sv) = ((b.s - a.s + d.s - c.s).abs() / n, (c.s - a.s + d.s - b.s).abs() / n);
-        let (zu, zv) = ((b.z - a.z + d.z - c.z).abs() / n, (c.z - a.z + d.z - b.z).abs() / n);
+        let (su, sv) = (
+            (b.s - a.s + d.s - c.s).abs() / n,
+            (c.s - a.s + d.s - b.s).abs() / n,
+        );
+        let (zu, zv) = (
+            (b.z - a.z + d.z - c.z).abs() / n,
+            (c.z - a.z + d.z - b.z).abs() / n,
+        );
         let range = |value: fn(&Hit) -> f64| {
             let values = hits.map(|hit| value(&hit));
-            values.into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)))
+            values
+                .into_iter()
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
+                    (l.min(v), h.max(v))
+                })
         };
         let (s, z) = (range(|hit| hit.s), range(|hit| hit.z));
         // A sheet is nearly flat over a tile: opposite sides are equally long.
@@ -112,7 +133,10 @@ impl Patch {
         if spans_sheets {
             return None;
         }
-        let footprint = PixelFootprint { s: su + sv, z: zu + zv };
+        let footprint = PixelFootprint {
+            s: su + sv,
+            z: zu + zv,
+        };
         Some(Self {
             s: hits.map(|hit| hit.s),
             half_pixel_m: 1.3 * 0.5 * (su.hypot(zu) + sv.hypot(zv)),

@@ -46,7 +46,8 @@ const SATURATED: f64 = 0.9;
 impl Scene {
     /// Computes the truth of a shot.
     pub fn truth(&self, shot: &SceneShot) -> FrameTruth {
-        let ground = self.marker_survey_positions(&self.wing.deform(&SceneState::ground(shot.state.load)), &[]);
+        let ground = self
+            .marker_survey_positions(&self.wing.deform(&SceneState::ground(shot.state.load)), &[]);
         let pose = self.wing.deform(&shot.state);
         let flight = self.marker_survey_positions(&pose, &shot.target_shifts_m);
         let deflection: Vec<f64> = flight.iter().zip(&ground).map(|(f, g)| f.z - g.z).collect();
@@ -70,13 +71,21 @@ impl Scene {
                         *k != i && pixel.is_some_and(within)
                     };
                     let in_view = in_view && !plates.iter().any(behind);
-                    let lit = light.light_at(&pose, &Hit { s: marker.s_m, z: marker.z_m });
+                    let lit = light.light_at(
+                        &pose,
+                        &Hit {
+                            s: marker.s_m,
+                            z: marker.z_m,
+                        },
+                    );
                     MarkerTruth {
                         id: marker.id.clone(),
                         shape: marker.shape,
                         pixel,
                         size_px,
-                        visible: in_view && !is_highlight_saturated(&lit) && !shot.hidden.contains(&i),
+                        visible: in_view
+                            && !is_highlight_saturated(&lit)
+                            && !shot.hidden.contains(&i),
                         position_m: flight[i],
                         deflection_m: deflection[i],
                     }
@@ -86,7 +95,11 @@ impl Scene {
     }
 
     /// Returns the image boxes of the plates of fixed targets, px.
-    fn plate_boxes(&self, shot: &SceneShot, placed: &[MarkerDisc]) -> Vec<(usize, Vector2<f64>, Vector2<f64>)> {
+    fn plate_boxes(
+        &self,
+        shot: &SceneShot,
+        placed: &[MarkerDisc],
+    ) -> Vec<(usize, Vector2<f64>, Vector2<f64>)> {
         let camera_from_wing = self.camera_from_wing(shot);
         let plate_box = |(k, p): (usize, &MarkerDisc)| {
             let (low, high) = outline_box(p, &camera_from_wing, &self.lens(shot))?;
@@ -95,10 +108,17 @@ impl Scene {
         placed.iter().enumerate().filter_map(plate_box).collect()
     }
 
-    fn marker_survey_positions(&self, pose: &DeformedWing, target_shifts_m: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    fn marker_survey_positions(
+        &self,
+        pose: &DeformedWing,
+        target_shifts_m: &[Vector3<f64>],
+    ) -> Vec<Vector3<f64>> {
         // The origin is the camera's position at the ground frame.
         let still = |placed: &MarkerDisc| placed.centre_m - pose.cabin_m;
-        self.marker_discs(pose, target_shifts_m).iter().map(|placed| self.frame.survey_point(&still(placed))).collect()
+        self.marker_discs(pose, target_shifts_m)
+            .iter()
+            .map(|placed| self.frame.survey_point(&still(placed)))
+            .collect()
     }
 
     /// Returns the image of the centre, the size of the outline's box, and true if all of it is visible.
@@ -115,10 +135,14 @@ impl Scene {
             return (pixel, Vector2::zeros(), false);
         };
         let facing = placed.normal.dot(&placed.centre_m) < 0.0;
-        let clear = |point: &Vector3<f64>| pose.first_hit(point).is_some_and(|hit| placed.covers(hit.s));
+        let clear = |point: &Vector3<f64>| {
+            pose.first_hit(point)
+                .is_some_and(|hit| placed.covers(hit.s))
+        };
         let in_frame = lens.contains(&low) && lens.contains(&high);
         let clear = |point: &Vector3<f64>| placed.plate_m.is_some() || clear(point);
-        let visible = facing && in_frame && clear(&placed.centre_m) && placed.outline(16).all(|p| clear(&p));
+        let visible =
+            facing && in_frame && clear(&placed.centre_m) && placed.outline(16).all(|p| clear(&p));
         // The box contains the plate, which is larger than the print by this ratio.
         let share = placed.plate_m.map_or(1.0, |half| placed.radius_m / half);
         (pixel, (high - low) * share, visible)

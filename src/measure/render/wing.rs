@@ -75,7 +75,10 @@ impl SceneWing {
     /// Returns both edges at a station, m from the axis.
     pub fn edges(&self, s: f64) -> (f64, f64) {
         let eta = self.eta(s);
-        (self.edge_low_m.value_at(eta), self.edge_high_m.value_at(eta))
+        (
+            self.edge_low_m.value_at(eta),
+            self.edge_high_m.value_at(eta),
+        )
     }
 
     /// Returns the height of the skin above the axis, m.
@@ -103,11 +106,27 @@ impl SceneWing {
         let step = self.beam.step_m();
         let stations = self.beam.stations();
         let last = (stations - 1) as f64;
-        let ground: Vec<f64> = (0..stations).map(|i| self.slope_rad.value_at(i as f64 / last)).collect();
-        let bent = self.beam.bend(&ground, &state.load, state.tip_deflection_m, state.second_mode_m);
-        let SceneMotion { camera_m, root_m, root_pitch_rad, root_slope_rad } = state.motion;
+        let ground: Vec<f64> = (0..stations)
+            .map(|i| self.slope_rad.value_at(i as f64 / last))
+            .collect();
+        let bent = self.beam.bend(
+            &ground,
+            &state.load,
+            state.tip_deflection_m,
+            state.second_mode_m,
+        );
+        let SceneMotion {
+            camera_m,
+            root_m,
+            root_pitch_rad,
+            root_slope_rad,
+        } = state.motion;
         let twist = self.beam.twist(state.tip_twist_rad);
-        let slope: Vec<f64> = ground.iter().zip(&bent.slope_rad).map(|(g, b)| g + b + root_slope_rad).collect();
+        let slope: Vec<f64> = ground
+            .iter()
+            .zip(&bent.slope_rad)
+            .map(|(g, b)| g + b + root_slope_rad)
+            .collect();
         // Coordinates are relative to the camera.
         let (cabin_m, wing_m) = (-camera_m, root_m - camera_m);
         let x = running_integral(step, slope.iter().map(|t| t.cos()));
@@ -122,8 +141,17 @@ impl SceneWing {
                 twist_sin: self.side.aft_sign() * (twist[i] + root_pitch_rad).sin(),
             })
             .collect();
-        let wing = SceneWing { axis_z_m: self.axis_z_m + wing_m.z, ..*self };
-        DeformedWing { wing, cabin_m, scale: state.thermal_scale, step_m: step, sections }
+        let wing = SceneWing {
+            axis_z_m: self.axis_z_m + wing_m.z,
+            ..*self
+        };
+        DeformedWing {
+            wing,
+            cabin_m,
+            scale: state.thermal_scale,
+            step_m: step,
+            sections,
+        }
     }
 }
 
@@ -161,7 +189,14 @@ impl SceneState {
     /// Returns the wing at rest, at the temperature of the survey.
     pub fn ground(load: LoadShape) -> Self {
         let moved = SceneMotion::default();
-        Self { tip_deflection_m: 0.0, second_mode_m: 0.0, load, tip_twist_rad: 0.0, thermal_scale: 1.0, motion: moved }
+        Self {
+            tip_deflection_m: 0.0,
+            second_mode_m: 0.0,
+            load,
+            tip_twist_rad: 0.0,
+            thermal_scale: 1.0,
+            motion: moved,
+        }
     }
 }
 
@@ -221,7 +256,11 @@ impl DeformedWing {
         let (cos, sin) = (section.twist_cos, section.twist_sin);
         let up = self.scale * (n * cos - z * sin);
         let across = self.scale * (z * cos + n * sin);
-        Vector3::new(section.x - section.sin * up, section.y + section.cos * up, self.wing.axis_z_m + across)
+        Vector3::new(
+            section.x - section.sin * up,
+            section.y + section.cos * up,
+            self.wing.axis_z_m + across,
+        )
     }
 
     /// Returns the derivatives of the skin's point along s and z, and the outward unit normal.
@@ -243,7 +282,11 @@ impl DeformedWing {
     /// Returns a gap of the right sign: without the waves where it exceeds them.
     pub fn signed_gap(&self, s: f64, direction: &Vector3<f64>) -> f64 {
         let (gap, z) = self.smooth_gap(s, direction);
-        if gap.abs() > self.wing.wave_m { gap } else { gap - self.wing.skin_wave(s, z) }
+        if gap.abs() > self.wing.wave_m {
+            gap
+        } else {
+            gap - self.wing.skin_wave(s, z)
+        }
     }
 
     fn smooth_gap(&self, s: f64, direction: &Vector3<f64>) -> (f64, f64) {
@@ -255,7 +298,10 @@ impl DeformedWing {
         let across = (t * direction.z - self.wing.axis_z_m) / self.scale;
         let (cos, sin) = (section.twist_cos, section.twist_sin);
         let z = across * cos - up * sin;
-        (up * cos + across * sin - self.wing.smooth_skin_height(s, z), z)
+        (
+            up * cos + across * sin - self.wing.smooth_skin_height(s, z),
+            z,
+        )
     }
 }
 
@@ -269,23 +315,50 @@ pub(super) mod tests {
             root_x_m: 0.5,
             root_y_m: -2.2,
             axis_z_m: 0.1,
-            slope_rad: LinearTaper { root: 0.08, tip: 0.09 },
-            edge_low_m: LinearTaper { root: -3.6, tip: -1.2 },
-            edge_high_m: LinearTaper { root: 3.6, tip: 1.2 },
-            skin_m: LinearTaper { root: 0.5, tip: 0.14 },
+            slope_rad: LinearTaper {
+                root: 0.08,
+                tip: 0.09,
+            },
+            edge_low_m: LinearTaper {
+                root: -3.6,
+                tip: -1.2,
+            },
+            edge_high_m: LinearTaper {
+                root: 3.6,
+                tip: 1.2,
+            },
+            skin_m: LinearTaper {
+                root: 0.5,
+                tip: 0.14,
+            },
             crown: 0.05,
             wave_m: 0.0005,
-            beam: CantileverBeam { length_m: 33.0, taper: 0.3, stiffness_power: 3.5 },
+            beam: CantileverBeam {
+                length_m: 33.0,
+                taper: 0.3,
+                stiffness_power: 3.5,
+            },
         }
     }
 
-    const LOAD: LoadShape = LoadShape { triangular: 0.3, relief: 0.2 };
+    const LOAD: LoadShape = LoadShape {
+        triangular: 0.3,
+        relief: 0.2,
+    };
 
     #[test]
     fn the_axis_keeps_its_length_but_for_temperature() {
-        let state = SceneState { tip_deflection_m: 3.0, thermal_scale: 0.9984, ..SceneState::ground(LOAD) };
+        let state = SceneState {
+            tip_deflection_m: 3.0,
+            thermal_scale: 0.9984,
+            ..SceneState::ground(LOAD)
+        };
         let pose = wing().deform(&state);
-        let length: f64 = pose.sections.windows(2).map(|p| (p[1].x - p[0].x).hypot(p[1].y - p[0].y)).sum();
+        let length: f64 = pose
+            .sections
+            .windows(2)
+            .map(|p| (p[1].x - p[0].x).hypot(p[1].y - p[0].y))
+            .sum();
         assert!((length - 33.0 * 0.9984).abs() < 1e-6, "{length}");
     }
 
@@ -293,10 +366,14 @@ pub(super) mod tests {
     fn twist_raises_the_leading_edge_on_both_sides() {
         for side in [SceneSide::Left, SceneSide::Right] {
             let wing = SceneWing { side, ..wing() };
-            let state = SceneState { tip_twist_rad: 0.05, ..SceneState::ground(LOAD) };
+            let state = SceneState {
+                tip_twist_rad: 0.05,
+                ..SceneState::ground(LOAD)
+            };
             let (ground, flight) = (wing.deform(&SceneState::ground(LOAD)), wing.deform(&state));
             let leading = -side.aft_sign();
-            let deflection = flight.skin_point(32.0, leading).y - ground.skin_point(32.0, leading).y;
+            let deflection =
+                flight.skin_point(32.0, leading).y - ground.skin_point(32.0, leading).y;
             assert!(deflection > 0.03, "{side:?} {deflection}");
         }
     }
@@ -313,7 +390,10 @@ pub(super) mod tests {
         for (s, z) in [(6.0, 1.0), (20.03, -1.3), (32.5, 0.4)] {
             let point = pose.skin_point(s, z);
             let (gap, across) = pose.skin_gap(s, &point.normalize());
-            assert!(gap.abs() < 1e-7 && (across - z).abs() < 1e-7, "{gap} {across}");
+            assert!(
+                gap.abs() < 1e-7 && (across - z).abs() < 1e-7,
+                "{gap} {across}"
+            );
         }
     }
 }

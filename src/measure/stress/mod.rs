@@ -16,6 +16,6 @@ mod wear;
 pub use moment::{BendingCurvature, BendingMoment, DEFAULT_STEPS, bending_length_m};
 pub use sampling::{SAMPLES_PER_PERIOD, Sampling, UnseenFractions, analyse_sampling};
 pub use wear::{
-    Damage, Exceedance, FlightCycles, GoodmanLine, GroundAirGround, count_exceedances, count_flight_cycles,
-    extreme_moment, ground_air_ground, relative_damage,
+    Damage, Exceedance, FlightCycles, GoodmanLine, GroundAirGround, count_exceedances,
+    count_flight_cycles, extreme_moment, ground_air_ground, relative_damage,
 };

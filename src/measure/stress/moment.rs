@@ -48,19 +48,25 @@ const DERIVATIVE_STEP: f64 = 1e-3;
 impl BendingCurvature {
     fn curvature_basis_at(&self, s_m: f64) -> DVector<f64> {
         let basis = curvature_basis(s_m / self.length_m);
-        DVector::from_fn(self.coefficients_per_m.len(), |k, _| basis.get(k).copied().unwrap_or(0.0))
+        DVector::from_fn(self.coefficients_per_m.len(), |k, _| {
+            basis.get(k).copied().unwrap_or(0.0)
+        })
     }
 
     /// Returns the change of the curvature at a position, relative to the ground, 1/m.
     pub fn value_at(&self, s_m: f64) -> Estimate {
         let basis = self.curvature_basis_at(s_m);
         let step_m = DERIVATIVE_STEP * self.length_m;
-        let slope = self.curvature_basis_at(s_m + step_m) - self.curvature_basis_at((s_m - step_m).max(0.0));
+        let slope = self.curvature_basis_at(s_m + step_m)
+            - self.curvature_basis_at((s_m - step_m).max(0.0));
         let apart_m = s_m + step_m - (s_m - step_m).max(0.0);
         // Stations come from drawings, but the curve begins at the root of the adjustment.
         let by_root = slope.dot(&self.coefficients_per_m) / apart_m * self.root_sigma_m;
         let variance = (basis.transpose() * &self.covariance * &basis)[(0, 0)].max(0.0);
-        Estimate { value: basis.dot(&self.coefficients_per_m), sigma: Some(variance.sqrt().hypot(by_root)) }
+        Estimate {
+            value: basis.dot(&self.coefficients_per_m),
+            sigma: Some(variance.sqrt().hypot(by_root)),
+        }
     }
 
     /// Returns the change of the bending moment relative to the ground.

@@ -15,7 +15,12 @@ pub struct LoadCycle {
 
 impl LoadCycle {
     fn new(a: (usize, f64), b: (usize, f64), count: f64) -> Self {
-        Self { range: (a.1 - b.1).abs(), mean: 0.5 * (a.1 + b.1), count, ends: [a.0, b.0] }
+        Self {
+            range: (a.1 - b.1).abs(),
+            mean: 0.5 * (a.1 + b.1),
+            count,
+            ends: [a.0, b.0],
+        }
     }
 }
 
@@ -57,7 +62,11 @@ pub fn count_cycles(history: &[f64]) -> Vec<LoadCycle> {
             }
         }
     }
-    found.extend(open.iter().zip(open.iter().skip(1)).map(|(a, b)| LoadCycle::new(*a, *b, 0.5)));
+    found.extend(
+        open.iter()
+            .zip(open.iter().skip(1))
+            .map(|(a, b)| LoadCycle::new(*a, *b, 0.5)),
+    );
     found
 }
 
@@ -69,9 +78,20 @@ mod tests {
     #[test]
     fn the_standards_example() {
         let history = [-2.0, 1.0, -3.0, 5.0, -1.0, 3.0, -4.0, 4.0, -2.0];
-        let mut found: Vec<(f64, f64)> = count_cycles(&history).iter().map(|c| (c.range, c.count)).collect();
+        let mut found: Vec<(f64, f64)> = count_cycles(&history)
+            .iter()
+            .map(|c| (c.range, c.count))
+            .collect();
         found.sort_by(|a, b| a.partial_cmp(b).unwrap());
-        let expected = [(3.0, 0.5), (4.0, 0.5), (4.0, 1.0), (6.0, 0.5), (8.0, 0.5), (8.0, 0.5), (9.0, 0.5)];
+        let expected = [
+            (3.0, 0.5),
+            (4.0, 0.5),
+            (4.0, 1.0),
+            (6.0, 0.5),
+            (8.0, 0.5),
+            (8.0, 0.5),
+            (9.0, 0.5),
+        ];
         assert_eq!(found, expected);
     }
 
@@ -79,7 +99,12 @@ mod tests {
     fn a_history_without_a_turn_is_half_a_cycle_and_one_without_a_change_none() {
         assert_eq!(
             count_cycles(&[0.0, 1.0, 1.0, 2.0]),
-            [LoadCycle { range: 2.0, mean: 1.0, count: 0.5, ends: [0, 3] }]
+            [LoadCycle {
+                range: 2.0,
+                mean: 1.0,
+                count: 0.5,
+                ends: [0, 3]
+            }]
         );
         for none in [&[][..], &[1.0], &[1.0, 1.0, 1.0]] {
             assert_eq!(count_cycles(none), []);

@@ -12,7 +12,11 @@ const NOISE_SIGMAS: f64 = 3.0;
 /// Returns the largest (`sign` 1) or smallest (-1) moment and its index in the history.
 pub fn extreme_moment(moments: &[BendingMoment], sign: f64) -> Option<(usize, BendingMoment)> {
     let at = |(k, m): (usize, &BendingMoment)| (k, *m);
-    moments.iter().enumerate().map(at).max_by(|a, b| (sign * a.1.value).total_cmp(&(sign * b.1.value)))
+    moments
+        .iter()
+        .enumerate()
+        .map(at)
+        .max_by(|a, b| (sign * a.1.value).total_cmp(&(sign * b.1.value)))
 }
 
 /// The ground-air-ground cycle: from the ground to the flight's extreme and back.
@@ -31,7 +35,12 @@ pub struct GroundAirGround {
 
 /// Returns the ground-air-ground cycle; `None` without moments.
 pub fn ground_air_ground(moments: &[BendingMoment]) -> Option<GroundAirGround> {
-    let ground = BendingMoment { value: 0.0, sigma: 0.0, sigma_by_curvature: 0.0, sigma_by_stiffness: 0.0 };
+    let ground = BendingMoment {
+        value: 0.0,
+        sigma: 0.0,
+        sigma_by_curvature: 0.0,
+        sigma_by_stiffness: 0.0,
+    };
     let (_, high) = extreme_moment(moments, 1.0)?;
     let (_, low) = extreme_moment(moments, -1.0)?;
     let high = if high.value > 0.0 { high } else { ground };
@@ -59,14 +68,22 @@ pub struct Exceedance {
 
 /// Counts exceedances of `count` equidistant levels between the lowest and the highest moment.
 pub fn count_exceedances(moments: &[BendingMoment], count: usize) -> Vec<Exceedance> {
-    let (Some((_, high)), Some((_, low))) = (extreme_moment(moments, 1.0), extreme_moment(moments, -1.0)) else {
+    let (Some((_, high)), Some((_, low))) =
+        (extreme_moment(moments, 1.0), extreme_moment(moments, -1.0))
+    else {
         return Vec::new();
     };
     let one = |k: usize| {
         let level = low.value + (high.value - low.value) * (k as f64 + 0.5) / count as f64;
         let above = |m: &&BendingMoment| m.value > level;
-        let crossings = moments.windows(2).filter(|pair| !above(&&pair[0]) && above(&&pair[1]));
-        Exceedance { level_n_m: level, frames: moments.iter().filter(above).count(), crossings: crossings.count() }
+        let crossings = moments
+            .windows(2)
+            .filter(|pair| !above(&&pair[0]) && above(&&pair[1]));
+        Exceedance {
+            level_n_m: level,
+            frames: moments.iter().filter(above).count(),
+            crossings: crossings.count(),
+        }
     };
     (0..count).map(one).collect()
 }
@@ -95,11 +112,13 @@ fn noise_gate(moments: &[BendingMoment]) -> f64 {
 pub fn count_flight_cycles(moments: &[BendingMoment]) -> FlightCycles {
     let on_ground = std::iter::once((0.0, 0.0));
     let in_flight = moments.iter().map(|m| (m.value, m.sigma_by_curvature));
-    let (values, sigmas): (Vec<f64>, Vec<f64>) = on_ground.clone().chain(in_flight).chain(on_ground).unzip();
+    let (values, sigmas): (Vec<f64>, Vec<f64>) =
+        on_ground.clone().chain(in_flight).chain(on_ground).unzip();
     let at = |k: usize| sigmas.get(k).copied().unwrap_or(0.0);
     let sigma = |cycle: &LoadCycle| at(cycle.ends[0]).hypot(at(cycle.ends[1]));
-    let (cycles, small): (Vec<LoadCycle>, Vec<LoadCycle>) =
-        rainflow::count_cycles(&values).into_iter().partition(|cycle| cycle.range >= NOISE_SIGMAS * sigma(cycle));
+    let (cycles, small): (Vec<LoadCycle>, Vec<LoadCycle>) = rainflow::count_cycles(&values)
+        .into_iter()
+        .partition(|cycle| cycle.range >= NOISE_SIGMAS * sigma(cycle));
     FlightCycles {
         sigmas_n_m: cycles.iter().map(sigma).collect(),
         cycles,
@@ -121,7 +140,11 @@ impl GoodmanLine {
     /// Returns the range with mean 0 of equal damage; a mean that closes cracks is not credited. Infinite at failure.
     pub fn equivalent_range(&self, range: f64, mean: f64) -> f64 {
         let share = ((self.ground_n_m + mean) / self.ultimate_n_m).max(0.0);
-        if share < 1.0 { range / (1.0 - share) } else { f64::INFINITY }
+        if share < 1.0 {
+            range / (1.0 - share)
+        } else {
+            f64::INFINITY
+        }
     }
 }
 
@@ -150,7 +173,8 @@ pub fn relative_damage(
     goodman: Option<GoodmanLine>,
     (stiffness_fraction, unseen): (f64, UnseenFractions),
 ) -> Damage {
-    let corrected = |range: f64, mean: f64| goodman.map_or(range, |g| g.equivalent_range(range, mean));
+    let corrected =
+        |range: f64, mean: f64| goodman.map_or(range, |g| g.equivalent_range(range, mean));
     let reference = corrected(reference_cycle.range_n_m, reference_cycle.mean_n_m);
     let (mut sum, mut variance, mut largest) = (0.0, 0.0, 0.0_f64);
     for (cycle, sigma) in flight.cycles.iter().zip(&flight.sigmas_n_m) {
@@ -159,11 +183,17 @@ pub fn relative_damage(
         largest = largest.max(own);
         variance += (slope * own * sigma / cycle.range).powi(2);
     }
-    let by_reference = slope * sum * reference_cycle.sigma_by_curvature_n_m / reference_cycle.range_n_m;
+    let by_reference =
+        slope * sum * reference_cycle.sigma_by_curvature_n_m / reference_cycle.range_n_m;
     // Both are losses, and the ranges of the uncovered time would be missed too.
-    let by_unseen = (sum - largest) * ((1.0 + slope * unseen.range_fraction) * (1.0 + unseen.time_fraction) - 1.0);
+    let by_unseen = (sum - largest)
+        * ((1.0 + slope * unseen.range_fraction) * (1.0 + unseen.time_fraction) - 1.0);
     let equivalent = reference * sum.powf(slope.recip());
-    let by_cycles = if sum > 0.0 { variance.sqrt().hypot(by_unseen) / (slope * sum) } else { 0.0 };
+    let by_cycles = if sum > 0.0 {
+        variance.sqrt().hypot(by_unseen) / (slope * sum)
+    } else {
+        0.0
+    };
     Damage {
         slope,
         relative: sum,
@@ -178,7 +208,12 @@ mod tests {
     use super::*;
 
     fn moment(value: f64) -> BendingMoment {
-        BendingMoment { value, sigma: 0.1, sigma_by_curvature: 0.1, sigma_by_stiffness: 0.0 }
+        BendingMoment {
+            value,
+            sigma: 0.1,
+            sigma_by_curvature: 0.1,
+            sigma_by_stiffness: 0.0,
+        }
     }
 
     fn seen(stiffness_fraction: f64) -> (f64, UnseenFractions) {
@@ -200,45 +235,79 @@ mod tests {
             let damage = relative_damage(&flight, &reference_cycle, slope, None, seen(0.05));
             close(damage.relative, 1.0);
             close(damage.equivalent_range_n_m, 10.0);
-            close(damage.sigma_equivalent_range_n_m, 10.0 * 0.05f64.hypot(0.01 / 2f64.sqrt()));
+            close(
+                damage.sigma_equivalent_range_n_m,
+                10.0 * 0.05f64.hypot(0.01 / 2f64.sqrt()),
+            );
         }
     }
 
     #[test]
     fn gusts_add_damage_and_noise_adds_none() {
         let gusts = [10.0, 5.0, 10.0, 5.0, 10.0, 9.9, 10.0].map(moment).to_vec();
-        let (reference_cycle, flight) = (ground_air_ground(&gusts).unwrap(), count_flight_cycles(&gusts));
+        let (reference_cycle, flight) = (
+            ground_air_ground(&gusts).unwrap(),
+            count_flight_cycles(&gusts),
+        );
         close(flight.excluded, 1.0);
-        close(relative_damage(&flight, &reference_cycle, 3.0, None, seen(0.0)).relative, 1.0 + 2.0 * 0.125);
-        close(relative_damage(&flight, &reference_cycle, 5.0, None, seen(0.0)).relative, 1.0 + 2.0 / 32.0);
+        close(
+            relative_damage(&flight, &reference_cycle, 3.0, None, seen(0.0)).relative,
+            1.0 + 2.0 * 0.125,
+        );
+        close(
+            relative_damage(&flight, &reference_cycle, 5.0, None, seen(0.0)).relative,
+            1.0 + 2.0 / 32.0,
+        );
     }
 
     #[test]
     fn one_significant_frame_counts_as_a_cycle_from_the_ground() {
         // 3.5 standard deviations of one frame, fewer than 3 of the difference of two.
-        let (reference_cycle, flight) =
-            (ground_air_ground(&[moment(0.35)]).unwrap(), count_flight_cycles(&[moment(0.35)]));
+        let (reference_cycle, flight) = (
+            ground_air_ground(&[moment(0.35)]).unwrap(),
+            count_flight_cycles(&[moment(0.35)]),
+        );
         assert!(flight.gate_n_m > 0.35);
-        close(relative_damage(&flight, &reference_cycle, 3.0, None, seen(0.0)).relative, 1.0);
+        close(
+            relative_damage(&flight, &reference_cycle, 3.0, None, seen(0.0)).relative,
+            1.0,
+        );
     }
 
     #[test]
     fn goodman_raises_ranges_about_a_mean_load() {
-        let line = GoodmanLine { ground_n_m: 0.0, ultimate_n_m: 30.0 };
+        let line = GoodmanLine {
+            ground_n_m: 0.0,
+            ultimate_n_m: 30.0,
+        };
         close(line.equivalent_range(10.0, 15.0), 20.0);
         close(line.equivalent_range(10.0, -15.0), 10.0);
         assert_eq!(line.equivalent_range(10.0, 30.0), f64::INFINITY);
         let gusts = [10.0, 5.0, 10.0].map(moment).to_vec();
-        let (reference_cycle, flight) = (ground_air_ground(&gusts).unwrap(), count_flight_cycles(&gusts));
-        let corrected = relative_damage(&flight, &reference_cycle, 3.0, Some(line), seen(0.0)).relative;
-        close(corrected, 1.0 + ((5.0 / 0.75) / (10.0 * 6.0 / 5.0f64)).powi(3));
+        let (reference_cycle, flight) = (
+            ground_air_ground(&gusts).unwrap(),
+            count_flight_cycles(&gusts),
+        );
+        let corrected =
+            relative_damage(&flight, &reference_cycle, 3.0, Some(line), seen(0.0)).relative;
+        close(
+            corrected,
+            1.0 + ((5.0 / 0.75) / (10.0 * 6.0 / 5.0f64)).powi(3),
+        );
     }
 
     #[test]
     fn levels_are_crossed_upwards_and_counted() {
         let moments = [0.0, 8.0, 0.0, 8.0, 8.0, 0.0].map(moment).to_vec();
         let found = count_exceedances(&moments, 2);
-        assert_eq!(found[0], Exceedance { level_n_m: 2.0, frames: 3, crossings: 2 });
+        assert_eq!(
+            found[0],
+            Exceedance {
+                level_n_m: 2.0,
+                frames: 3,
+                crossings: 2
+            }
+        );
         assert_eq!(count_exceedances(&[], 2), []);
     }
 }

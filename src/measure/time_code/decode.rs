@@ -40,8 +40,12 @@ pub fn decode_time(one: u32, mixed: u32) -> Option<DisplayedTime> {
     }
     let seen = candidate_counts(&pattern)?;
     (1..=MAX_TICKS).find_map(|ticks| {
-        let starts = seen.iter().flat_map(|&count| (0..ticks).map(move |before| count.wrapping_sub(before) % COUNTS));
-        let starts: BTreeSet<u32> = starts.filter(|&start| explains_pattern(start, ticks, &pattern)).collect();
+        let starts = seen
+            .iter()
+            .flat_map(|&count| (0..ticks).map(move |before| count.wrapping_sub(before) % COUNTS));
+        let starts: BTreeSet<u32> = starts
+            .filter(|&start| explains_pattern(start, ticks, &pattern))
+            .collect();
         (!starts.is_empty()).then(|| time_from_runs(&starts, ticks))
     })?
 }
@@ -86,7 +90,9 @@ fn explains_pattern(start: u32, ticks: u32, pattern: &CellPattern) -> bool {
 
 fn time_from_runs(starts: &BTreeSet<u32>, ticks: u32) -> Option<DisplayedTime> {
     // Neighbours, including those across the end of the code.
-    let first = *starts.iter().find(|start| !starts.contains(&(start.wrapping_sub(1) % COUNTS)))?;
+    let first = *starts
+        .iter()
+        .find(|start| !starts.contains(&(start.wrapping_sub(1) % COUNTS)))?;
     let more = starts.len() as u32 - 1;
     if !(0..=more).all(|k| starts.contains(&((first + k) % COUNTS))) {
         return None;
@@ -103,7 +109,12 @@ fn time_from_runs(starts: &BTreeSet<u32>, ticks: u32) -> Option<DisplayedTime> {
 pub fn nearest_time(shown: &DisplayedTime, about_ms: f64) -> f64 {
     let turn = f64::from(COUNTS) * f64::from(TICK_MS);
     let offset = (shown.middle_ms - about_ms).rem_euclid(turn);
-    about_ms + if offset > 0.5 * turn { offset - turn } else { offset }
+    about_ms
+        + if offset > 0.5 * turn {
+            offset - turn
+        } else {
+            offset
+        }
 }
 
 #[cfg(test)]
@@ -111,7 +122,9 @@ mod tests {
     use super::*;
 
     fn shown_by(counts: std::ops::Range<u32>) -> Option<DisplayedTime> {
-        let (all, any) = counts.map(code_word).fold((u32::MAX, 0), |(all, any), word| (all & word, any | word));
+        let (all, any) = counts
+            .map(code_word)
+            .fold((u32::MAX, 0), |(all, any), word| (all & word, any | word));
         decode_time(all & ((1 << BITS) - 1), any & !all)
     }
 
@@ -119,7 +132,10 @@ mod tests {
     fn every_count_is_read() {
         for count in (0..COUNTS).step_by(61).chain([COUNTS - 1]) {
             let shown = shown_by(count..count + 1).unwrap();
-            assert_eq!((shown.middle_ms, shown.width_ms), ((f64::from(count) + 0.5) * 19.0, 19.0));
+            assert_eq!(
+                (shown.middle_ms, shown.width_ms),
+                ((f64::from(count) + 0.5) * 19.0, 19.0)
+            );
         }
     }
 
@@ -127,11 +143,16 @@ mod tests {
     fn the_middle_of_a_long_exposure_is_within_its_interval() {
         for start in (0..COUNTS).step_by(13) {
             for ticks in 1..10u32 {
-                let Some(shown) = shown_by(start..start + ticks) else { continue };
+                let Some(shown) = shown_by(start..start + ticks) else {
+                    continue;
+                };
                 let middle = (f64::from(start) + 0.5 * f64::from(ticks)) * 19.0;
                 let turn = f64::from(COUNTS) * 19.0;
                 let off = (shown.middle_ms - middle + 0.5 * turn).rem_euclid(turn) - 0.5 * turn;
-                assert!(2.0 * off.abs() <= shown.width_ms - 19.0 + 1e-9, "{start} {ticks} {shown:?}");
+                assert!(
+                    2.0 * off.abs() <= shown.width_ms - 19.0 + 1e-9,
+                    "{start} {ticks} {shown:?}"
+                );
             }
         }
     }
@@ -144,12 +165,19 @@ mod tests {
         let lowest = 1 << turned.trailing_zeros();
         assert!(lowest < 0b100000);
         let torn = decode_time(code_word(before) ^ lowest, 0).unwrap();
-        assert_eq!((torn.ticks, torn.middle_ms), (2, f64::from(before + 1) * 19.0));
+        assert_eq!(
+            (torn.ticks, torn.middle_ms),
+            (2, f64::from(before + 1) * 19.0)
+        );
         // A slow bit alone.
         assert_eq!(decode_time(code_word(5000) ^ 1 << 20, 0), None);
         assert_eq!(decode_time(code_word(5000) & !(1 << 20), 1 << 20), None);
         // Upside down: the complements in reverse order.
-        let upside = |word: u32| (0..BITS).map(|bit| (!word >> (BITS - 1 - bit) & 1) << bit).sum::<u32>();
+        let upside = |word: u32| {
+            (0..BITS)
+                .map(|bit| (!word >> (BITS - 1 - bit) & 1) << bit)
+                .sum::<u32>()
+        };
         assert!((0..COUNTS).all(|count| decode_time(upside(code_word(count)), 0).is_none()));
     }
 
@@ -157,18 +185,28 @@ mod tests {
     fn one_inverted_bit_of_the_count_or_its_parity_is_rejected() {
         for count in (0..COUNTS).step_by(61) {
             for bit in (0..BITS).filter(|bit| (COUNT_MASK | PARITY) >> bit & 1 == 1) {
-                assert_eq!(decode_time(code_word(count) ^ 1 << bit, 0), None, "{count} {bit}");
+                assert_eq!(
+                    decode_time(code_word(count) ^ 1 << bit, 0),
+                    None,
+                    "{count} {bit}"
+                );
             }
         }
     }
 
     #[test]
     fn the_moment_is_the_nearest_one() {
-        let shown = DisplayedTime { middle_ms: 1000.0, width_ms: 19.0, ticks: 1 };
+        let shown = DisplayedTime {
+            middle_ms: 1000.0,
+            width_ms: 19.0,
+            ticks: 1,
+        };
         let turn = f64::from(COUNTS) * 19.0;
         for about in [-3e5, 0.0, 9e5, 7.0 * turn - 5e5] {
             let moment = nearest_time(&shown, about);
-            assert!((moment - about).abs() <= 0.5 * turn && (moment - 1000.0).rem_euclid(turn) < 1e-3);
+            assert!(
+                (moment - about).abs() <= 0.5 * turn && (moment - 1000.0).rem_euclid(turn) < 1e-3
+            );
         }
     }
 }

@@ -61,7 +61,9 @@ pub fn estimate_delay(images: &[(f64, f64)], systematic_s: f64) -> Option<DelayE
     let (mean_s, read2) = (mean(&|p| p.0), mean(&|p| p.1 * p.1));
     let freedom = n - 1.0;
     let scatter2 = (freedom > 0.0).then(|| mean(&|p| (p.0 - mean_s).powi(2)) * n / freedom);
-    let mean_sigma_s = (scatter2.unwrap_or(read2).max(read2) / n).sqrt().hypot(systematic_s);
+    let mean_sigma_s = (scatter2.unwrap_or(read2).max(read2) / n)
+        .sqrt()
+        .hypot(systematic_s);
     // A variance from n images has the relative standard deviation sqrt(2 / (n - 1)).
     let excess2 = |scatter2: f64| (scatter2 - read2 + (2.0 / freedom).sqrt() * read2).max(0.0);
     (n > 0.0).then(|| DelayEstimate {
@@ -97,14 +99,21 @@ impl ExposureTest {
     pub fn new(difference: DelayEstimate, recorded_sigmas_s: &[f64]) -> Self {
         let recorded = recorded_sigmas_s.iter().map(|sigma_s| sigma_s.powi(2));
         let recorded_variance = recorded.sum::<f64>() / recorded_sigmas_s.len().max(1) as f64;
-        let normalised = difference.mean_s.abs() / (difference.mean_sigma_s.powi(2) + recorded_variance).sqrt();
+        let normalised =
+            difference.mean_s.abs() / (difference.mean_sigma_s.powi(2) + recorded_variance).sqrt();
         let freedom = difference.images.saturating_sub(1);
         let scattered = difference.scatter_s.is_some_and(|scatter_s| {
-            let omega = freedom as f64 * scatter_s.powi(2) / (difference.read_sigma_s.powi(2) + recorded_variance);
+            let omega = freedom as f64 * scatter_s.powi(2)
+                / (difference.read_sigma_s.powi(2) + recorded_variance);
             global_test(omega, freedom, SIGNIFICANCE) == Some(GlobalTest::Rejected)
         });
         let agrees = normalised <= MAX_NORMALIZED && !scattered;
-        Self { difference, recorded_s: recorded_variance.sqrt(), normalised, agrees }
+        Self {
+            difference,
+            recorded_s: recorded_variance.sqrt(),
+            normalised,
+            agrees,
+        }
     }
 }
 
@@ -115,15 +124,22 @@ mod tests {
     #[test]
     fn scatter_beyond_the_reading_error_is_attributed_to_the_delay() {
         let jumps = |far: f64| {
-            (0..200u32).map(|k| (0.05 + if k.is_multiple_of(2) { far } else { -far }, 0.005)).collect::<Vec<_>>()
+            (0..200u32)
+                .map(|k| (0.05 + if k.is_multiple_of(2) { far } else { -far }, 0.005))
+                .collect::<Vec<_>>()
         };
         let found = estimate_delay(&jumps(0.02), 0.0).unwrap();
         assert!((found.mean_s - 0.05).abs() < 1e-12);
-        assert!((found.sigma_s.unwrap() - (0.02f64.powi(2) - 0.005f64.powi(2)).sqrt()).abs() < 3e-4);
+        assert!(
+            (found.sigma_s.unwrap() - (0.02f64.powi(2) - 0.005f64.powi(2)).sqrt()).abs() < 3e-4
+        );
         let still = estimate_delay(&jumps(0.005), 0.01).unwrap();
         assert!((still.mean_sigma_s - 0.01).abs() < 1e-4 && still.sigma_s.unwrap() < 0.011);
         assert_eq!(estimate_delay(&[], 0.0), None);
         let one = estimate_delay(&[(0.05, 0.005)], 0.0).unwrap();
-        assert_eq!((one.sigma_s, one.scatter_s, one.mean_sigma_s), (None, None, 0.005));
+        assert_eq!(
+            (one.sigma_s, one.scatter_s, one.mean_sigma_s),
+            (None, None, 0.005)
+        );
     }
 }

@@ -49,7 +49,10 @@ const FILLED: f64 = 0.8;
 pub fn cell_rectangle(bit: usize, opposite: bool) -> [f64; 4] {
     let pairs = CELLS[0] / 2;
     let (column, row) = (2 * (bit % pairs) + usize::from(opposite), bit / pairs);
-    let [width, height] = [(FIELD[2] - FIELD[0]) / CELLS[0] as f64, (FIELD[3] - FIELD[1]) / CELLS[1] as f64];
+    let [width, height] = [
+        (FIELD[2] - FIELD[0]) / CELLS[0] as f64,
+        (FIELD[3] - FIELD[1]) / CELLS[1] as f64,
+    ];
     let edge = 0.5 * (1.0 - FILLED);
     [
         FIELD[0] + (column as f64 + edge) * width,
@@ -64,10 +67,18 @@ pub fn code_word(count: u32) -> u32 {
     let count = count % (1 << COUNT_BITS);
     let gray = count ^ (count >> 1);
     let slow = gray >> FAST_BITS;
-    let check = HAMMING.iter().enumerate().filter(|(bit, _)| slow >> bit & 1 == 1).fold(0, |sum, (_, c)| sum ^ c);
+    let check = HAMMING
+        .iter()
+        .enumerate()
+        .filter(|(bit, _)| slow >> bit & 1 == 1)
+        .fold(0, |sum, (_, c)| sum ^ c);
     // The ends are one, and zero if the image is upside down. The fastest bits and parity share a row near
     // the middle, as a screen is updated row by row.
-    1 | check << 1 | gray >> LOW_BITS << 5 | (count & 1) << 8 | (gray & LOW) << FASTEST | 1 << (BITS - 1)
+    1 | check << 1
+        | gray >> LOW_BITS << 5
+        | (count & 1) << 8
+        | (gray & LOW) << FASTEST
+        | 1 << (BITS - 1)
 }
 
 /// Number of adjacent bits of the Gray code in the word, from the fastest one at the tenth bit; the slowest ones are before
@@ -109,9 +120,16 @@ mod tests {
         let slow: Vec<usize> = (5..8).chain(FASTEST + FAST_BITS..BITS - 1).collect();
         for count in (0..1 << COUNT_BITS).step_by(97) {
             let word = code_word(count);
-            assert!((0..BITS).all(|bit| !words.contains(&(word ^ 1 << bit))), "{count}");
+            assert!(
+                (0..BITS).all(|bit| !words.contains(&(word ^ 1 << bit))),
+                "{count}"
+            );
             for a in &slow {
-                assert!(slow.iter().all(|b| a == b || !words.contains(&(word ^ 1 << a ^ 1 << b))), "{count}");
+                assert!(
+                    slow.iter()
+                        .all(|b| a == b || !words.contains(&(word ^ 1 << a ^ 1 << b))),
+                    "{count}"
+                );
             }
         }
     }

@@ -28,7 +28,9 @@ const SAMPLES: usize = 7;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TimeCodeError {
     /// Fewer than four discs.
-    #[error("{0} of the clock's four discs found; show the complete page, in focus and not over-exposed")]
+    #[error(
+        "{0} of the clock's four discs found; show the complete page, in focus and not over-exposed"
+    )]
     NoDiscs(usize),
     /// No code between any four discs.
     #[error(
@@ -49,16 +51,26 @@ pub enum TimeCodeError {
 /// # Errors
 /// Returns an error if the time cannot be read unambiguously.
 pub fn read_time(image: &Raster, found: &Detections) -> Result<DisplayedTime, TimeCodeError> {
-    let mut discs: Vec<_> = found.markers.iter().filter(|m| m.shape == Shape::Circle).collect();
+    let mut discs: Vec<_> = found
+        .markers
+        .iter()
+        .filter(|m| m.shape == Shape::Circle)
+        .collect();
     sort_by_value(&mut discs, |one| -(one.semi_major_px * one.semi_minor_px));
     discs.truncate(MAX_DISCS);
     let centres: Vec<Vector2<f64>> = discs.iter().map(|d| d.centre_px).collect();
-    let mut why = if centres.len() < 4 { TimeCodeError::NoDiscs(centres.len()) } else { TimeCodeError::NoCode };
+    let mut why = if centres.len() < 4 {
+        TimeCodeError::NoDiscs(centres.len())
+    } else {
+        TimeCodeError::NoCode
+    };
     for corners in convex_quadrangles(&centres) {
         for turn in 0..4 {
             let mut turned = corners;
             turned.rotate_left(turn);
-            match pixel_from_page(&turned).map_or(Err(TimeCodeError::NoCode), |h| read_cells(image, &h)) {
+            match pixel_from_page(&turned)
+                .map_or(Err(TimeCodeError::NoCode), |h| read_cells(image, &h))
+            {
                 Ok(shown) => return Ok(shown),
                 Err(TimeCodeError::NoCode) => {}
                 Err(other) => why = other,
@@ -73,7 +85,10 @@ fn convex_quadrangles(points: &[Vector2<f64>]) -> Vec<[Vector2<f64>; 4]> {
     let n = points.len();
     let choices = (0u32..1 << n).filter(|set| set.count_ones() == 4);
     let corners = |set: u32| {
-        let mut four: Vec<Vector2<f64>> = (0..n).filter(|k| set >> k & 1 == 1).map(|k| points[k]).collect();
+        let mut four: Vec<Vector2<f64>> = (0..n)
+            .filter(|k| set >> k & 1 == 1)
+            .map(|k| points[k])
+            .collect();
         let middle = four.iter().sum::<Vector2<f64>>() / 4.0;
         let angle = |p: &Vector2<f64>| (p.y - middle.y).atan2(p.x - middle.x);
         four.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
@@ -97,7 +112,17 @@ fn pixel_from_page(corners: &[Vector2<f64>; 4]) -> Option<Matrix3<f64>> {
     let pixel_from_unit = Matrix3::new(x.x, y.x, a.x, x.y, y.y, a.y, g, h, 1.0);
     let [[left, top], [end, _], [_, bottom], _] = DISCS;
     let (width, height) = (end - left, bottom - top);
-    let unit_from_page = Matrix3::new(1.0 / width, 0.0, -left / width, 0.0, 1.0 / height, -top / height, 0.0, 0.0, 1.0);
+    let unit_from_page = Matrix3::new(
+        1.0 / width,
+        0.0,
+        -left / width,
+        0.0,
+        1.0 / height,
+        -top / height,
+        0.0,
+        0.0,
+        1.0,
+    );
     let all = pixel_from_unit * unit_from_page;
     all.iter().all(|v| v.is_finite()).then_some(all)
 }
@@ -106,9 +131,15 @@ fn pixel_from_page(corners: &[Vector2<f64>; 4]) -> Option<Matrix3<f64>> {
 ///
 /// # Errors
 /// Returns an error if they contain no code, or one that is too small or hidden.
-fn read_cells(image: &Raster, pixel_from_page: &Matrix3<f64>) -> Result<DisplayedTime, TimeCodeError> {
+fn read_cells(
+    image: &Raster,
+    pixel_from_page: &Matrix3<f64>,
+) -> Result<DisplayedTime, TimeCodeError> {
     let pairs: Vec<[f64; 2]> = (0..BITS)
-        .map(|bit| [false, true].map(|opposite| cell_level(image, pixel_from_page, cell_rectangle(bit, opposite))))
+        .map(|bit| {
+            [false, true]
+                .map(|opposite| cell_level(image, pixel_from_page, cell_rectangle(bit, opposite)))
+        })
         .collect();
     let median_level = |values: Vec<f64>| median(values).ok_or(TimeCodeError::NoCode);
     let white = median_level(pairs.iter().map(|[a, b]| a.max(*b)).collect())?;
@@ -124,7 +155,9 @@ fn read_cells(image: &Raster, pixel_from_page: &Matrix3<f64>) -> Result<Displaye
             one |= 1 << bit;
         } else if opposite - share <= MIN_BIT_CONTRAST {
             mixed |= 1 << bit;
-            hidden |= [share, opposite].iter().any(|s| !(MIXED_RANGE[0]..=MIXED_RANGE[1]).contains(s))
+            hidden |= [share, opposite]
+                .iter()
+                .any(|s| !(MIXED_RANGE[0]..=MIXED_RANGE[1]).contains(s))
                 && (share - opposite).abs() < 0.5 * MIN_BIT_CONTRAST;
         }
     }
@@ -144,9 +177,18 @@ fn read_cells(image: &Raster, pixel_from_page: &Matrix3<f64>) -> Result<Displaye
 }
 
 /// Returns the mean grey level of the middle half of a cell.
-fn cell_level(image: &Raster, pixel_from_page: &Matrix3<f64>, [x, y, width, height]: [f64; 4]) -> f64 {
+fn cell_level(
+    image: &Raster,
+    pixel_from_page: &Matrix3<f64>,
+    [x, y, width, height]: [f64; 4],
+) -> f64 {
     let step = |k: usize| 0.25 + 0.5 * (k as f64 + 0.5) / SAMPLES as f64;
-    let places = (0..SAMPLES * SAMPLES).map(|k| (x + width * step(k % SAMPLES), y + height * step(k / SAMPLES)));
+    let places = (0..SAMPLES * SAMPLES).map(|k| {
+        (
+            x + width * step(k % SAMPLES),
+            y + height * step(k / SAMPLES),
+        )
+    });
     let sum: f64 = places
         .map(|(x, y)| {
             let p = project_point(pixel_from_page, x, y);
@@ -179,14 +221,26 @@ mod tests {
 
     #[test]
     fn the_homography_maps_the_discs_to_their_images() {
-        let corners = [(100.0, 80.0), (900.0, 120.0), (860.0, 600.0), (140.0, 500.0)].map(|(x, y)| Vector2::new(x, y));
+        let corners = [
+            (100.0, 80.0),
+            (900.0, 120.0),
+            (860.0, 600.0),
+            (140.0, 500.0),
+        ]
+        .map(|(x, y)| Vector2::new(x, y));
         let h = pixel_from_page(&corners).unwrap();
         for (corner, [x, y]) in corners.iter().zip(DISCS) {
             assert!((project_point(&h, x, y) - corner).norm() < 1e-9);
         }
         let all = [corners.as_slice(), &[Vector2::new(500.0, 300.0)]].concat();
         // Quadrangles with the inner point are not convex.
-        assert_eq!(convex_quadrangles(&all).iter().filter(|four| corners.iter().all(|c| four.contains(c))).count(), 1);
+        assert_eq!(
+            convex_quadrangles(&all)
+                .iter()
+                .filter(|four| corners.iter().all(|c| four.contains(c)))
+                .count(),
+            1
+        );
         assert!(convex_quadrangles(&[Vector2::zeros(); 4]).is_empty());
     }
 }

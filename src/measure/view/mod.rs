@@ -66,7 +66,9 @@ pub enum SearchMode {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ViewFault {
     /// Frame of another size than the calibrated camera's: sizes of the frame and of the camera.
-    #[error("the frame is {0}, but camera.toml was calibrated for {1}; use the camera's full frames")]
+    #[error(
+        "the frame is {0}, but camera.toml was calibrated for {1}; use the camera's full frames"
+    )]
     Size(String, String),
     /// Frame that was rotated by 90 degrees: sizes of the frame and of the camera.
     #[error(
@@ -84,7 +86,10 @@ pub enum ViewFault {
 
 impl ViewFault {
     /// Fault of a frame of a wing without decals, until its points are found.
-    const WITHOUT_DECALS: Self = Self::Unidentified(IdentifyError::TooFew { found: 0, needed: MIN_IDENTIFIED });
+    const WITHOUT_DECALS: Self = Self::Unidentified(IdentifyError::TooFew {
+        found: 0,
+        needed: MIN_IDENTIFIED,
+    });
 
     /// Returns whether the detections could not be identified.
     pub fn is_unnamed(&self) -> bool {
@@ -95,7 +100,8 @@ impl ViewFault {
     pub fn from_size(raster: &Raster, lens: &Lens) -> Option<Self> {
         let frame = (raster.width(), raster.height());
         let camera = (lens.width as usize, lens.height as usize);
-        let [seen, calibrated] = [frame, camera].map(|(width, height)| format!("{width} x {height} px"));
+        let [seen, calibrated] =
+            [frame, camera].map(|(width, height)| format!("{width} x {height} px"));
         match frame {
             _ if frame == camera => None,
             _ if frame == (camera.1, camera.0) => Some(Self::Rotated(seen, calibrated)),
@@ -121,8 +127,13 @@ pub struct FrameMarkers {
 
 /// Returns the tiles of a frame of `width` x `height` px with which [`process_frame`] begins.
 pub fn first_tiles(wing: Option<&WingView>, width: usize, height: usize) -> Tiles {
-    let has_size =
-        |wing: &&WingView| (width, height) == (wing.setup.lens.width as usize, wing.setup.lens.height as usize);
+    let has_size = |wing: &&WingView| {
+        (width, height)
+            == (
+                wing.setup.lens.width as usize,
+                wing.setup.lens.height as usize,
+            )
+    };
     match wing.filter(has_size) {
         Some(wing) => detect::tiles_read(&wing.predict_nearest(), width, height),
         None => Tiles::all(width, height),
@@ -133,19 +144,46 @@ pub fn first_tiles(wing: Option<&WingView>, width: usize, height: usize) -> Tile
 ///
 /// Searches at the positions that the installation predicts. If that fails or names too few markers, searches the full frame
 /// too, and takes what names more.
-pub fn process_frame(picture: &mut impl Picture, wing: Option<&WingView>, ended: StepEnd) -> FrameMarkers {
-    let fitting = wing.filter(|wing| ViewFault::from_size(picture.raster(), &wing.setup.lens).is_none());
-    let Some(wing) = fitting else { return process_full_frame(picture, wing, ended) };
+pub fn process_frame(
+    picture: &mut impl Picture,
+    wing: Option<&WingView>,
+    ended: StepEnd,
+) -> FrameMarkers {
+    let fitting =
+        wing.filter(|wing| ViewFault::from_size(picture.raster(), &wing.setup.lens).is_none());
+    let Some(wing) = fitting else {
+        return process_full_frame(picture, wing, ended);
+    };
     let shown = wing.count_shown();
     let found = if wing.has_points_alone() {
-        FrameMarkers { fault: Some(ViewFault::WITHOUT_DECALS), ..FrameMarkers::default() }
+        FrameMarkers {
+            fault: Some(ViewFault::WITHOUT_DECALS),
+            ..FrameMarkers::default()
+        }
     } else {
-        match (FrameView { wing, picture, ended }).search() {
-            Some(located) if located.observations.len() as f64 >= MIN_NAMED_SHARE * shown as f64 => located,
+        match (FrameView {
+            wing,
+            picture,
+            ended,
+        })
+        .search()
+        {
+            Some(located)
+                if located.observations.len() as f64 >= MIN_NAMED_SHARE * shown as f64 =>
+            {
+                located
+            }
             located => {
                 let found = detect_full(picture, ended);
-                let full = FrameView { wing, picture, ended }.name_markers(found);
-                located.filter(|located| located.observations.len() >= full.observations.len()).unwrap_or(full)
+                let full = FrameView {
+                    wing,
+                    picture,
+                    ended,
+                }
+                .name_markers(found);
+                located
+                    .filter(|located| located.observations.len() >= full.observations.len())
+                    .unwrap_or(full)
             }
         }
     };
@@ -155,11 +193,23 @@ pub fn process_frame(picture: &mut impl Picture, wing: Option<&WingView>, ended:
 /// Processes a frame as [`process_frame`] does, by a search of the full frame.
 ///
 /// Everything visible is detected, and rejected candidates have a reason.
-pub fn process_full_frame(picture: &mut impl Picture, wing: Option<&WingView>, ended: StepEnd) -> FrameMarkers {
+pub fn process_full_frame(
+    picture: &mut impl Picture,
+    wing: Option<&WingView>,
+    ended: StepEnd,
+) -> FrameMarkers {
     let found = detect_full(picture, ended);
     match wing {
-        Some(wing) => FrameView { wing, picture, ended }.name(found),
-        None => FrameMarkers { detections: found, ..FrameMarkers::default() },
+        Some(wing) => FrameView {
+            wing,
+            picture,
+            ended,
+        }
+        .name(found),
+        None => FrameMarkers {
+            detections: found,
+            ..FrameMarkers::default()
+        },
     }
 }
 
@@ -212,7 +262,11 @@ pub struct FrameView<'a, P> {
 impl<'a, P: Picture> FrameView<'a, P> {
     /// Creates the view of a frame; `ended` is called at the end of each step.
     pub fn new(wing: &'a WingView, picture: &'a mut P, ended: StepEnd<'a>) -> Self {
-        Self { wing, picture, ended }
+        Self {
+            wing,
+            picture,
+            ended,
+        }
     }
 
     /// Searches at the positions that the installation predicts, from the nearest markers outwards
@@ -221,8 +275,9 @@ impl<'a, P: Picture> FrameView<'a, P> {
     /// Candidates for missing markers away from their positions are added.
     fn search(mut self) -> Option<FrameMarkers> {
         let mut detector = GuidedDetector::new(self.picture.decode_around(&[]));
-        let locate =
-            |targets: &[MarkerPrediction]| detector.detect_coarse(self.picture.decode_around(targets), targets);
+        let locate = |targets: &[MarkerPrediction]| {
+            detector.detect_coarse(self.picture.decode_around(targets), targets)
+        };
         let predictions = self.wing.locate_markers(locate);
         let found = predictions.map(|p| detector.detect(self.picture.decode_around(&p), &p));
         (self.ended)(Work::Detect);
@@ -246,8 +301,13 @@ impl<'a, P: Picture> FrameView<'a, P> {
 
     /// Identifies detections as [`Self::name`] does, without points.
     fn name_markers(&mut self, found: Detections) -> FrameMarkers {
-        if let fault @ Some(_) = ViewFault::from_size(self.picture.raster(), &self.wing.setup.lens) {
-            return FrameMarkers { detections: found, fault, ..FrameMarkers::default() };
+        if let fault @ Some(_) = ViewFault::from_size(self.picture.raster(), &self.wing.setup.lens)
+        {
+            return FrameMarkers {
+                detections: found,
+                fault,
+                ..FrameMarkers::default()
+            };
         }
         match self.identify(found.clone()) {
             Ok((found, identities, first)) => self.build_unbiased_markers(found, identities, first),
@@ -257,13 +317,20 @@ impl<'a, P: Picture> FrameView<'a, P> {
                     _ => self.wing.diagnose_frame(&found.markers),
                 };
                 let fault = Some(cause.map_or(ViewFault::Unidentified(error), ViewFault::Mismatch));
-                FrameMarkers { detections: found, fault, ..FrameMarkers::default() }
+                FrameMarkers {
+                    detections: found,
+                    fault,
+                    ..FrameMarkers::default()
+                }
             }
         }
     }
 
     /// Identifies detections and refines them; also returns the identities before the second passes.
-    fn identify(&mut self, found: Detections) -> Result<(Detections, Identities, Identities), IdentifyError> {
+    fn identify(
+        &mut self,
+        found: Detections,
+    ) -> Result<(Detections, Identities, Identities), IdentifyError> {
         let named = self.wing.identify_markers(&found.markers).map(|first| {
             let (found, identities) = self.refine(found, first.clone());
             (found, identities, first)
@@ -273,17 +340,24 @@ impl<'a, P: Picture> FrameView<'a, P> {
     }
 
     /// Refines identified detections by second passes. The perspective bias is not removed.
-    pub fn refine(&mut self, mut found: Detections, mut identities: Identities) -> (Detections, Identities) {
+    pub fn refine(
+        &mut self,
+        mut found: Detections,
+        mut identities: Identities,
+    ) -> (Detections, Identities) {
         // More precise measurements improve the predictions of the others, and added markers those farther outboard.
         let mut without_new = 0;
         while without_new < MAX_PASSES {
             let expected = self.wing.predict_second_pass(&found.markers, &identities);
-            let places: Vec<MarkerPrediction> = expected.iter().map(|e| e.prediction.clone()).collect();
+            let places: Vec<MarkerPrediction> =
+                expected.iter().map(|e| e.prediction.clone()).collect();
             let mut refined = found.clone();
             if !detect::second_pass(self.picture.decode_around(&places), &mut refined, &expected) {
                 return (refined, identities);
             }
-            let Ok(again) = self.wing.identify_markers(&refined.markers) else { break };
+            let Ok(again) = self.wing.identify_markers(&refined.markers) else {
+                break;
+            };
             without_new += usize::from(again.count_named() <= identities.count_named());
             (found, identities) = (refined, again);
         }
@@ -296,10 +370,20 @@ impl<'a, P: Picture> FrameView<'a, P> {
     fn detect_displaced(&mut self, found: &Detections, identities: &Identities) -> Vec<Detection> {
         let ground = &self.wing.orientation.ground;
         let mut missing = self.wing.predict_second_pass(&found.markers, identities);
-        missing.retain(|e| e.found.is_none() && ground.iter().any(|observation| observation.marker == e.marker));
+        missing.retain(|e| {
+            e.found.is_none()
+                && ground
+                    .iter()
+                    .any(|observation| observation.marker == e.marker)
+        });
         let search_px = Vector2::repeat(DISPLACED_SEARCH_PX);
-        let missing: Vec<MarkerPrediction> =
-            missing.into_iter().map(|e| MarkerPrediction { search_px, ..e.prediction }).collect();
+        let missing: Vec<MarkerPrediction> = missing
+            .into_iter()
+            .map(|e| MarkerPrediction {
+                search_px,
+                ..e.prediction
+            })
+            .collect();
         if missing.is_empty() {
             return Vec::new();
         }
@@ -307,20 +391,36 @@ impl<'a, P: Picture> FrameView<'a, P> {
         let candidates = detector.detect_coarse(self.picture.decode_around(&missing), &missing);
         let search_px = Vector2::repeat(MIN_SEPARATION_PX);
         let similar = |m: &Detection| {
-            let is_known = |known: &Detection| (known.centre_px - m.centre_px).norm() < MIN_SEPARATION_PX;
-            let similar =
-                missing.iter().find(|p| matches_marker(m, p)).filter(|_| !found.markers.iter().any(is_known))?;
-            Some(MarkerPrediction { centre_px: m.centre_px, search_px, ..similar.clone() })
+            let is_known =
+                |known: &Detection| (known.centre_px - m.centre_px).norm() < MIN_SEPARATION_PX;
+            let similar = missing
+                .iter()
+                .find(|p| matches_marker(m, p))
+                .filter(|_| !found.markers.iter().any(is_known))?;
+            Some(MarkerPrediction {
+                centre_px: m.centre_px,
+                search_px,
+                ..similar.clone()
+            })
         };
         let similar: Vec<MarkerPrediction> = candidates.iter().filter_map(similar).collect();
         if similar.is_empty() {
             return Vec::new();
         }
-        detector.detect(self.picture.decode_around(&similar), &similar).markers
+        detector
+            .detect(self.picture.decode_around(&similar), &similar)
+            .markers
     }
 
-    fn build_unbiased_markers(&self, found: Detections, identities: Identities, first: Identities) -> FrameMarkers {
-        let markers = self.wing.remove_perspective_bias(&found.markers, &identities);
+    fn build_unbiased_markers(
+        &self,
+        found: Detections,
+        identities: Identities,
+        first: Identities,
+    ) -> FrameMarkers {
+        let markers = self
+            .wing
+            .remove_perspective_bias(&found.markers, &identities);
         FrameMarkers {
             observations: identities.observations(&markers),
             detections: Detections { markers, ..found },
@@ -333,6 +433,10 @@ impl<'a, P: Picture> FrameView<'a, P> {
 
 /// Returns whether a detection has the shape and size of a marker.
 fn matches_marker(found: &Detection, marker: &MarkerPrediction) -> bool {
-    let most = if found.shape == Shape::Circle { SIZE_TOLERANCES.0 } else { SIZE_TOLERANCES.1 };
+    let most = if found.shape == Shape::Circle {
+        SIZE_TOLERANCES.0
+    } else {
+        SIZE_TOLERANCES.1
+    };
     found.shape == marker.shape && (found.semi_major_px / marker.semi_major_px - 1.0).abs() < most
 }

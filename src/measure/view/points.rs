@@ -15,7 +15,8 @@ const LOCATED_SHARE: f64 = 0.5;
 const PASSES: usize = 2;
 
 /// Reason why a point without a template is missing.
-const WITHOUT_TEMPLATE: &str = "the ground frames have no template of it: mark it there, and run `wingd orient` again";
+const WITHOUT_TEMPLATE: &str =
+    "the ground frames have no template of it: mark it there, and run `wingd orient` again";
 
 /// Search for the points of a frame.
 struct PointFinder<'a, P> {
@@ -33,10 +34,19 @@ pub(super) fn add_points(
     ended: StepEnd,
 ) -> FrameMarkers {
     let has_points = wing.setup.markers.iter().any(|m| m.shape == Shape::Point);
-    if !has_points || found.fault.as_ref().is_some_and(|fault| !fault.is_unnamed()) {
+    if !has_points
+        || found
+            .fault
+            .as_ref()
+            .is_some_and(|fault| !fault.is_unnamed())
+    {
         return found;
     }
-    let mut finder = PointFinder { wing, picture, nodes: wing.patch_nodes() };
+    let mut finder = PointFinder {
+        wing,
+        picture,
+        nodes: wing.patch_nodes(),
+    };
     if found.identities.is_none() && !wing.orientation.templates.is_empty() {
         match finder.locate(&found) {
             Ok(located) => found = located,
@@ -47,7 +57,12 @@ pub(super) fn add_points(
         }
     }
     if let Some(mut identities) = found.identities.take() {
-        let has_template = |marker: usize| wing.orientation.templates.iter().any(|t| t.marker == marker);
+        let has_template = |marker: usize| {
+            wing.orientation
+                .templates
+                .iter()
+                .any(|t| t.marker == marker)
+        };
         for (marker, reason) in &mut identities.missing {
             if wing.setup.is_point(*marker) && !has_template(*marker) {
                 WITHOUT_TEMPLATE.clone_into(reason);
@@ -66,14 +81,22 @@ impl<P: Picture> PointFinder<'_, P> {
     /// Identifies a frame by its points and the detections, which have no names yet: the deflection that names most, until
     /// one names half of the points.
     fn locate(&mut self, found: &FrameMarkers) -> Result<FrameMarkers, Option<IdentifyError>> {
-        let points = self.wing.orientation.templates.chunk_by(|a, b| a.marker == b.marker).count();
+        let points = self
+            .wing
+            .orientation
+            .templates
+            .chunk_by(|a, b| a.marker == b.marker)
+            .count();
         let enough = LOCATED_SHARE * points as f64;
         let mut best = Err(None);
         let mut most = 0;
         for deflection in WingView::patch_deflections() {
             match self.locate_at(deflection, found) {
                 Ok(located) => {
-                    let named = located.identities.as_ref().map_or(0, Identities::count_named);
+                    let named = located
+                        .identities
+                        .as_ref()
+                        .map_or(0, Identities::count_named);
                     if named > most {
                         (best, most) = (Ok(located), named);
                     }
@@ -89,15 +112,24 @@ impl<P: Picture> PointFinder<'_, P> {
     }
 
     /// Identifies a frame by its points if the tip is deflected by about `deflection` spans.
-    fn locate_at(&mut self, deflection: f64, found: &FrameMarkers) -> Result<FrameMarkers, Option<IdentifyError>> {
+    fn locate_at(
+        &mut self,
+        deflection: f64,
+        found: &FrameMarkers,
+    ) -> Result<FrameMarkers, Option<IdentifyError>> {
         let templates = &self.wing.orientation.templates;
         let places = |targets: &[Vec<PatchPrediction>]| {
             let raster = decode_patches(self.picture, targets.iter().flatten());
             let of_patch = |patch: &PatchPrediction| {
                 let template = templates.get(patch.template);
-                let places = template.map_or(vec![], |template| find_places(raster, template, patch));
+                let places =
+                    template.map_or(vec![], |template| find_places(raster, template, patch));
                 let one = |(place_px, covariance_px2)| {
-                    let found = PointMatch { place_px, covariance_px2, explained: 0.0 };
+                    let found = PointMatch {
+                        place_px,
+                        covariance_px2,
+                        explained: 0.0,
+                    };
                     build_detection(patch, &found)
                 };
                 places.into_iter().map(one).collect::<Vec<_>>()
@@ -105,14 +137,22 @@ impl<P: Picture> PointFinder<'_, P> {
             targets.iter().flatten().flat_map(of_patch).collect()
         };
         let decals = found.detections.markers.clone();
-        let patches = self.wing.locate_points(&self.nodes, deflection, decals, places).ok_or(None)?;
+        let patches = self
+            .wing
+            .locate_points(&self.nodes, deflection, decals, places)
+            .ok_or(None)?;
         let raster = decode_patches(self.picture, patches.iter());
         let (matched, _) = match_best(raster, templates, &patches);
         let mut markers = found.detections.markers.clone();
         markers.extend(matched);
         let identities = self.wing.identify_markers(&markers)?;
-        let mut located = FrameMarkers { fault: None, first_identities: Some(identities.clone()), ..found.clone() };
-        (located.detections.markers, located.identities) = without_unnamed_points(markers, identities);
+        let mut located = FrameMarkers {
+            fault: None,
+            first_identities: Some(identities.clone()),
+            ..found.clone()
+        };
+        (located.detections.markers, located.identities) =
+            without_unnamed_points(markers, identities);
         Ok(located)
     }
 
@@ -123,13 +163,21 @@ impl<P: Picture> PointFinder<'_, P> {
         mut identities: Identities,
     ) -> (Vec<Detection>, Identities) {
         for _ in 0..PASSES {
-            let is_named = |template: &PointTemplate| identities.marker_of.contains(&Some(template.marker));
+            let is_named =
+                |template: &PointTemplate| identities.marker_of.contains(&Some(template.marker));
             if self.wing.orientation.templates.iter().all(is_named) {
                 break;
             }
-            let patches = self.wing.predict_patches(&self.nodes, &markers, &identities, SEARCH_SIGMAS);
-            let is_open = |patch: &PatchPrediction| !identities.marker_of.contains(&Some(patch.marker));
-            let open: Vec<PatchPrediction> = patches.unwrap_or_default().into_iter().filter(is_open).collect();
+            let patches =
+                self.wing
+                    .predict_patches(&self.nodes, &markers, &identities, SEARCH_SIGMAS);
+            let is_open =
+                |patch: &PatchPrediction| !identities.marker_of.contains(&Some(patch.marker));
+            let open: Vec<PatchPrediction> = patches
+                .unwrap_or_default()
+                .into_iter()
+                .filter(is_open)
+                .collect();
             let raster = decode_patches(self.picture, open.iter());
             let (matched, rejected) = match_best(raster, &self.wing.orientation.templates, &open);
             for (marker, rejection) in rejected {
@@ -141,7 +189,9 @@ impl<P: Picture> PointFinder<'_, P> {
                 break;
             }
             for point in matched {
-                identities.missing.retain(|(other, _)| Some(*other) != point.marker);
+                identities
+                    .missing
+                    .retain(|(other, _)| Some(*other) != point.marker);
                 identities.marker_of.push(point.marker);
                 markers.push(point);
             }
@@ -149,7 +199,9 @@ impl<P: Picture> PointFinder<'_, P> {
                 markers.remove(displaced);
                 let marker = identities.marker_of.remove(displaced);
                 let reason = PointRejection::Displaced.text().to_owned();
-                identities.missing.extend(marker.map(|marker| (marker, reason)));
+                identities
+                    .missing
+                    .extend(marker.map(|marker| (marker, reason)));
             }
         }
         (markers, identities)
@@ -157,15 +209,23 @@ impl<P: Picture> PointFinder<'_, P> {
 }
 
 /// Removes points that contradict the others.
-fn without_unnamed_points(markers: Vec<Detection>, mut identities: Identities) -> (Vec<Detection>, Option<Identities>) {
+fn without_unnamed_points(
+    markers: Vec<Detection>,
+    mut identities: Identities,
+) -> (Vec<Detection>, Option<Identities>) {
     let named = markers.into_iter().zip(identities.marker_of.drain(..));
-    let (markers, names) = named.filter(|(m, name)| m.marker.is_none() || name.is_some()).unzip();
+    let (markers, names) = named
+        .filter(|(m, name)| m.marker.is_none() || name.is_some())
+        .unzip();
     identities.marker_of = names;
     (markers, Some(identities))
 }
 
 /// Decodes the areas of patches.
-fn decode_patches<'a>(picture: &'a mut impl Picture, patches: impl Iterator<Item = &'a PatchPrediction>) -> &'a Raster {
+fn decode_patches<'a>(
+    picture: &'a mut impl Picture,
+    patches: impl Iterator<Item = &'a PatchPrediction>,
+) -> &'a Raster {
     let areas: Vec<MarkerPrediction> = patches.map(PatchPrediction::search_area).collect();
     picture.decode_around(&areas)
 }
@@ -182,9 +242,15 @@ fn match_best(
         let mut best: Option<(&PatchPrediction, PointMatch)> = None;
         let mut reason = PointRejection::Grazing;
         for patch in own {
-            let Some(template) = templates.get(patch.template) else { continue };
+            let Some(template) = templates.get(patch.template) else {
+                continue;
+            };
             match match_point(raster, template, patch) {
-                Ok(next) if best.as_ref().is_none_or(|(_, known)| known.explained < next.explained) => {
+                Ok(next)
+                    if best
+                        .as_ref()
+                        .is_none_or(|(_, known)| known.explained < next.explained) =>
+                {
                     best = Some((patch, next));
                 }
                 Ok(_) => {}

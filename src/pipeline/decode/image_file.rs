@@ -21,11 +21,17 @@ pub fn decode_luma(bytes: &[u8], format: ImageFormat) -> Result<Raster, DecodeEr
     }
     let source = Cursor::new(bytes);
     let decoded = match format {
-        ImageFormat::Png => PngDecoder::with_limits(source, image_size_limits()).and_then(decode_within_limits),
+        ImageFormat::Png => {
+            PngDecoder::with_limits(source, image_size_limits()).and_then(decode_within_limits)
+        }
         ImageFormat::Pnm => PnmDecoder::new(source).and_then(decode_within_limits),
         #[cfg(feature = "tiff")]
         ImageFormat::Tiff => TiffDecoder::new(source).and_then(decode_within_limits),
-        other => return Err(DecodeError::Unreadable(format!("{other:?} is not supported"))),
+        other => {
+            return Err(DecodeError::Unreadable(format!(
+                "{other:?} is not supported"
+            )));
+        }
     };
     let pixels = decoded.map_err(|e| DecodeError::Unreadable(first_line(&e.to_string())))?;
     if let Some(bits) = misplaced_low_bits(&pixels) {
@@ -56,9 +62,14 @@ fn decode_within_limits(mut decoder: impl ImageDecoder) -> Result<DynamicImage, 
 /// elsewhere in it.
 fn is_preview(bytes: &[u8]) -> bool {
     const NEW_SUBFILE_TYPE: exif::Tag = exif::Tag(exif::Context::Tiff, 254);
-    let fields = exif::parse_exif(bytes).map(|(fields, _)| fields).unwrap_or_default();
-    let kind = fields.iter().find(|f| f.tag == NEW_SUBFILE_TYPE && f.ifd_num == exif::In::PRIMARY);
-    kind.and_then(|field| field.value.get_uint(0)).is_some_and(|kind| kind & 1 == 1)
+    let fields = exif::parse_exif(bytes)
+        .map(|(fields, _)| fields)
+        .unwrap_or_default();
+    let kind = fields
+        .iter()
+        .find(|f| f.tag == NEW_SUBFILE_TYPE && f.ifd_num == exif::In::PRIMARY);
+    kind.and_then(|field| field.value.get_uint(0))
+        .is_some_and(|kind| kind & 1 == 1)
 }
 
 /// Returns the number of bits, 9 to 12, if a 16-bit image uses only its lower ones, which would appear black; such an image
@@ -74,10 +85,16 @@ fn misplaced_low_bits(pixels: &DynamicImage) -> Option<u32> {
         ImageRgba16(p) => p.pixels().flat_map(|p| [p.0[0], p.0[1], p.0[2]]).max(),
         _ => None,
     };
-    most.filter(|most| (1 << 8..1 << 12).contains(most)).map(|most| u16::BITS - most.leading_zeros())
+    most.filter(|most| (1 << 8..1 << 12).contains(most))
+        .map(|most| u16::BITS - most.leading_zeros())
 }
 
 /// Returns the first line of a foreign message, so that a reason stays one sentence.
 fn first_line(text: &str) -> String {
-    text.lines().next().unwrap_or_default().chars().take(120).collect()
+    text.lines()
+        .next()
+        .unwrap_or_default()
+        .chars()
+        .take(120)
+        .collect()
 }

@@ -36,7 +36,15 @@ impl ImageFigure {
         let x = Axis::from_exact_range(0.0, size.x, step, "u / px");
         let y = Axis::from_exact_range(0.0, size.y, step, "v / px").reversed();
         let height = WIDTH * y.length() / x.length();
-        Self { plot: Plot { area: [LEFT, TOP, WIDTH, height], x, y }, size, height }
+        Self {
+            plot: Plot {
+                area: [LEFT, TOP, WIDTH, height],
+                x,
+                y,
+            },
+            size,
+            height,
+        }
     }
 
     fn point_at(&self, pixel: Vector2<f64>) -> Vector2<f64> {
@@ -53,7 +61,12 @@ impl ImageFigure {
 
     fn draw(&self, label: &str, content: &Markup) -> Markup {
         let content = html! { (self.plot.frame()) (content) };
-        svg_drawing(LEFT + WIDTH + RIGHT, TOP + self.height + BOTTOM, label, &content)
+        svg_drawing(
+            LEFT + WIDTH + RIGHT,
+            TOP + self.height + BOTTOM,
+            label,
+            &content,
+        )
     }
 }
 
@@ -69,8 +82,15 @@ pub(super) fn draw_distortion(c: &Calibration) -> Markup {
         let ideal = Vector2::new(l.fx * n.x + l.cx, l.fy * n.y + l.cy);
         Some((pixel, pixel - ideal))
     };
-    let field: Vec<_> = (0..=16).flat_map(|i| (0..=12).filter_map(move |j| at(i, j))).collect();
-    draw_arrows(c, &field, "distortion", "distance of the distorted image of a point from its pinhole projection")
+    let field: Vec<_> = (0..=16)
+        .flat_map(|i| (0..=12).filter_map(move |j| at(i, j)))
+        .collect();
+    draw_arrows(
+        c,
+        &field,
+        "distortion",
+        "distance of the distorted image of a point from its pinhole projection",
+    )
 }
 
 /// Draws the mean residuals of the cells of the image.
@@ -84,13 +104,27 @@ pub(super) fn draw_residuals(c: &Calibration) -> Markup {
     }
     let mean = |(n, at, r): &(usize, Vector2<f64>, Vector2<f64>)| (at / *n as f64, r / *n as f64);
     let field: Vec<_> = cells.iter().filter(|cell| cell.0 > 2).map(mean).collect();
-    draw_arrows(c, &field, "mean residuals", "observed minus projected, mean of the points of a cell")
+    draw_arrows(
+        c,
+        &field,
+        "mean residuals",
+        "observed minus projected, mean of the points of a cell",
+    )
 }
 
-fn draw_arrows(c: &Calibration, field: &[(Vector2<f64>, Vector2<f64>)], label: &str, meaning: &str) -> Markup {
+fn draw_arrows(
+    c: &Calibration,
+    field: &[(Vector2<f64>, Vector2<f64>)],
+    label: &str,
+    meaning: &str,
+) -> Markup {
     let sheet = ImageFigure::from_calibration(c);
     let longest = field.iter().map(|f| f.1.norm()).fold(0.0, f64::max);
-    let factor = if longest > 0.0 { MAX_ARROW / longest } else { 0.0 };
+    let factor = if longest > 0.0 {
+        MAX_ARROW / longest
+    } else {
+        0.0
+    };
     let key = Vector2::new(LEFT + WIDTH + 14.0, TOP + 24.0);
     let content = html! {
         (sheet.clip_to_image(&html! { @for (at, by) in field { (draw_arrow(sheet.point_at(*at), by * factor)) } }))
@@ -143,7 +177,9 @@ pub(super) fn draw_uncertainty(c: &Calibration) -> Markup {
     let Some(projections) = &c.projections else {
         return html! { p { "No map of the projection's uncertainty: it cannot be computed over the full image. Add images with the board near the edges." } };
     };
-    let cells = projections.iter().flat_map(|p| p.cells_px.iter().flatten().flatten());
+    let cells = projections
+        .iter()
+        .flat_map(|p| p.cells_px.iter().flatten().flatten());
     let most = cells.copied().fold(f64::MIN_POSITIVE, f64::max);
     html! { @for p in projections { (draw_uncertainty_map(c, p, most)) } }
 }
@@ -153,7 +189,10 @@ fn draw_uncertainty_map(c: &Calibration, projection: &ProjectionUncertainty, mos
     let rows = projection.cells_px.len().max(1);
     let columns = projection.cells_px.first().map_or(1, Vec::len).max(1);
     let corner = |i: usize, j: usize| {
-        sheet.point_at(Vector2::new(i as f64 / columns as f64 * sheet.size.x, j as f64 / rows as f64 * sheet.size.y))
+        sheet.point_at(Vector2::new(
+            i as f64 / columns as f64 * sheet.size.x,
+            j as f64 / rows as f64 * sheet.size.y,
+        ))
     };
     let content = html! {
         @for (j, row) in projection.cells_px.iter().enumerate() {
@@ -182,11 +221,20 @@ fn draw_uncertainty_map(c: &Calibration, projection: &ProjectionUncertainty, mos
 /// Returns the colour of a fraction of the largest value, from pale yellow to teal: light enough for dark letters, and dark
 /// enough for light letters on the inverted page.
 fn shade_colour(share: f64) -> String {
-    const STOPS: [[f64; 3]; 3] = [[255.0, 250.0, 205.0], [161.0, 218.0, 180.0], [65.0, 182.0, 196.0]];
+    const STOPS: [[f64; 3]; 3] = [
+        [255.0, 250.0, 205.0],
+        [161.0, 218.0, 180.0],
+        [65.0, 182.0, 196.0],
+    ];
     let place = 2.0 * share.clamp(0.0, 1.0);
     let k = (place as usize).min(1);
     let mix = |i: usize| STOPS[k][i] + (STOPS[k + 1][i] - STOPS[k][i]) * (place - k as f64);
-    format!("#{:02x}{:02x}{:02x}", mix(0) as u8, mix(1) as u8, mix(2) as u8)
+    format!(
+        "#{:02x}{:02x}{:02x}",
+        mix(0) as u8,
+        mix(1) as u8,
+        mix(2) as u8
+    )
 }
 
 /// Draws the colour scale with its values, px.
@@ -211,14 +259,39 @@ fn draw_colour_scale(sheet: &ImageFigure, most: f64) -> Markup {
 pub(super) fn draw_board_profiles(c: &Calibration) -> Markup {
     let most = c.bow.iter().map(|b| b.value_m.abs()).fold(0.0, f64::max);
     // A board is measured to 0.01 mm.
-    let (unit, label) = if most < 1e-5 { (1e6, "height / µm") } else { (1e3, "height / mm") };
-    let section = |(k, name): (usize, &str)| {
-        let place = |u: f64| (0.5 * u * c.board_side_m[k], unit * c.bow[k].value_m * (1.0 - u * u), None);
-        let points = (-20..=20).map(|i| place(f64::from(i) / 20.0)).collect();
-        FigureTrack { dashed: k == 1, ..FigureTrack::from_points(name, INK, points) }
+    let (unit, label) = if most < 1e-5 {
+        (1e6, "height / µm")
+    } else {
+        (1e3, "height / mm")
     };
-    let tracks = [(0, "along the rows"), (1, "across them")].map(section).to_vec();
-    let x = Axis::from_values(all_abscissas(&tracks), "distance from the middle of the board / m");
+    let section = |(k, name): (usize, &str)| {
+        let place = |u: f64| {
+            (
+                0.5 * u * c.board_side_m[k],
+                unit * c.bow[k].value_m * (1.0 - u * u),
+                None,
+            )
+        };
+        let points = (-20..=20).map(|i| place(f64::from(i) / 20.0)).collect();
+        FigureTrack {
+            dashed: k == 1,
+            ..FigureTrack::from_points(name, INK, points)
+        }
+    };
+    let tracks = [(0, "along the rows"), (1, "across them")]
+        .map(section)
+        .to_vec();
+    let x = Axis::from_values(
+        all_abscissas(&tracks),
+        "distance from the middle of the board / m",
+    );
     let y = Axis::from_values(all_values(&tracks), label);
-    Figure { name: "Sections through the board".to_owned(), height: 130.0, x, y, tracks }.draw()
+    Figure {
+        name: "Sections through the board".to_owned(),
+        height: 130.0,
+        x,
+        y,
+        tracks,
+    }
+    .draw()
 }

@@ -72,7 +72,12 @@ fn summary_paragraph(c: &Calibration) -> Markup {
 }
 
 fn significance_text(significant: bool) -> String {
-    if significant { "significant" } else { "not significant" }.to_owned()
+    if significant {
+        "significant"
+    } else {
+        "not significant"
+    }
+    .to_owned()
 }
 
 fn parameter_table(c: &Calibration) -> Markup {
@@ -85,9 +90,15 @@ fn parameter_table(c: &Calibration) -> Markup {
         grid.push(vec![
             Lens::PARAMETERS[k].to_owned(),
             format_fixed(Some(*value), digits),
-            if c.fixed[k] { "fixed".to_owned() } else { format_fixed(Some(sigma), digits) },
+            if c.fixed[k] {
+                "fixed".to_owned()
+            } else {
+                format_fixed(Some(sigma), digits)
+            },
             t.map_or(String::new(), |t| format_fixed(Some(t), 1)),
-            t.map_or(String::new(), |t| significance_text(t.abs() > SIGNIFICANT_RATIO)),
+            t.map_or(String::new(), |t| {
+                significance_text(t.abs() > SIGNIFICANT_RATIO)
+            }),
         ]);
     }
     scrollable_table(&grid)
@@ -98,15 +109,28 @@ fn scrollable_table(grid: &Grid) -> Markup {
 }
 
 fn correlation_table(c: &Calibration) -> Markup {
-    let denominator = |k: usize| format!("k{} {:.6} ± {:.6}", k + 4, c.lens.denominator[k], c.denominator_sigma[k]);
+    let denominator = |k: usize| {
+        format!(
+            "k{} {:.6} ± {:.6}",
+            k + 4,
+            c.lens.denominator[k],
+            c.denominator_sigma[k]
+        )
+    };
     let correlation_text = |i: usize, j: usize| {
-        parameter_correlation(c, i, j).filter(|_| j <= i).map_or(String::new(), |r| format!("{r:.2}"))
+        parameter_correlation(c, i, j)
+            .filter(|_| j <= i)
+            .map_or(String::new(), |r| format!("{r:.2}"))
     };
     let mut titles = vec!["<correlation"];
     titles.extend(Lens::PARAMETERS);
     let mut grid = Grid::new(&titles);
     for (i, name) in Lens::PARAMETERS.iter().enumerate() {
-        grid.push(std::iter::once((*name).to_owned()).chain((0..9).map(|j| correlation_text(i, j))).collect());
+        grid.push(
+            std::iter::once((*name).to_owned())
+                .chain((0..9).map(|j| correlation_text(i, j)))
+                .collect(),
+        );
     }
     html! {
         @if c.lens.denominator != [0.0; 3] {
@@ -120,12 +144,24 @@ fn correlation_table(c: &Calibration) -> Markup {
 }
 
 fn board_section(c: &Calibration) -> Markup {
-    let mut grid = Grid::new(&["<direction", "side / m", "bow / mm", "sigma / mm", "<at 95 %"]);
+    let mut grid = Grid::new(&[
+        "<direction",
+        "side / m",
+        "bow / mm",
+        "sigma / mm",
+        "<at 95 %",
+    ]);
     for (k, name) in ["along the rows", "across them"].iter().enumerate() {
         let bow = &c.bow[k];
         let (height, sigma) = format_rounded(Some(1e3 * bow.value_m), Some(1e3 * bow.sigma_m), 3);
         let side = format_fixed(Some(c.board_side_m[k]), 3);
-        grid.push(vec![(*name).to_owned(), side, height, sigma, significance_text(bow.is_significant())]);
+        grid.push(vec![
+            (*name).to_owned(),
+            side,
+            height,
+            sigma,
+            significance_text(bow.is_significant()),
+        ]);
     }
     html! {
         (scrollable_table(&grid))

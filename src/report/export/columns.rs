@@ -42,7 +42,9 @@ impl ColumnValues {
     pub fn value_text(&self, row: usize) -> String {
         let (kind, number) = match self {
             Self::Texts(texts) => return texts.get(row).cloned().flatten().unwrap_or_default(),
-            Self::Numbers(kind, numbers) => (kind, numbers.get(row).filter(|number| !number.is_nan())),
+            Self::Numbers(kind, numbers) => {
+                (kind, numbers.get(row).filter(|number| !number.is_nan()))
+            }
         };
         let text = |number: &f64| match kind {
             NumberType::Double => number.to_string(),
@@ -50,7 +52,9 @@ impl ColumnValues {
             NumberType::Count => (*number as i64).to_string(),
             NumberType::Flag => (*number != 0.0).to_string(),
             // One width in a column: readers take its format from the first row.
-            NumberType::Time => jiff::Timestamp::from_microsecond(*number as i64).map_or(String::new(), time_text),
+            NumberType::Time => {
+                jiff::Timestamp::from_microsecond(*number as i64).map_or(String::new(), time_text)
+            }
         };
         number.map(text).unwrap_or_default()
     }
@@ -94,7 +98,10 @@ impl ExportColumn {
         let kind = match column.quantity.value {
             ValueGetter::Text(value) => {
                 let values = ColumnValues::Texts(rows.map(|row| value(&row)).collect());
-                return Self { name: column.name.clone(), values };
+                return Self {
+                    name: column.name.clone(),
+                    values,
+                };
             }
             ValueGetter::Number(_) => NumberType::Double,
             ValueGetter::Count(_) => NumberType::Count,
@@ -102,8 +109,13 @@ impl ExportColumn {
             ValueGetter::Time(_) => NumberType::Time,
         };
         let finite = |number: f64| if number.is_finite() { number } else { f64::NAN };
-        let numbers = rows.map(|row| finite(column.quantity.number(&row))).collect();
-        Self { name: column.name.clone(), values: ColumnValues::Numbers(kind, numbers) }
+        let numbers = rows
+            .map(|row| finite(column.quantity.number(&row)))
+            .collect();
+        Self {
+            name: column.name.clone(),
+            values: ColumnValues::Numbers(kind, numbers),
+        }
     }
 }
 
@@ -124,27 +136,54 @@ fn is_per_shot(table: ResultTable) -> bool {
 }
 
 /// Builds the columns of a table of frames for one series.
-pub fn table_columns(table: ResultTable, series: &SeriesData, common: &ExportContext) -> Vec<ExportColumn> {
+pub fn table_columns(
+    table: ResultTable,
+    series: &SeriesData,
+    common: &ExportContext,
+) -> Vec<ExportColumn> {
     let frames: Vec<Frame> = if is_per_shot(table) {
-        series.shots.iter().map(|shot| (Some(shot), series.record_for_shot(shot))).collect()
+        series
+            .shots
+            .iter()
+            .map(|shot| (Some(shot), series.record_for_shot(shot)))
+            .collect()
     } else {
-        series.records.iter().map(|image| (series.shot_for_record(image), Some(image))).collect()
+        series
+            .records
+            .iter()
+            .map(|image| (series.shot_for_record(image), Some(image)))
+            .collect()
     };
     let inputs = |(_, image): &Frame| {
         let provenance = &(*image)?.provenance;
-        Some(ResultInputs::new(&json_fields(provenance), series.inputs.clone()))
+        Some(ResultInputs::new(
+            &json_fields(provenance),
+            series.inputs.clone(),
+        ))
     };
     let inputs: Vec<Option<ResultInputs>> = frames.iter().map(inputs).collect();
-    let terms: Vec<Vec<Term>> =
-        frames.iter().map(|(_, image)| image.map_or(vec![], |image| image.model.terms())).collect();
-    let rows = frames.iter().zip(&inputs).zip(&terms).flat_map(|((frame, inputs), terms)| {
-        let row =
-            ResultRow { recorder_id: common.store_id.as_deref(), inputs: inputs.as_ref(), ..frame_row(series, frame) };
-        image_rows(table, row, terms)
-    });
+    let terms: Vec<Vec<Term>> = frames
+        .iter()
+        .map(|(_, image)| image.map_or(vec![], |image| image.model.terms()))
+        .collect();
+    let rows = frames
+        .iter()
+        .zip(&inputs)
+        .zip(&terms)
+        .flat_map(|((frame, inputs), terms)| {
+            let row = ResultRow {
+                recorder_id: common.store_id.as_deref(),
+                inputs: inputs.as_ref(),
+                ..frame_row(series, frame)
+            };
+            image_rows(table, row, terms)
+        });
     let rows: Vec<ResultRow> = rows.collect();
     let columns = TableColumn::of_frames(table, &common.pairs);
-    columns.iter().map(|column| ExportColumn::from_rows(column, &rows)).collect()
+    columns
+        .iter()
+        .map(|column| ExportColumn::from_rows(column, &rows))
+        .collect()
 }
 
 /// Returns the values of shot, failures, image and solution that each row of a frame has.
@@ -171,14 +210,27 @@ fn frame_row<'a>(series: &'a SeriesData, (shot, image): &Frame<'a>) -> ResultRow
 
 /// Returns the rows of one frame.
 fn image_rows<'a>(table: ResultTable, row: ResultRow<'a>, terms: &'a [Term]) -> Vec<ResultRow<'a>> {
-    let Some(image) = row.image.filter(|_| !is_per_shot(table)) else { return vec![row] };
+    let Some(image) = row.image.filter(|_| !is_per_shot(table)) else {
+        return vec![row];
+    };
     let count = match table {
         ResultTable::Span => image.curve.len(),
         ResultTable::Parameters => {
-            return terms.iter().map(|term| ResultRow { parameter: Some(term), ..row }).collect();
+            return terms
+                .iter()
+                .map(|term| ResultRow {
+                    parameter: Some(term),
+                    ..row
+                })
+                .collect();
         }
         _ if image.markers.is_empty() => return vec![row],
         _ => image.markers.len(),
     };
-    (0..count).map(|index| ResultRow { index: Some(index), ..row }).collect()
+    (0..count)
+        .map(|index| ResultRow {
+            index: Some(index),
+            ..row
+        })
+        .collect()
 }

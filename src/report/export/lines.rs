@@ -10,7 +10,11 @@ use crate::aircraft::state_to_json;
 use crate::quantities::SCHEMA_VERSION;
 
 /// Writes the shots of a series, including those without a frame or result (`record` is `null`).
-pub fn write_json_lines(output: &mut dyn Write, series: &SeriesData, store_id: Option<&str>) -> io::Result<()> {
+pub fn write_json_lines(
+    output: &mut dyn Write,
+    series: &SeriesData,
+    store_id: Option<&str>,
+) -> io::Result<()> {
     for shot in &series.shots {
         let record = series.record_for_shot(shot);
         let stamp = shot.stamp.as_ref();

@@ -9,8 +9,8 @@ use crate::aircraft::{AircraftState, AircraftTrack};
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
 use crate::quantities::{
-    CLOCK_SIGMA, EXPOSURE_SIGMA, GLOBAL_TEST_PASSED, LiveSource, ResultInputs, ResultRow, SOLVED, StoredTimes, Subject,
-    TIP_SIGMAS, TableColumn, finite_value, stored_quantities, unit_suffix,
+    CLOCK_SIGMA, EXPOSURE_SIGMA, GLOBAL_TEST_PASSED, LiveSource, ResultInputs, ResultRow, SOLVED,
+    StoredTimes, Subject, TIP_SIGMAS, TableColumn, finite_value, stored_quantities, unit_suffix,
 };
 use crate::record::{GlobalTest, ImageRecord, RecordStatus, Tip, json_text};
 use crate::store::columns::{FLAG, LiveBlock, LiveHead, LiveTable, UTC, ValueKind, WORD};
@@ -40,8 +40,13 @@ enum ValueOrigin {
 
 impl LiveColumns {
     /// Collects the columns of all tables; `recorder` is the id of the store.
-    pub fn from_tables<'a>(tables: impl IntoIterator<Item = &'a LiveTable>, recorder: Option<String>) -> Self {
-        let once = stored_quantities().into_iter().filter(|(subject, ..)| *subject == Subject::Row);
+    pub fn from_tables<'a>(
+        tables: impl IntoIterator<Item = &'a LiveTable>,
+        recorder: Option<String>,
+    ) -> Self {
+        let once = stored_quantities()
+            .into_iter()
+            .filter(|(subject, ..)| *subject == Subject::Row);
         let mut stored: Vec<LiveColumnSource> = once
             .map(|(_, form, quantity)| LiveColumnSource {
                 name: quantity.column_name(),
@@ -59,7 +64,11 @@ impl LiveColumns {
 
     /// Returns all columns without rows.
     pub fn empty_columns(&self) -> Vec<ExportColumn> {
-        let stored = self.stored.iter().map(|source| source.to_column(vec![], &[])).collect();
+        let stored = self
+            .stored
+            .iter()
+            .map(|source| source.to_column(vec![], &[]))
+            .collect();
         all_columns(stored, &[])
     }
 
@@ -70,13 +79,25 @@ impl LiveColumns {
         block: &LiveBlock,
         track: &AircraftTrack,
     ) -> Option<Vec<ExportColumn>> {
-        let unpacked: Vec<Vec<f64>> =
-            (0..head.table.columns.len()).map(|k| block.column_values(k)).collect::<Option<_>>()?;
-        let (source, there) = (LiveSource::from_table(&head.table), column_sources(&head.table));
+        let unpacked: Vec<Vec<f64>> = (0..head.table.columns.len())
+            .map(|k| block.column_values(k))
+            .collect::<Option<_>>()?;
+        let (source, there) = (
+            LiveSource::from_table(&head.table),
+            column_sources(&head.table),
+        );
         let stored = self.stored.iter().map(|wanted| {
-            let numbers = match there.iter().find(|found| found.name == wanted.name).map(|found| &found.origin) {
+            let numbers = match there
+                .iter()
+                .find(|found| found.name == wanted.name)
+                .map(|found| &found.origin)
+            {
                 Some(ValueOrigin::Value(column, value)) => {
-                    let width = head.table.columns.get(*column).map_or(1, |column| column.width);
+                    let width = head
+                        .table
+                        .columns
+                        .get(*column)
+                        .map_or(1, |column| column.width);
                     let all = unpacked.get(*column).into_iter().flatten();
                     all.skip(*value).step_by(width).copied().collect()
                 }
@@ -103,7 +124,10 @@ impl LiveColumns {
 /// Adds the columns that are not stored to those that are.
 fn all_columns(stored: Vec<ExportColumn>, rows: &[ResultRow]) -> Vec<ExportColumn> {
     let others = |identity: bool| {
-        TableColumn::of_live(identity).iter().map(|column| ExportColumn::from_rows(column, rows)).collect::<Vec<_>>()
+        TableColumn::of_live(identity)
+            .iter()
+            .map(|column| ExportColumn::from_rows(column, rows))
+            .collect::<Vec<_>>()
     };
     [others(true), stored, others(false)].concat()
 }
@@ -117,29 +141,45 @@ struct StoredResult {
 }
 
 impl StoredResult {
-    fn read_block(head: &LiveHead, source: &LiveSource, block: &LiveBlock, track: &AircraftTrack) -> Vec<Self> {
+    fn read_block(
+        head: &LiveHead,
+        source: &LiveSource,
+        block: &LiveBlock,
+        track: &AircraftTrack,
+    ) -> Vec<Self> {
         let times = StoredTimes::from_block(block);
         let [exposure_sigma_s, clock_sigma_s, solved, passed] =
-            [EXPOSURE_SIGMA, CLOCK_SIGMA, SOLVED, GLOBAL_TEST_PASSED].map(|one| block.named_values(one.name));
+            [EXPOSURE_SIGMA, CLOCK_SIGMA, SOLVED, GLOBAL_TEST_PASSED]
+                .map(|one| block.named_values(one.name));
         let sigmas_m = TIP_SIGMAS.map(|one| block.named_values(one.name));
         let result = |row: usize| {
             let clock_sigma_s = finite_value(&clock_sigma_s, row);
             let stamp = times
                 .as_ref()
                 .and_then(|times| times.stamp(&head.began, row))
-                .map(|stamp| Stamp { utc_synchronised: stamp.utc_synchronised || clock_sigma_s.is_some(), ..stamp });
+                .map(|stamp| Stamp {
+                    utc_synchronised: stamp.utc_synchronised || clock_sigma_s.is_some(),
+                    ..stamp
+                });
             let exposure = stamp.as_ref().map(|stamp| Exposure {
                 exposure_sigma_s: finite_value(&exposure_sigma_s, row).unwrap_or(0.0),
                 ..Exposure::from_camera_clock(stamp, 0.0, clock_sigma_s)
             });
             let joined = stamp.as_ref().filter(|_| !track.is_empty());
-            let aircraft = joined.map(|stamp| track.state_at(stamp, exposure.as_ref())).unwrap_or_default();
+            let aircraft = joined
+                .map(|stamp| track.state_at(stamp, exposure.as_ref()))
+                .unwrap_or_default();
             let image = finite_value(&solved, row).map(|solved| {
                 let [survey, ground, root] = [0, 1, 2].map(|k| finite_value(&sigmas_m[k], row));
                 let passed = finite_value(&passed, row).map(|passed| passed != 0.0);
                 record_of_stored_result(source, solved != 0.0, passed, [survey, ground, root])
             });
-            Self { stamp, exposure, aircraft, image }
+            Self {
+                stamp,
+                exposure,
+                aircraft,
+                image,
+            }
         };
         (0..block.len()).map(result).collect()
     }
@@ -161,7 +201,11 @@ fn record_of_stored_result(
     passed: Option<bool>,
     sigmas_m: [Option<f64>; 3],
 ) -> ImageRecord {
-    let [sigma_deflection_m, sigma_deflection_ground_m, sigma_deflection_root_m] = sigmas_m;
+    let [
+        sigma_deflection_m,
+        sigma_deflection_ground_m,
+        sigma_deflection_root_m,
+    ] = sigmas_m;
     let tip = |marker: String| Tip {
         marker,
         sigma_deflection_m,
@@ -170,8 +214,18 @@ fn record_of_stored_result(
         ..Tip::default()
     };
     ImageRecord {
-        status: if solved { RecordStatus::Ok } else { RecordStatus::Failed },
-        global_test: passed.map(|passed| if passed { GlobalTest::Passed } else { GlobalTest::Rejected }),
+        status: if solved {
+            RecordStatus::Ok
+        } else {
+            RecordStatus::Failed
+        },
+        global_test: passed.map(|passed| {
+            if passed {
+                GlobalTest::Passed
+            } else {
+                GlobalTest::Rejected
+            }
+        }),
         tip: source.tip.clone().filter(|_| solved).map(tip),
         ..ImageRecord::default()
     }
@@ -192,12 +246,19 @@ fn number_type(unit: &str, kind: ValueKind) -> Option<NumberType> {
 impl LiveColumnSource {
     /// Builds the column from its numbers; `words` are the texts of a word column.
     fn to_column(&self, numbers: Vec<f64>, words: &[Value]) -> ExportColumn {
-        let word = |number: &f64| words.get(Some(*number).filter(|number| !number.is_nan())? as usize).map(json_text);
+        let word = |number: &f64| {
+            words
+                .get(Some(*number).filter(|number| !number.is_nan())? as usize)
+                .map(json_text)
+        };
         let values = match self.kind {
             Some(kind) => ColumnValues::Numbers(kind, numbers),
             None => ColumnValues::Texts(numbers.iter().map(word).collect()),
         };
-        ExportColumn { name: self.name.clone(), values }
+        ExportColumn {
+            name: self.name.clone(),
+            values,
+        }
     }
 }
 
@@ -211,12 +272,24 @@ fn column_sources(table: &LiveTable) -> Vec<LiveColumnSource> {
         kind: Some(NumberType::Double),
         origin: ValueOrigin::Constant(arc.as_f64().unwrap_or(f64::NAN)),
     };
-    let mut all: Vec<_> = arcs.into_iter().flatten().enumerate().map(arc_length).collect();
+    let mut all: Vec<_> = arcs
+        .into_iter()
+        .flatten()
+        .enumerate()
+        .map(arc_length)
+        .collect();
     for (index, column) in table.columns.iter().enumerate() {
-        let (list, rest) = column.name.split_once('.').map_or((None, &*column.name), |(l, r)| (Some(l), r));
+        let (list, rest) = column
+            .name
+            .split_once('.')
+            .map_or((None, &*column.name), |(l, r)| (Some(l), r));
         let labels = list.and_then(|list| table.source.get(list)?.as_array());
         let labels = labels.filter(|labels| labels.len() == column.width);
-        let unit = if [UTC, FLAG, WORD].contains(&&*column.unit) { String::new() } else { unit_suffix(&column.unit) };
+        let unit = if [UTC, FLAG, WORD].contains(&&*column.unit) {
+            String::new()
+        } else {
+            unit_suffix(&column.unit)
+        };
         for value in 0..column.width {
             let label = labels.and_then(|labels| labels.get(value)).map(json_text);
             let name = match (list, label) {
@@ -227,7 +300,11 @@ fn column_sources(table: &LiveTable) -> Vec<LiveColumnSource> {
                 _ => format!("{rest}_{}{unit}", value + 1),
             };
             let kind = number_type(&column.unit, column.kind);
-            all.push(LiveColumnSource { name, kind, origin: ValueOrigin::Value(index, value) });
+            all.push(LiveColumnSource {
+                name,
+                kind,
+                origin: ValueOrigin::Value(index, value),
+            });
         }
     }
     all

@@ -44,7 +44,10 @@ impl<W: Write> CsvWriter<W> {
             (ColumnValues::Texts(_), text) => text_cell(&text).into_owned(),
             (_, text) => text,
         };
-        (0..rows).try_for_each(|row| self.0.write_record(columns.iter().map(|c| cell(&c.values, row))))
+        (0..rows).try_for_each(|row| {
+            self.0
+                .write_record(columns.iter().map(|c| cell(&c.values, row)))
+        })
     }
 
     /// Returns the output with all that was written.
@@ -60,9 +63,16 @@ mod tests {
     use crate::quantities::ResultTable;
 
     fn text(table: ResultTable, series: &[SeriesData]) -> String {
-        let common = ExportContext { store_id: Some("ab".to_owned()), pairs: vec!["tip".to_owned()] };
+        let common = ExportContext {
+            store_id: Some("ab".to_owned()),
+            pairs: vec!["tip".to_owned()],
+        };
         let mut bytes = Vec::new();
-        let mut csv = CsvWriter::begin(&mut bytes, &table_columns(table, &SeriesData::default(), &common)).unwrap();
+        let mut csv = CsvWriter::begin(
+            &mut bytes,
+            &table_columns(table, &SeriesData::default(), &common),
+        )
+        .unwrap();
         for one in series {
             csv.add(&table_columns(table, one, &common)).unwrap();
         }
@@ -79,19 +89,31 @@ mod tests {
     #[test]
     fn csv_reads_back_with_every_marker_of_every_image() {
         let mut series = sample::series("s000001", 0, &[2.9, 3.1]);
-        series.records.push(sample::failed("=x.jpg", "dark, \"quoted\"\nand broken"));
+        series
+            .records
+            .push(sample::failed("=x.jpg", "dark, \"quoted\"\nand broken"));
         let text = text(ResultTable::Markers, &[series]);
         let (heading, rows) = rows(&text);
         let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
-        assert_eq!(rows.len(), 2 * 4 + 1, "four markers twice, and the failed image");
+        assert_eq!(
+            rows.len(),
+            2 * 4 + 1,
+            "four markers twice, and the failed image"
+        );
         let tip = rows.iter().find(|r| &r[at("marker")] == "M03").unwrap();
         assert_eq!(tip[at("deflection_m")].parse::<f64>().unwrap(), 2.9);
         assert_eq!(tip[at("position_z_m")].parse::<f64>().unwrap(), 3.0 + 2.9);
-        assert_eq!((&tip[at("torsion_tip_twist_deg")], &tip[at("recorder_id")]), ("2.7", "ab"));
+        assert_eq!(
+            (&tip[at("torsion_tip_twist_deg")], &tip[at("recorder_id")]),
+            ("2.7", "ab")
+        );
         assert_eq!(&tip[at("used")], "true");
         assert!(tip[at("utc")].ends_with('Z'), "with its zone");
         let hidden = rows.iter().find(|r| &r[at("marker")] == "M04").unwrap();
-        assert_eq!((&hidden[at("deflection_m")], &hidden[at("marker_reason")]), ("", "hidden by glare"));
+        assert_eq!(
+            (&hidden[at("deflection_m")], &hidden[at("marker_reason")]),
+            ("", "hidden by glare")
+        );
         let failed = rows.last().unwrap();
         assert_eq!(&failed[at("reason")], "dark, \"quoted\"\nand broken");
         assert_eq!(&failed[at("marker")], "");
@@ -100,15 +122,29 @@ mod tests {
     #[test]
     fn the_other_tables_have_points_parameters_and_shots() {
         let mut series = sample::series("s000001", 0, &[2.9]);
-        let lost = super::super::ShotData { number: 2, failures: vec!["gone: unplugged".into()], ..Default::default() };
+        let lost = super::super::ShotData {
+            number: 2,
+            failures: vec!["gone: unplugged".into()],
+            ..Default::default()
+        };
         series.shots.push(lost);
         let series = [series];
         let (heading, span) = rows(&text(ResultTable::Span, &series));
         let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
-        assert_eq!((span.len(), &span[12][at("span_m")], &span[12][at("deflection_m")]), (13, "36", "2.9"));
+        assert_eq!(
+            (
+                span.len(),
+                &span[12][at("span_m")],
+                &span[12][at("deflection_m")]
+            ),
+            (13, "36", "2.9")
+        );
         let (heading, parameters) = rows(&text(ResultTable::Parameters, &series));
         let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
-        assert_eq!((&parameters[0][at("parameter")], &parameters[0][at("value")]), ("a_per_m", "0.00219"));
+        assert_eq!(
+            (&parameters[0][at("parameter")], &parameters[0][at("value")]),
+            ("a_per_m", "0.00219")
+        );
         let (heading, shots) = rows(&text(ResultTable::Shots, &series));
         let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
         assert_eq!((shots.len(), &shots[1][at("status")]), (2, "no frame"));

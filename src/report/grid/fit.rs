@@ -18,9 +18,16 @@ struct TextTable {
 
 impl TextTable {
     fn from_grid(grid: &Grid, is_included: impl Fn(&GridColumn) -> bool) -> Self {
-        let chosen: Vec<usize> = (0..grid.columns.len()).filter(|k| is_included(&grid.columns[*k])).collect();
+        let chosen: Vec<usize> = (0..grid.columns.len())
+            .filter(|k| is_included(&grid.columns[*k]))
+            .collect();
         let lines = |cell: &String| vec![replace_control_characters(cell)];
-        let cells = |row: &Vec<String>| chosen.iter().map(|k| row.get(*k).map(lines).unwrap_or_default()).collect();
+        let cells = |row: &Vec<String>| {
+            chosen
+                .iter()
+                .map(|k| row.get(*k).map(lines).unwrap_or_default())
+                .collect()
+        };
         let columns: Vec<GridColumn> = chosen.iter().map(|k| grid.columns[*k].clone()).collect();
         Self {
             titles: columns.iter().map(|c| lines(&c.title)).collect(),
@@ -50,17 +57,31 @@ impl TextTable {
             let cells = self.rows.iter().filter_map(|row| row.get(k)).flatten();
             let below = cells.map(|line| line.chars().count()).max().unwrap_or(0);
             let title = self.titles[k].join(" ");
-            let longest = word_parts(&title).map(|part| part.trim_end().chars().count()).max().unwrap_or(0);
+            let longest = word_parts(&title)
+                .map(|part| part.trim_end().chars().count())
+                .max()
+                .unwrap_or(0);
             self.titles[k] = wrap_parts(word_parts(&title), below.max(longest));
         }
         self
     }
 
     fn column_widths(&self) -> Vec<usize> {
-        let longest = |cell: &Vec<String>| cell.iter().map(|line| line.chars().count()).max().unwrap_or(0);
+        let longest = |cell: &Vec<String>| {
+            cell.iter()
+                .map(|line| line.chars().count())
+                .max()
+                .unwrap_or(0)
+        };
         let column = |k: usize| {
             let cells = self.rows.iter().filter_map(|row| row.get(k));
-            self.titles.get(k).into_iter().chain(cells).map(longest).max().unwrap_or(0)
+            self.titles
+                .get(k)
+                .into_iter()
+                .chain(cells)
+                .map(longest)
+                .max()
+                .unwrap_or(0)
         };
         (0..self.columns.len()).map(column).collect()
     }
@@ -73,7 +94,9 @@ impl TextTable {
     /// Wraps the widest column of words so that the table fits, if enough width remains for it.
     fn break_longest_words(mut self) -> Self {
         let widths = self.column_widths();
-        let words = (0..widths.len()).filter(|k| !self.columns[*k].is_right_aligned).max_by_key(|k| widths[*k]);
+        let words = (0..widths.len())
+            .filter(|k| !self.columns[*k].is_right_aligned)
+            .max_by_key(|k| widths[*k]);
         let over = self.total_width().saturating_sub(TERMINAL_WIDTH);
         let Some((k, room)) = words.and_then(|k| Some((k, widths[k].checked_sub(over)?))) else {
             return self;
@@ -99,11 +122,21 @@ impl TextTable {
         out
     }
 
-    fn append_text_line(&self, out: &mut String, row: &[Vec<String>], widths: &[usize], line: usize) {
+    fn append_text_line(
+        &self,
+        out: &mut String,
+        row: &[Vec<String>],
+        widths: &[usize],
+        line: usize,
+    ) {
         for ((cell, column), width) in row.iter().zip(&self.columns).zip(widths) {
             let text = cell.get(line).map_or("", String::as_str);
             let fill = " ".repeat(width.saturating_sub(text.chars().count()));
-            let (before, after) = if column.is_right_aligned { (fill.as_str(), "") } else { ("", fill.as_str()) };
+            let (before, after) = if column.is_right_aligned {
+                (fill.as_str(), "")
+            } else {
+                ("", fill.as_str())
+            };
             out.push_str(&format!("{before}{text}{after}  "));
         }
         out.truncate(out.trim_end_matches(' ').len());
@@ -151,12 +184,17 @@ fn wrap_parts<'a>(parts: impl Iterator<Item = &'a str>, width: usize) -> Vec<Str
             line.push_str(part);
         }
     }
-    lines.iter().map(|line| line.trim_end().to_owned()).collect()
+    lines
+        .iter()
+        .map(|line| line.trim_end().to_owned())
+        .collect()
 }
 
 /// Replaces control characters, so that external names cannot control the terminal.
 fn replace_control_characters(text: &str) -> String {
-    text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
+    text.chars()
+        .map(|c| if c.is_control() { '\u{fffd}' } else { c })
+        .collect()
 }
 
 #[cfg(test)]
@@ -180,24 +218,70 @@ mod tests {
     #[test]
     fn a_wide_table_is_folded_then_loses_optional_columns_then_wraps_words() {
         let folded = grid(
-            &["<name", "standard deviation / m", "standard deviation / m", "variance factor / 1", "angle / deg"],
+            &[
+                "<name",
+                "standard deviation / m",
+                "standard deviation / m",
+                "variance factor / 1",
+                "angle / deg",
+            ],
             "1",
         )
         .text();
-        assert!(folded.lines().all(|line| line.chars().count() <= 80) && !folded.contains("--wide"), "{folded}");
-        assert!(folded.lines().nth(1).is_some_and(|line| line.contains("m") && !line.contains("angle")), "{folded}");
-        let mut whole = Grid::new(&["<in", "ground-air-ground / kN m", "command less screen / ms"]);
-        whole.push(vec!["a-name-of-forty-characters-and-no-blanks".into(), "1972".into(), "-5.8".into()]);
+        assert!(
+            folded.lines().all(|line| line.chars().count() <= 80) && !folded.contains("--wide"),
+            "{folded}"
+        );
+        assert!(
+            folded
+                .lines()
+                .nth(1)
+                .is_some_and(|line| line.contains("m") && !line.contains("angle")),
+            "{folded}"
+        );
+        let mut whole = Grid::new(&[
+            "<in",
+            "ground-air-ground / kN m",
+            "command less screen / ms",
+        ]);
+        whole.push(vec![
+            "a-name-of-forty-characters-and-no-blanks".into(),
+            "1972".into(),
+            "-5.8".into(),
+        ]);
         whole.columns[0].title = "x".repeat(50);
         let tight = whole.text();
-        assert!(tight.lines().all(|line| line.chars().count() <= 80), "{tight}");
-        assert!(tight.lines().nth(1).is_some_and(|line| line.contains("air-") && line.contains("less")), "{tight}");
-        let spare = grid(&["<name", "~a", "~b", "c"], "a cell of thirty characters !!").text();
+        assert!(
+            tight.lines().all(|line| line.chars().count() <= 80),
+            "{tight}"
+        );
+        assert!(
+            tight
+                .lines()
+                .nth(1)
+                .is_some_and(|line| line.contains("air-") && line.contains("less")),
+            "{tight}"
+        );
+        let spare = grid(
+            &["<name", "~a", "~b", "c"],
+            "a cell of thirty characters !!",
+        )
+        .text();
         assert!(spare.contains("2 more columns with --wide"), "{spare}");
         let mut long = Grid::new(&["<marker", "<remark"]);
-        long.push(vec!["M01".into(), "hidden by glare ".repeat(9).trim_end().into()]);
+        long.push(vec![
+            "M01".into(),
+            "hidden by glare ".repeat(9).trim_end().into(),
+        ]);
         let text = long.text();
-        assert!(text.lines().count() == 4 && text.lines().all(|line| line.chars().count() <= 80), "{text}");
-        assert!(long.text_with_width(true).lines().any(|line| line.chars().count() > 100));
+        assert!(
+            text.lines().count() == 4 && text.lines().all(|line| line.chars().count() <= 80),
+            "{text}"
+        );
+        assert!(
+            long.text_with_width(true)
+                .lines()
+                .any(|line| line.chars().count() > 100)
+        );
     }
 }

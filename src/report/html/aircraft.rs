@@ -5,7 +5,9 @@ use maud::{Markup, html};
 use super::super::grid::Grid;
 use super::super::number::{NONE, format_measured};
 use super::super::{ReportData, SeriesData, summary};
-use super::figure::{Figure, FigurePoint, FigureTrack, MAIN_COLOUR, TrackStyle, all_abscissas, all_values};
+use super::figure::{
+    Figure, FigurePoint, FigureTrack, MAIN_COLOUR, TrackStyle, all_abscissas, all_values,
+};
 use super::plot::Axis;
 use crate::aircraft::Quantity;
 
@@ -18,7 +20,9 @@ const RELATED_QUANTITIES: [(Quantity, &str, f64); 3] = [
 
 /// Returns the section; empty without aircraft data.
 pub fn aircraft_section(data: &ReportData) -> Markup {
-    let Some((unused, samples)) = data.feed else { return html! {} };
+    let Some((unused, samples)) = data.feed else {
+        return html! {};
+    };
     html! {
         h2 id="aircraft" { "Aircraft data" }
         @for (quantity, label, scale) in RELATED_QUANTITIES {
@@ -45,7 +49,11 @@ fn deflection_points(data: &ReportData, quantity: Quantity, scale: f64) -> Vec<F
         let one = |record: &crate::record::ImageRecord| {
             let (deflection_m, sigma_m) = record.tip.as_ref()?.deflection(reference)?;
             let shot = series.shot_for_record(record)?;
-            Some((scale * shot.aircraft.get(&quantity)?.value, deflection_m, sigma_m))
+            Some((
+                scale * shot.aircraft.get(&quantity)?.value,
+                deflection_m,
+                sigma_m,
+            ))
         };
         series.records.iter().filter_map(one).collect::<Vec<_>>()
     };
@@ -54,16 +62,31 @@ fn deflection_points(data: &ReportData, quantity: Quantity, scale: f64) -> Vec<F
 
 fn draw_deflection_against(points: Vec<FigurePoint>, label: &str) -> Markup {
     let dots = FigureTrack::from_points("single frames", MAIN_COLOUR, points);
-    let tracks = vec![FigureTrack { style: TrackStyle::Dots, ..dots }];
+    let tracks = vec![FigureTrack {
+        style: TrackStyle::Dots,
+        ..dots
+    }];
     let x = Axis::from_values(all_abscissas(&tracks), label);
     let y = Axis::from_values(all_values(&tracks), "deflection of the tip marker / m");
-    Figure { name: format!("Deflection against {label}"), height: 240.0, x, y, tracks }.draw()
+    Figure {
+        name: format!("Deflection against {label}"),
+        height: 240.0,
+        x,
+        y,
+        tracks,
+    }
+    .draw()
 }
 
 fn aircraft_table(data: &ReportData) -> Grid {
     let joined: Vec<Quantity> = Quantity::ALL
         .into_iter()
-        .filter(|q| data.series.iter().flat_map(|s| &s.shots).any(|shot| shot.aircraft.contains_key(q)))
+        .filter(|q| {
+            data.series
+                .iter()
+                .flat_map(|s| &s.shots)
+                .any(|shot| shot.aircraft.contains_key(q))
+        })
         .collect();
     let mut titles = vec!["<series"];
     titles.extend(joined.iter().map(|q| q.name()));
@@ -72,9 +95,15 @@ fn aircraft_table(data: &ReportData) -> Grid {
         let first = series.shots.iter().find(|shot| !shot.aircraft.is_empty());
         let cell = |q: &Quantity| {
             let value = first.and_then(|shot| shot.aircraft.get(q));
-            value.map_or(NONE.to_owned(), |j| format_measured(Some(j.value), Some(j.sigma), 2))
+            value.map_or(NONE.to_owned(), |j| {
+                format_measured(Some(j.value), Some(j.sigma), 2)
+            })
         };
-        grid.push(std::iter::once(series.name.clone()).chain(joined.iter().map(cell)).collect());
+        grid.push(
+            std::iter::once(series.name.clone())
+                .chain(joined.iter().map(cell))
+                .collect(),
+        );
     }
     grid
 }

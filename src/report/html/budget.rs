@@ -12,7 +12,10 @@ pub fn budget_section(data: &ReportData) -> Markup {
     let reference = summary::common_reference(&data.series);
     let records = || data.series.iter().flat_map(summary::solved_records);
     let of_it = |r: &&ImageRecord| r.tip.as_ref().and_then(|tip| tip.reference) == Some(reference);
-    let all: Vec<&ImageRecord> = records().filter(of_it).filter(|r| !r.budget.is_empty()).collect();
+    let all: Vec<&ImageRecord> = records()
+        .filter(of_it)
+        .filter(|r| !r.budget.is_empty())
+        .collect();
     let split = accepted_frames(&all);
     let shares = mean_budget(&split);
     html! {
@@ -45,23 +48,52 @@ const MINOR_SHARE: f64 = 0.01;
 /// Returns the frames not rejected by the global test, or all if there are none. A rejected frame's standard deviations are
 /// scaled by its residuals, which no source explains.
 fn accepted_frames<'a>(all: &[&'a ImageRecord]) -> Vec<&'a ImageRecord> {
-    let passed: Vec<_> = all.iter().filter(|r| r.global_test != Some(GlobalTest::Rejected)).copied().collect();
-    if passed.is_empty() { all.to_vec() } else { passed }
+    let passed: Vec<_> = all
+        .iter()
+        .filter(|r| r.global_test != Some(GlobalTest::Rejected))
+        .copied()
+        .collect();
+    if passed.is_empty() {
+        all.to_vec()
+    } else {
+        passed
+    }
 }
 
 /// Averages the budgets over frames; a source missing in a frame contributes 0 there.
 fn mean_budget(records: &[&ImageRecord]) -> Vec<VarianceShare> {
     let n = records.len().max(1) as f64;
-    let names = distinct_values(records.iter().flat_map(|r| &r.budget).map(|one| one.source.as_ref()));
+    let names = distinct_values(
+        records
+            .iter()
+            .flat_map(|r| &r.budget)
+            .map(|one| one.source.as_ref()),
+    );
     let one = |name: &str| {
-        let share_of_source = |r: &&ImageRecord| r.budget.iter().find(|one| one.source == name).cloned();
+        let share_of_source =
+            |r: &&ImageRecord| r.budget.iter().find(|one| one.source == name).cloned();
         let own = |r: &&ImageRecord| r.tip.as_ref().and_then(sigma_shown_m);
-        let measured = records.iter().filter_map(share_of_source).any(|one| one.sigma_if_known_m.is_some());
-        let known = |r: &&ImageRecord| share_of_source(r).and_then(|one| one.sigma_if_known_m).or_else(|| own(r));
-        let squares: Option<f64> = records.iter().map(|r| known(r).map(|sigma| sigma * sigma)).sum();
+        let measured = records
+            .iter()
+            .filter_map(share_of_source)
+            .any(|one| one.sigma_if_known_m.is_some());
+        let known = |r: &&ImageRecord| {
+            share_of_source(r)
+                .and_then(|one| one.sigma_if_known_m)
+                .or_else(|| own(r))
+        };
+        let squares: Option<f64> = records
+            .iter()
+            .map(|r| known(r).map(|sigma| sigma * sigma))
+            .sum();
         VarianceShare {
             source: name.to_owned().into(),
-            share: records.iter().filter_map(share_of_source).map(|one| one.share).sum::<f64>() / n,
+            share: records
+                .iter()
+                .filter_map(share_of_source)
+                .map(|one| one.share)
+                .sum::<f64>()
+                / n,
             sigma_if_known_m: squares.filter(|_| measured).map(|sum| (sum / n).sqrt()),
         }
     };
@@ -77,11 +109,21 @@ fn sigma_shown_m(tip: &Tip) -> Option<f64> {
 
 /// Describes the source whose perfect knowledge would reduce the standard deviation most.
 fn largest_gain_text(records: &[&ImageRecord], shares: &[VarianceShare]) -> String {
-    let sigmas = records.iter().filter_map(|r| r.tip.as_ref().and_then(sigma_shown_m));
-    let (sum, count) = sigmas.fold((0.0, 0.0), |(sum, count), sigma| (sum + sigma * sigma, count + 1.0));
+    let sigmas = records
+        .iter()
+        .filter_map(|r| r.tip.as_ref().and_then(sigma_shown_m));
+    let (sum, count) = sigmas.fold((0.0, 0.0), |(sum, count), sigma| {
+        (sum + sigma * sigma, count + 1.0)
+    });
     let mm = |metres: f64| format_fixed(Some(1e3 * metres), 1);
-    let now = if count > 0.0 { format!(" of {} mm", mm(f64::sqrt(sum / count))) } else { String::new() };
-    let known = shares.iter().filter_map(|one| Some((one, one.sigma_if_known_m?)));
+    let now = if count > 0.0 {
+        format!(" of {} mm", mm(f64::sqrt(sum / count)))
+    } else {
+        String::new()
+    };
+    let known = shares
+        .iter()
+        .filter_map(|one| Some((one, one.sigma_if_known_m?)));
     match (known.min_by(|a, b| a.1.total_cmp(&b.1)), shares.first()) {
         (Some((one, sigma)), _) => format!(
             "Largest possible gain, if it were known without error: {}. The standard deviation{now} of the tip deflection would fall to {} mm.",

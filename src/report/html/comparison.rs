@@ -11,7 +11,9 @@ const COMPUTED_COLOUR: &str = "#b3541e";
 
 /// Returns the section of a comparison; empty without one.
 pub fn comparison_section(comparison: Option<&ShapeComparison>) -> Markup {
-    let Some(comparison) = comparison else { return html! {} };
+    let Some(comparison) = comparison else {
+        return html! {};
+    };
     html! {
         h2 id="comparison" { "Comparison with a computation" }
         p { b { (comparison.verdict) } }
@@ -29,13 +31,34 @@ pub fn comparison_section(comparison: Option<&ShapeComparison>) -> Markup {
 }
 
 fn draw_quantity(quantity: &ShapeQuantity) -> Markup {
-    let measured = quantity.stations.iter().map(|s| (s.arc_length_m, s.measured, s.sigma)).collect();
-    let computed = quantity.stations.iter().map(|s| (s.arc_length_m, s.computed, s.computed_sigma)).collect();
+    let measured = quantity
+        .stations
+        .iter()
+        .map(|s| (s.arc_length_m, s.measured, s.sigma))
+        .collect();
+    let computed = quantity
+        .stations
+        .iter()
+        .map(|s| (s.arc_length_m, s.computed, s.computed_sigma))
+        .collect();
     let tracks = vec![
         FigureTrack::from_points("measured", MAIN_COLOUR, measured),
-        FigureTrack { style: TrackStyle::Dots, ..FigureTrack::from_points("computed", COMPUTED_COLOUR, computed) },
+        FigureTrack {
+            style: TrackStyle::Dots,
+            ..FigureTrack::from_points("computed", COMPUTED_COLOUR, computed)
+        },
     ];
-    let x = Axis::from_values(all_abscissas(&tracks), "arc length from the bending root / m");
+    let x = Axis::from_values(
+        all_abscissas(&tracks),
+        "arc length from the bending root / m",
+    );
     let y = Axis::from_values(all_values(&tracks).chain([0.0]), &quantity.label);
-    Figure { name: format!("Comparison: {}", quantity.label), height: 260.0, x, y, tracks }.draw()
+    Figure {
+        name: format!("Comparison: {}", quantity.label),
+        height: 260.0,
+        x,
+        y,
+        tracks,
+    }
+    .draw()
 }

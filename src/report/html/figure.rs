@@ -100,7 +100,10 @@ impl Figure {
 
 /// Returns the abscissas of all points.
 pub fn all_abscissas(tracks: &[FigureTrack]) -> impl Iterator<Item = f64> {
-    tracks.iter().flat_map(|track| &track.points).map(|point| point.0)
+    tracks
+        .iter()
+        .flat_map(|track| &track.points)
+        .map(|point| point.0)
 }
 
 /// Returns the values of all points, less and plus their standard deviations.
@@ -121,15 +124,25 @@ impl TrackStyle {
 
 impl FigureTrack {
     /// Creates a line through points.
-    pub fn from_points(name: impl Into<String>, colour: impl Into<String>, points: Vec<FigurePoint>) -> Self {
-        Self { name: name.into(), colour: colour.into(), points, ..Self::default() }
+    pub fn from_points(
+        name: impl Into<String>,
+        colour: impl Into<String>,
+        points: Vec<FigurePoint>,
+    ) -> Self {
+        Self {
+            name: name.into(),
+            colour: colour.into(),
+            points,
+            ..Self::default()
+        }
     }
 
     fn draw(&self, index: usize) -> Markup {
         let points: Vec<FigurePoint> = self.points.iter().copied().map(rounded_point).collect();
         let [line, band, bars, dots, lone] = path_data(&points);
         let (joined, dotted) = (self.style.class() == "line", self.style != TrackStyle::Line);
-        let texts = (!self.texts.is_empty()).then(|| serde_json::to_string(&self.texts).unwrap_or_default());
+        let texts = (!self.texts.is_empty())
+            .then(|| serde_json::to_string(&self.texts).unwrap_or_default());
         html! {
             g class=(self.class) hidden[self.hidden] data-track=(index) data-name=(self.name) data-texts=[texts]
                 data-points=(serde_json::to_string(&points).unwrap_or_default()) stroke=(self.colour) fill=(self.colour) {
@@ -153,15 +166,34 @@ fn path_data(points: &[FigurePoint]) -> [String; 5] {
     let short = |value: f64| format!("{value:.5e}").parse().unwrap_or(value);
     let at = |x: f64, y: f64| format!("{:?},{:?}", short(x), short(y));
     let [mut line, mut band, mut bars, mut dots, mut lone] = [const { String::new() }; 5];
-    for run in points.split(|p| !(p.0.is_finite() && p.1.is_finite())).filter(|run| !run.is_empty()) {
+    for run in points
+        .split(|p| !(p.0.is_finite() && p.1.is_finite()))
+        .filter(|run| !run.is_empty())
+    {
         let run_points: Vec<String> = run.iter().map(|(x, y, _)| at(*x, *y)).collect();
-        let known: Vec<_> = run.iter().filter_map(|(x, y, s)| Some((*x, *y, (*s)?))).collect();
+        let known: Vec<_> = run
+            .iter()
+            .filter_map(|(x, y, s)| Some((*x, *y, (*s)?)))
+            .collect();
         let upper = known.iter().map(|(x, y, s)| at(*x, y + s));
-        let outline: Vec<String> = upper.chain(known.iter().rev().map(|(x, y, s)| at(*x, y - s))).collect();
+        let outline: Vec<String> = upper
+            .chain(known.iter().rev().map(|(x, y, s)| at(*x, y - s)))
+            .collect();
         line.push_str(&format!("M{}h0", run_points.join(" ")));
-        band.push_str(&if known.len() > 1 { format!("M{}Z", outline.join(" ")) } else { String::new() });
-        bars.extend(known.iter().map(|(x, y, s)| format!("M{} {}", at(*x, y - s), at(*x, y + s))));
-        let run_dots: String = run_points.iter().map(|point| format!("M{point}h0")).collect();
+        band.push_str(&if known.len() > 1 {
+            format!("M{}Z", outline.join(" "))
+        } else {
+            String::new()
+        });
+        bars.extend(
+            known
+                .iter()
+                .map(|(x, y, s)| format!("M{} {}", at(*x, y - s), at(*x, y + s))),
+        );
+        let run_dots: String = run_points
+            .iter()
+            .map(|point| format!("M{point}h0"))
+            .collect();
         dots.push_str(&run_dots);
         // A single point makes no line.
         lone.push_str(if run.len() == 1 { &run_dots } else { "" });
@@ -175,12 +207,20 @@ pub const BREAK: FigurePoint = (f64::NAN, f64::NAN, None);
 /// Rounds a point to seven digits.
 pub fn rounded_point((x, y, sigma): FigurePoint) -> FigurePoint {
     let round = |value: f64| format!("{value:.6e}").parse().unwrap_or(f64::NAN);
-    (round(x), round(y), sigma.filter(|s| s.is_finite()).map(round))
+    (
+        round(x),
+        round(y),
+        sigma.filter(|s| s.is_finite()).map(round),
+    )
 }
 
 /// Formats a value as JSON for a script element, which its text cannot end.
 pub fn script_json(value: &impl Serialize) -> PreEscaped<String> {
-    PreEscaped(serde_json::to_string(value).unwrap_or_default().replace('<', "\\u003c"))
+    PreEscaped(
+        serde_json::to_string(value)
+            .unwrap_or_default()
+            .replace('<', "\\u003c"),
+    )
 }
 
 #[cfg(test)]
@@ -189,7 +229,12 @@ mod tests {
 
     #[test]
     fn a_track_has_line_band_bars_and_dots_of_its_finite_points() {
-        let points = [(0.0, 1.0, Some(0.5)), (1.0, 2.0, Some(0.25)), BREAK, (2.0, 3.0, None)];
+        let points = [
+            (0.0, 1.0, Some(0.5)),
+            (1.0, 2.0, Some(0.25)),
+            BREAK,
+            (2.0, 3.0, None),
+        ];
         let [line, band, bars, dots, lone] = path_data(&points);
         assert_eq!(line, "M0.0,1.0 1.0,2.0h0M2.0,3.0h0");
         assert_eq!(band, "M0.0,1.5 1.0,2.25 1.0,1.75 0.0,0.5Z");

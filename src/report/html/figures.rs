@@ -5,7 +5,9 @@ use maud::Markup;
 use super::super::SeriesData;
 use super::super::number::format_fixed;
 use super::super::summary::{Mean, SeriesSummary, hours_between, solved_records};
-use super::figure::{Figure, FigurePoint, FigureTrack, MAIN_COLOUR, TrackStyle, all_abscissas, all_values};
+use super::figure::{
+    Figure, FigurePoint, FigureTrack, MAIN_COLOUR, TrackStyle, all_abscissas, all_values,
+};
 use super::plot::{Axis, series_colour};
 use crate::record::{CurveRecord, ImageRecord};
 
@@ -17,43 +19,93 @@ type CurveField<'a> = &'a dyn Fn(&CurveRecord) -> (f64, Option<f64>);
 /// Draws the deflection of the bending axis along the span, one curve per series, with 1-sigma bands.
 pub fn draw_deflection(summaries: &[SeriesSummary]) -> Markup {
     let deflection = |p: &CurveRecord| (p.deflection_m, p.sigma_deflection_m);
-    draw_curves(summaries, "Deflection curves", "deflection of the bending axis / m", 400.0, &deflection)
+    draw_curves(
+        summaries,
+        "Deflection curves",
+        "deflection of the bending axis / m",
+        400.0,
+        &deflection,
+    )
 }
 
 /// Draws the standard deviation of the deflection along the span, mm.
 pub fn draw_uncertainty(summaries: &[SeriesSummary]) -> Markup {
     let sigma = |p: &CurveRecord| (1e3 * p.sigma_deflection_m.unwrap_or(f64::NAN), None);
-    draw_curves(summaries, "Standard deviation of the deflection", "std. dev. of the deflection / mm", 170.0, &sigma)
+    draw_curves(
+        summaries,
+        "Standard deviation of the deflection",
+        "std. dev. of the deflection / mm",
+        170.0,
+        &sigma,
+    )
 }
 
 /// Draws the twist along the span with 1-sigma bands; `None` if no frame has a twist.
 pub fn draw_twist(summaries: &[SeriesSummary]) -> Option<Markup> {
     let twist = |p: &CurveRecord| (p.twist_deg.unwrap_or(f64::NAN), p.sigma_twist_deg);
-    draw_rotation(summaries, "Twist along the span", "twist, nose up / deg", &twist)
+    draw_rotation(
+        summaries,
+        "Twist along the span",
+        "twist, nose up / deg",
+        &twist,
+    )
 }
 
 /// Draws the streamwise twist along the span with 1-sigma bands; `None` if no frame has one.
 pub fn draw_streamwise_twist(summaries: &[SeriesSummary]) -> Option<Markup> {
     let twist = |p: &CurveRecord| {
-        (p.incidence.streamwise_twist_deg.unwrap_or(f64::NAN), p.incidence.sigma_streamwise_twist_deg)
+        (
+            p.incidence.streamwise_twist_deg.unwrap_or(f64::NAN),
+            p.incidence.sigma_streamwise_twist_deg,
+        )
     };
-    draw_rotation(summaries, "Streamwise twist along the span", "streamwise twist, nose up / deg", &twist)
+    draw_rotation(
+        summaries,
+        "Streamwise twist along the span",
+        "streamwise twist, nose up / deg",
+        &twist,
+    )
 }
 
-fn draw_rotation(summaries: &[SeriesSummary], name: &str, label: &str, column: CurveField) -> Option<Markup> {
-    let any = summaries.iter().flat_map(|s| &s.curve).any(|p| column(p).0.is_finite());
+fn draw_rotation(
+    summaries: &[SeriesSummary],
+    name: &str,
+    label: &str,
+    column: CurveField,
+) -> Option<Markup> {
+    let any = summaries
+        .iter()
+        .flat_map(|s| &s.curve)
+        .any(|p| column(p).0.is_finite());
     any.then(|| draw_curves(summaries, name, label, 260.0, column))
 }
 
-fn draw_curves(summaries: &[SeriesSummary], name: &str, label: &str, height: f64, column: CurveField) -> Markup {
+fn draw_curves(
+    summaries: &[SeriesSummary],
+    name: &str,
+    label: &str,
+    height: f64,
+    column: CurveField,
+) -> Markup {
     let shown: Vec<&SeriesSummary> = summaries.iter().filter(|s| !s.curve.is_empty()).collect();
     let track = |(i, s): (usize, &&SeriesSummary)| {
-        FigureTrack::from_points(short_name(s), series_colour(i, shown.len()), curve_points(&s.curve, column))
+        FigureTrack::from_points(
+            short_name(s),
+            series_colour(i, shown.len()),
+            curve_points(&s.curve, column),
+        )
     };
     let tracks: Vec<FigureTrack> = shown.iter().enumerate().map(track).collect();
     let x = Axis::from_values(all_abscissas(&tracks), SPAN_LABEL);
     let y = Axis::from_values(all_values(&tracks).chain([0.0]), label);
-    Figure { name: name.to_owned(), height, x, y, tracks }.draw()
+    Figure {
+        name: name.to_owned(),
+        height,
+        x,
+        y,
+        tracks,
+    }
+    .draw()
 }
 
 /// Returns a quantity along a curve, where it is finite.
@@ -62,12 +114,23 @@ pub fn curve_points(curve: &[CurveRecord], column: CurveField) -> Vec<FigurePoin
         let (value, sigma) = column(p);
         (p.span_m, value, sigma)
     };
-    curve.iter().map(point).filter(|p| p.1.is_finite()).collect()
+    curve
+        .iter()
+        .map(point)
+        .filter(|p| p.1.is_finite())
+        .collect()
 }
 
 /// Returns the name of a series, shortened, with its hour.
 fn short_name(series: &SeriesSummary) -> String {
-    let name: String = series.name.rsplit('/').next().unwrap_or(&series.name).chars().take(14).collect();
+    let name: String = series
+        .name
+        .rsplit('/')
+        .next()
+        .unwrap_or(&series.name)
+        .chars()
+        .take(14)
+        .collect();
     format!("{name}, {} h", format_fixed(Some(series.hour), 1))
 }
 
@@ -84,7 +147,13 @@ pub fn draw_tip_deflection(series: &[SeriesData], summaries: &[SeriesSummary]) -
         shot: &shot,
         mean: &mean,
     };
-    draw_over_time(series, summaries, "Tip deflection over time", "deflection of the tip marker / m", &[track])
+    draw_over_time(
+        series,
+        summaries,
+        "Tip deflection over time",
+        "deflection of the tip marker / m",
+        &[track],
+    )
 }
 
 /// Draws torsion and twist of one pair over time.
@@ -113,7 +182,13 @@ pub fn draw_torsion(series: &[SeriesData], summaries: &[SeriesSummary], pair: &s
             mean: &mean_twist,
         },
     ];
-    draw_over_time(series, summaries, "Torsion over time", "nose up / deg", &tracks)
+    draw_over_time(
+        series,
+        summaries,
+        "Torsion over time",
+        "nose up / deg",
+        &tracks,
+    )
 }
 
 /// Quantity over time.
@@ -133,13 +208,21 @@ impl TimeTrack<'_> {
             hidden: self.hidden,
             ..FigureTrack::from_points(format!("{}, {of}", self.name), self.colour, Vec::new())
         };
-        let mut means =
-            FigureTrack { style: TrackStyle::DottedLine, dashed: self.dashed, ..track("means of the series") };
-        let mut shots = FigureTrack { style: TrackStyle::SmallDots, ..track("single frames") };
+        let mut means = FigureTrack {
+            style: TrackStyle::DottedLine,
+            dashed: self.dashed,
+            ..track("means of the series")
+        };
+        let mut shots = FigureTrack {
+            style: TrackStyle::SmallDots,
+            ..track("single frames")
+        };
         for (s, summary) in series.iter().zip(summaries) {
             let mut hours = Vec::new();
             for record in solved_records(s) {
-                let Some(value) = (self.shot)(record) else { continue };
+                let Some(value) = (self.shot)(record) else {
+                    continue;
+                };
                 let hour = shot_hour(s, summary, &record.image);
                 hours.push((hour, None));
                 shots.points.push((hour, value, None));
@@ -157,8 +240,13 @@ impl TimeTrack<'_> {
 
 /// Returns the time of a shot, hours since the first series; if no time is known, by its position among the shots.
 fn shot_hour(series: &SeriesData, summary: &SeriesSummary, image: &str) -> f64 {
-    let place = series.shots.iter().position(|s| s.image.as_deref() == Some(image));
-    let Some(place) = place else { return summary.hour };
+    let place = series
+        .shots
+        .iter()
+        .position(|s| s.image.as_deref() == Some(image));
+    let Some(place) = place else {
+        return summary.hour;
+    };
     match (&series.shots[place].stamp, &series.begun) {
         (Some(at), Some(begun)) => summary.hour + hours_between(begun, at),
         _ => summary.hour + place as f64 / series.shots.len() as f64,
@@ -172,9 +260,19 @@ fn draw_over_time(
     label: &str,
     quantities: &[TimeTrack],
 ) -> Markup {
-    let tracks: Vec<FigureTrack> = quantities.iter().flat_map(|one| one.tracks(series, summaries)).collect();
+    let tracks: Vec<FigureTrack> = quantities
+        .iter()
+        .flat_map(|one| one.tracks(series, summaries))
+        .collect();
     let begun = series.first().and_then(|s| s.begun.as_ref()).map(|b| b.utc);
     let x = Axis::from_hours(all_abscissas(&tracks), begun);
     let y = Axis::from_values(all_values(&tracks), label);
-    Figure { name: name.to_owned(), height: 260.0, x, y, tracks }.draw()
+    Figure {
+        name: name.to_owned(),
+        height: 260.0,
+        x,
+        y,
+        tracks,
+    }
+    .draw()
 }

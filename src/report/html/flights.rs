@@ -16,7 +16,9 @@ use crate::clock::Stamp;
 fn flight_track(flight: &FlightOverview) -> Vec<(f64, Mean)> {
     let first = flight.series.iter().find_map(|line| line.begun.as_ref());
     let hour = |(index, line): (usize, &SeriesOverview)| {
-        let known = first.zip(line.begun.as_ref()).map(|(first, at)| hours_between(first, at));
+        let known = first
+            .zip(line.begun.as_ref())
+            .map(|(first, at)| hours_between(first, at));
         Some((known.unwrap_or(index as f64), line.tip_deflection_m?))
     };
     flight.series.iter().enumerate().filter_map(hour).collect()
@@ -24,7 +26,9 @@ fn flight_track(flight: &FlightOverview) -> Vec<(f64, Mean)> {
 
 /// Returns the complete page, without external resources.
 pub fn flights_page(flights: &[FlightOverview]) -> String {
-    let warnings = flights.iter().flat_map(|f| f.warning.iter().chain(&f.notes));
+    let warnings = flights
+        .iter()
+        .flat_map(|f| f.warning.iter().chain(&f.notes));
     let main = html! {
         header { h1 { "Wing deflection, flight by flight" } p.sub { (count_text(flights.len(), "flight")) } }
         @for warning in warnings { p.warning { (warning) } }
@@ -57,14 +61,32 @@ fn deflection_figure(flights: &[FlightOverview]) -> Markup {
     let all: Vec<Vec<(f64, Mean)>> = flights.iter().map(flight_track).collect();
     let (unit, an_hour) = time_unit(all.iter().flatten().map(|p| p.0).fold(0.0, f64::max));
     let track = |(index, means): (usize, &Vec<(f64, Mean)>)| {
-        let points = means.iter().map(|(h, m)| (an_hour * h, m.value, m.sigma)).collect();
+        let points = means
+            .iter()
+            .map(|(h, m)| (an_hour * h, m.value, m.sigma))
+            .collect();
         let name = flights.get(index).map_or("", |f| f.flight.as_str());
         FigureTrack::from_points(name, series_colour(index, flights.len()), points)
     };
-    let tracks: Vec<FigureTrack> = all.iter().enumerate().filter(|(_, means)| !means.is_empty()).map(track).collect();
-    let x = Axis::from_values(all_abscissas(&tracks), &format!("time since the flight's first series / {unit}"));
+    let tracks: Vec<FigureTrack> = all
+        .iter()
+        .enumerate()
+        .filter(|(_, means)| !means.is_empty())
+        .map(track)
+        .collect();
+    let x = Axis::from_values(
+        all_abscissas(&tracks),
+        &format!("time since the flight's first series / {unit}"),
+    );
     let y = Axis::from_values(all_values(&tracks), "deflection of the tip marker / m");
-    Figure { name: "Deflection over time of each flight".to_owned(), height: 320.0, x, y, tracks }.draw()
+    Figure {
+        name: "Deflection over time of each flight".to_owned(),
+        height: 320.0,
+        x,
+        y,
+        tracks,
+    }
+    .draw()
 }
 
 fn flights_table(flights: &[FlightOverview]) -> Grid {
@@ -80,13 +102,17 @@ fn flights_table(flights: &[FlightOverview]) -> Grid {
     };
     Grid::for_rows(flights).columns(&[
         One("<flight", &|f| f.flight.clone()),
-        One("<start (UTC)", &|f| begun(f).map_or("unknown".to_owned(), day)),
+        One("<start (UTC)", &|f| {
+            begun(f).map_or("unknown".to_owned(), day)
+        }),
         One("series", &|f| f.series.len().to_string()),
         One("frames", &|f| f.sum(|line| line.frames).to_string()),
         One("solved", &|f| f.sum(|line| line.solved).to_string()),
         Pair("largest deflection / m", "sigma / m", &deflection),
         One("<in frame", &|f| {
-            f.greatest().map_or(String::new(), |(line, deflection)| format!("{}/{}", line.name, deflection.image))
+            f.greatest().map_or(String::new(), |(line, deflection)| {
+                format!("{}/{}", line.name, deflection.image)
+            })
         }),
         One("<reference", &|f| f.reference.description().to_owned()),
     ])

@@ -9,14 +9,16 @@ use super::super::number::{format_fixed, format_measured};
 use super::super::summary::{self, SeriesSummary};
 use super::super::{FramePicture, FullRecord, ReportData, frame_ranking, table};
 use super::figure::{
-    BREAK, Figure, FigurePoint, FigureTrack, MAIN_COLOUR, TrackStyle, all_abscissas, all_values, rounded_point,
-    script_json,
+    BREAK, Figure, FigurePoint, FigureTrack, MAIN_COLOUR, TrackStyle, all_abscissas, all_values,
+    rounded_point, script_json,
 };
 use super::figures::{SPAN_LABEL, curve_points};
 use super::picture;
 use super::plot::{Axis, round_step};
 use super::views::{GROUND_COLOUR, PlacedMarker, place_markers, wing_frame};
-use crate::record::{CurveRecord, DeflectionReference, GlobalTest, ImageRecord, MarkerRecord, variant_name};
+use crate::record::{
+    CurveRecord, DeflectionReference, GlobalTest, ImageRecord, MarkerRecord, variant_name,
+};
 
 const UNUSED_COLOUR: &str = "#b3541e";
 /// Length of the longest residual in the figure, as a fraction of the width covered by the markers.
@@ -52,7 +54,14 @@ struct MarkerValues {
 
 impl Serialize for MarkerValues {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        (self.used, self.seen, self.ground, self.flight, self.deflection).serialize(serializer)
+        (
+            self.used,
+            self.seen,
+            self.ground,
+            self.flight,
+            self.deflection,
+        )
+            .serialize(serializer)
     }
 }
 
@@ -70,9 +79,19 @@ struct FrameList<'a> {
 pub fn frames_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
     let total: usize = data.series.iter().map(|s| s.records.len()).sum();
     let magnified = residual_magnification(data);
-    let means = summaries.iter().map(|s| (s.name.as_str(), deflection_points(&s.curve))).collect();
-    let list = FrameList { surveyed: data.site.is_some(), means, frames: collect_frame_values(data, magnified) };
-    let shown = data.frames.first().map(|frame| table::marker_table(&frame.record));
+    let means = summaries
+        .iter()
+        .map(|s| (s.name.as_str(), deflection_points(&s.curve)))
+        .collect();
+    let list = FrameList {
+        surveyed: data.site.is_some(),
+        means,
+        frames: collect_frame_values(data, magnified),
+    };
+    let shown = data
+        .frames
+        .first()
+        .map(|frame| table::marker_table(&frame.record));
     html! {
         h2 id="frame" { "A frame and its markers" }
         @if data.frames.len() < total {
@@ -102,8 +121,13 @@ pub fn frames_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup 
 }
 
 fn draw_frame_picture(data: &ReportData, picture: &FramePicture) -> Markup {
-    let of_picture = |frame: &&FullRecord| frame.series == picture.series && frame.record.image == picture.image;
-    let record = data.frames.iter().find(of_picture).map(|frame| &frame.record);
+    let of_picture =
+        |frame: &&FullRecord| frame.series == picture.series && frame.record.image == picture.image;
+    let record = data
+        .frames
+        .iter()
+        .find(of_picture)
+        .map(|frame| &frame.record);
     html! {
         figure.picture data-frame={ (picture.series) "/" (picture.image) } { (picture::draw_picture(picture, record)) }
     }
@@ -118,7 +142,14 @@ fn draw_first_frame(
 ) -> Markup {
     let all: Vec<FigureTrack> = frames.iter().flat_map(&tracks).collect();
     let [x, y] = axes(&all);
-    Figure { name: name.to_owned(), height: 320.0, x, y, tracks: frames.first().map(tracks).unwrap_or_default() }.draw()
+    Figure {
+        name: name.to_owned(),
+        height: 320.0,
+        x,
+        y,
+        tracks: frames.first().map(tracks).unwrap_or_default(),
+    }
+    .draw()
 }
 
 /// Builds a track of the markers for which `point` returns one, with their names.
@@ -129,8 +160,14 @@ fn marker_track(
     point: impl Fn(&MarkerValues) -> Option<FigurePoint>,
 ) -> FigureTrack {
     let named = frame.markers.iter().zip(&frame.rows);
-    let (points, texts) = named.filter_map(|(m, row)| Some((point(m)?, row.first().cloned()?))).unzip();
-    FigureTrack { style: TrackStyle::Dots, texts, ..FigureTrack::from_points(name, colour, points) }
+    let (points, texts) = named
+        .filter_map(|(m, row)| Some((point(m)?, row.first().cloned()?)))
+        .unzip();
+    FigureTrack {
+        style: TrackStyle::Dots,
+        texts,
+        ..FigureTrack::from_points(name, colour, points)
+    }
 }
 
 /// Builds a track of one line per marker.
@@ -140,14 +177,28 @@ fn line_track(
     frame: &FrameValues,
     ends: impl Fn(&MarkerValues) -> Option<[FigurePoint; 2]>,
 ) -> FigureTrack {
-    let points = frame.markers.iter().filter_map(ends).flat_map(|[from, to]| [from, to, BREAK]).collect();
+    let points = frame
+        .markers
+        .iter()
+        .filter_map(ends)
+        .flat_map(|[from, to]| [from, to, BREAK])
+        .collect();
     FigureTrack::from_points(name, colour, points)
 }
 
 fn draw_marker_positions(frames: &[FrameValues]) -> Markup {
-    let of_kind = |used: bool| move |m: &MarkerValues| m.seen.filter(|_| m.used == used).map(|[u, v, ..]| (u, v, None));
-    let residual =
-        |m: &MarkerValues| m.seen.filter(|_| m.used).map(|[u, v, du, dv]| [(u, v, None), (u + du, v + dv, None)]);
+    let of_kind = |used: bool| {
+        move |m: &MarkerValues| {
+            m.seen
+                .filter(|_| m.used == used)
+                .map(|[u, v, ..]| (u, v, None))
+        }
+    };
+    let residual = |m: &MarkerValues| {
+        m.seen
+            .filter(|_| m.used)
+            .map(|[u, v, du, dv]| [(u, v, None), (u + du, v + dv, None)])
+    };
     let tracks = |frame: &FrameValues| {
         vec![
             marker_track("used", MAIN_COLOUR, frame, of_kind(true)),
@@ -175,13 +226,19 @@ fn draw_deflection_curve(list: &FrameList) -> Markup {
         };
         vec![
             FigureTrack::from_points("this frame", MAIN_COLOUR, frame.curve.clone()),
-            FigureTrack { dashed: true, ..FigureTrack::from_points("mean of its series", "#8a4b00", mean) },
+            FigureTrack {
+                dashed: true,
+                ..FigureTrack::from_points("mean of its series", "#8a4b00", mean)
+            },
             marker_track("markers", "#1d6b4f", frame, deflected(true)),
             marker_track("markers, predicted", UNUSED_COLOUR, frame, deflected(false)),
         ]
     };
     let axes = |all: &[FigureTrack]| {
-        let y = Axis::from_values(all_values(all).chain([0.0]), "deflection against the survey / m");
+        let y = Axis::from_values(
+            all_values(all).chain([0.0]),
+            "deflection against the survey / m",
+        );
         [Axis::from_values(all_abscissas(all), SPAN_LABEL), y]
     };
     draw_first_frame("Deflection of a frame", &list.frames, tracks, axes)
@@ -194,26 +251,42 @@ fn draw_wing(frames: &[FrameValues]) -> Markup {
         vec![
             marker_track("on ground", GROUND_COLOUR, frame, |m| m.ground.map(flat)),
             marker_track("in flight", MAIN_COLOUR, frame, |m| m.flight.map(flat)),
-            line_track("deflection", MAIN_COLOUR, frame, |m| Some([flat(m.ground?), flat(m.flight?)])),
+            line_track("deflection", MAIN_COLOUR, frame, |m| {
+                Some([flat(m.ground?), flat(m.flight?)])
+            }),
         ]
     };
     let axes = |all: &[FigureTrack]| {
-        [Axis::from_values(all_abscissas(all), "across / m"), Axis::from_values(all_values(all), "up / m")]
+        [
+            Axis::from_values(all_abscissas(all), "across / m"),
+            Axis::from_values(all_values(all), "up / m"),
+        ]
     };
     draw_first_frame("Wing", frames, tracks, axes)
 }
 
 fn deflection_points(curve: &[CurveRecord]) -> Vec<FigurePoint> {
-    curve_points(curve, &|p| (p.deflection_m, p.sigma_deflection_m)).into_iter().map(rounded_point).collect()
+    curve_points(curve, &|p| (p.deflection_m, p.sigma_deflection_m))
+        .into_iter()
+        .map(rounded_point)
+        .collect()
 }
 
 /// Returns the factor by which residuals are magnified, the same for all frames.
 fn residual_magnification(data: &ReportData) -> f64 {
     let markers = || data.frames.iter().flat_map(|frame| &frame.record.markers);
     let (left, right) = Axis::from_values(markers().filter_map(|m| m.u_px), "").range();
-    let lengths = markers().filter(|m| m.used).filter_map(|m| Some(m.residual_u_px?.hypot(m.residual_v_px?)));
-    let longest = lengths.filter(|length| length.is_finite()).fold(0.0, f64::max);
-    if longest > 0.0 { round_step(RESIDUAL_SHARE * (right - left) / longest).max(1.0) } else { 1.0 }
+    let lengths = markers()
+        .filter(|m| m.used)
+        .filter_map(|m| Some(m.residual_u_px?.hypot(m.residual_v_px?)));
+    let longest = lengths
+        .filter(|length| length.is_finite())
+        .fold(0.0, f64::max);
+    if longest > 0.0 {
+        round_step(RESIDUAL_SHARE * (right - left) / longest).max(1.0)
+    } else {
+        1.0
+    }
 }
 
 /// Lists the result sentence and the markers' values of every frame, also if unsolved, for the page's script.
@@ -231,7 +304,11 @@ fn collect_frame_values(data: &ReportData, magnified: f64) -> Vec<FrameValues<'_
         })
     });
     let reference = summary::common_reference(&data.series);
-    data.frames.iter().map(|frame| frame_with_record(frame, data, reference, magnified)).chain(unfinished).collect()
+    data.frames
+        .iter()
+        .map(|frame| frame_with_record(frame, data, reference, magnified))
+        .chain(unfinished)
+        .collect()
 }
 
 fn frame_with_record<'a>(
@@ -242,7 +319,9 @@ fn frame_with_record<'a>(
 ) -> FrameValues<'a> {
     let record = &frame.record;
     let site = data.site.as_ref();
-    let places = wing_frame(record, site).map(|frame| place_markers(record, site, &frame)).unwrap_or_default();
+    let places = wing_frame(record, site)
+        .map(|frame| place_markers(record, site, &frame))
+        .unwrap_or_default();
     let place = |id: &str| places.iter().find(|p| p.id == id);
     let values = |m: &MarkerRecord| drawn_marker_values(m, place(&m.id), magnified);
     FrameValues {
@@ -260,14 +339,30 @@ fn frame_with_record<'a>(
 /// Describes the result of a frame: its tip deflection, variance factor and global test, or the reason why it has none.
 fn result_sentence(record: &ImageRecord, reference: DeflectionReference) -> String {
     if !record.is_solved() {
-        return format!("No result: {}", record.reason.as_deref().unwrap_or_default());
+        return format!(
+            "No result: {}",
+            record.reason.as_deref().unwrap_or_default()
+        );
     }
-    let (deflection, sigma) = record.tip.as_ref().and_then(|tip| tip.deflection(reference)).unzip();
+    let (deflection, sigma) = record
+        .tip
+        .as_ref()
+        .and_then(|tip| tip.deflection(reference))
+        .unzip();
     let measured = format_measured(deflection, sigma.flatten(), 3);
-    let tip = record.tip.as_ref().map_or(String::new(), |tip| format!(" ({})", tip.label()));
-    let mut text = format!("Tip deflection{tip} {measured} m {}", reference.description());
+    let tip = record
+        .tip
+        .as_ref()
+        .map_or(String::new(), |tip| format!(" ({})", tip.label()));
+    let mut text = format!(
+        "Tip deflection{tip} {measured} m {}",
+        reference.description()
+    );
     if record.variance_factor.is_some() {
-        text.push_str(&format!(", variance factor {}", format_fixed(record.variance_factor, 2)));
+        text.push_str(&format!(
+            ", variance factor {}",
+            format_fixed(record.variance_factor, 2)
+        ));
     }
     if let Some(verdict) = record.global_test {
         text.push_str(&format!(", global test {}", variant_name(verdict)));
@@ -280,18 +375,29 @@ fn result_sentence(record: &ImageRecord, reference: DeflectionReference) -> Stri
     }
 }
 
-fn drawn_marker_values(m: &MarkerRecord, place: Option<&PlacedMarker>, magnified: f64) -> MarkerValues {
+fn drawn_marker_values(
+    m: &MarkerRecord,
+    place: Option<&PlacedMarker>,
+    magnified: f64,
+) -> MarkerValues {
     let round = |value: f64, parts: f64| (value * parts).round() / parts;
     let metres = |p: nalgebra::Vector3<f64>| [p.x, p.y, p.z].map(|v| round(v, 1e4));
-    let at = m.u_px.zip(m.v_px).filter(|(u, v)| u.is_finite() && v.is_finite());
-    let [du, dv] = [m.residual_u_px, m.residual_v_px].map(|residual| round(magnified * residual.unwrap_or(0.0), 10.0));
+    let at = m
+        .u_px
+        .zip(m.v_px)
+        .filter(|(u, v)| u.is_finite() && v.is_finite());
+    let [du, dv] = [m.residual_u_px, m.residual_v_px]
+        .map(|residual| round(magnified * residual.unwrap_or(0.0), 10.0));
     MarkerValues {
         used: m.used,
         seen: at.map(|(u, v)| [round(u, 1e3), -round(v, 1e3), du, -dv]),
         ground: place.and_then(|p| p.ground).map(metres),
         flight: place.and_then(|p| p.flight).filter(|_| m.used).map(metres),
-        deflection: m
-            .deflection_m
-            .map(|value| (round(value, 1e6), m.sigma_deflection_m.map(|sigma| round(sigma, 1e6)))),
+        deflection: m.deflection_m.map(|value| {
+            (
+                round(value, 1e6),
+                m.sigma_deflection_m.map(|sigma| round(sigma, 1e6)),
+            )
+        }),
     }
 }

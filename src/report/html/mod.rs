@@ -39,7 +39,10 @@ pub const SCRIPT: &str = concat!(
 );
 
 /// Builder of reports.
-pub const REPORT_BUILDER: ReportBuilder = ReportBuilder { page: report_page, script: SCRIPT };
+pub const REPORT_BUILDER: ReportBuilder = ReportBuilder {
+    page: report_page,
+    script: SCRIPT,
+};
 
 /// Builds a self-contained page; `units` describes its units.
 pub fn standalone_page(title: &str, main: &Markup, units: &str) -> String {
@@ -95,14 +98,25 @@ pub fn report_page(data: &ReportData) -> String {
 
 /// Returns the solved record that ranks first, or the first solved one, with its series.
 fn shown_record(data: &ReportData) -> Option<(&str, &ImageRecord)> {
-    let ranked = data.frames.iter().map(|frame| (frame.series.as_str(), &frame.record)).take(1);
-    let all = data.series.iter().flat_map(|s| s.records.iter().map(|r| (s.name.as_str(), r)));
+    let ranked = data
+        .frames
+        .iter()
+        .map(|frame| (frame.series.as_str(), &frame.record))
+        .take(1);
+    let all = data
+        .series
+        .iter()
+        .flat_map(|s| s.records.iter().map(|r| (s.name.as_str(), r)));
     ranked.chain(all).find(|(_, record)| record.is_solved())
 }
 
 /// Returns the name of a frame in the report, with its series if there are several.
 fn frame_name(data: &ReportData, series: &str, record: &ImageRecord) -> String {
-    if data.series.len() < 2 { record.image.clone() } else { format!("{series}/{}", record.image) }
+    if data.series.len() < 2 {
+        record.image.clone()
+    } else {
+        format!("{series}/{}", record.image)
+    }
 }
 
 fn report_title(data: &ReportData) -> String {
@@ -114,7 +128,9 @@ fn report_title(data: &ReportData) -> String {
         [one] => format!("flight {one}"),
         [first, .., last] => format!("flights {first} to {last}"),
     };
-    data.site.as_ref().map_or(flights.clone(), |s| format!("{}, {flights}", s.name))
+    data.site
+        .as_ref()
+        .map_or(flights.clone(), |s| format!("{}, {flights}", s.name))
 }
 
 fn report_header(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
@@ -146,8 +162,12 @@ fn summary_tiles(summaries: &[SeriesSummary]) -> Markup {
 
 /// Returns the largest deflection of a single frame; empty if no frame has one.
 fn greatest_tile(summaries: &[SeriesSummary]) -> Markup {
-    let with_deflection = summaries.iter().filter_map(|s| Some((s, s.greatest.as_ref()?)));
-    let Some((s, one)) = with_deflection.max_by(|a, b| a.1.deflection_m.total_cmp(&b.1.deflection_m)) else {
+    let with_deflection = summaries
+        .iter()
+        .filter_map(|s| Some((s, s.greatest.as_ref()?)));
+    let Some((s, one)) =
+        with_deflection.max_by(|a, b| a.1.deflection_m.total_cmp(&b.1.deflection_m))
+    else {
         return html! {};
     };
     html! {
@@ -160,8 +180,15 @@ fn greatest_tile(summaries: &[SeriesSummary]) -> Markup {
 
 /// Returns the change from the first series with a deflection to the last one; for one series its mean and scatter.
 fn change_tile(summaries: &[SeriesSummary]) -> Markup {
-    let means: Vec<_> = summaries.iter().filter_map(|s| Some((s, s.tip_deflection_m?))).collect();
-    let tip = |s: &SeriesSummary| s.greatest.as_ref().map_or(String::new(), |one| format!(" ({})", one.marker));
+    let means: Vec<_> = summaries
+        .iter()
+        .filter_map(|s| Some((s, s.tip_deflection_m?)))
+        .collect();
+    let tip = |s: &SeriesSummary| {
+        s.greatest
+            .as_ref()
+            .map_or(String::new(), |one| format!(" ({})", one.marker))
+    };
     let scatter = |mean: Mean| table::scatter_text(Some(mean));
     match means.as_slice() {
         [(s, mean)] if mean.count > 1 => html! {
@@ -188,14 +215,27 @@ fn change_tile(summaries: &[SeriesSummary]) -> Markup {
 /// Formats the period from the first shot to the last one.
 fn recording_period(data: &ReportData) -> String {
     let series_times = |s: &SeriesData| {
-        let shots = s.shots.iter().filter(|_| s.begun.is_some()).filter_map(|shot| shot.stamp.as_ref());
-        s.begun.iter().chain(shots).map(|s| s.utc).collect::<Vec<_>>()
+        let shots = s
+            .shots
+            .iter()
+            .filter(|_| s.begun.is_some())
+            .filter_map(|shot| shot.stamp.as_ref());
+        s.begun
+            .iter()
+            .chain(shots)
+            .map(|s| s.utc)
+            .collect::<Vec<_>>()
     };
     let times: Vec<_> = data.series.iter().flat_map(series_times).collect();
     let Some((first, last)) = times.iter().min().zip(times.iter().max()) else {
         return "times unknown".to_owned();
     };
-    let text = |format: &str| (first.strftime(format).to_string(), last.strftime(format).to_string());
+    let text = |format: &str| {
+        (
+            first.strftime(format).to_string(),
+            last.strftime(format).to_string(),
+        )
+    };
     let ((day, last_day), (clock, last_clock)) = (text("%Y-%m-%d"), text("%H:%M"));
     match (day == last_day, clock == last_clock) {
         (true, true) => format!("{day} {clock} UTC"),
@@ -264,8 +304,14 @@ fn deflection_section(summaries: &[SeriesSummary], shown: Option<&ImageRecord>) 
 
 /// Describes series whose frames scatter by more than the band of their mean curve; `None` if there are none.
 fn scatter_note(summaries: &[SeriesSummary]) -> Option<String> {
-    let beyond = |mean: Mean| mean.scatter.filter(|scatter| mean.sigma.is_some_and(|sigma| *scatter > sigma));
-    let wide: Vec<_> = summaries.iter().filter_map(|s| Some((s, beyond(s.tip_deflection_m?)?))).collect();
+    let beyond = |mean: Mean| {
+        mean.scatter
+            .filter(|scatter| mean.sigma.is_some_and(|sigma| *scatter > sigma))
+    };
+    let wide: Vec<_> = summaries
+        .iter()
+        .filter_map(|s| Some((s, beyond(s.tip_deflection_m?)?)))
+        .collect();
     let largest = wide.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(format!(
         "Single frames of {} scatter about their mean by more than its band, at the tip by up to {} m (series {}). See the \
@@ -281,7 +327,8 @@ fn scatter_note(summaries: &[SeriesSummary]) -> Option<String> {
 fn marker_and_axis_note(record: &ImageRecord) -> Option<String> {
     let tip = record.tip.as_ref()?;
     let axis = record.curve.last()?;
-    let differ = (tip.deflection_m - axis.deflection_m).abs() > 3.0 * tip.sigma_deflection_m.unwrap_or(0.0).max(0.001);
+    let differ = (tip.deflection_m - axis.deflection_m).abs()
+        > 3.0 * tip.sigma_deflection_m.unwrap_or(0.0).max(0.001);
     differ.then(|| {
         format!(
             "In {}, the deflection of marker {} is {} m against the survey; that of the bending axis, at the end of its curve, is {} m. \
@@ -298,7 +345,12 @@ fn time_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
     if summaries.iter().all(|s| s.solved == 0) {
         return html! { h2 id="time" { "Deflection and torsion over time" } p { "No frame has been solved." } };
     }
-    let pairs = distinct_values(summaries.iter().flat_map(|s| &s.torsion).map(|pair| pair.name.as_str()));
+    let pairs = distinct_values(
+        summaries
+            .iter()
+            .flat_map(|s| &s.torsion)
+            .map(|pair| pair.name.as_str()),
+    );
     html! {
         h2 id="time" { "Deflection and torsion over time" }
         figure {
@@ -315,7 +367,8 @@ fn time_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
 }
 
 fn views_section(data: &ReportData, shown: Option<(String, &ImageRecord)>) -> Markup {
-    let views = shown.and_then(|(name, r)| Some((name, views::orthographic_views(r, data.site.as_ref())?)));
+    let views =
+        shown.and_then(|(name, r)| Some((name, views::orthographic_views(r, data.site.as_ref())?)));
     html! {
         h2 id="views" { "Positions in three views" }
         @if let Some((name, views)) = views {
@@ -339,7 +392,10 @@ mod tests {
     fn data() -> ReportData {
         let mut series = sample::series("s000001", 0, &[2.93, 2.95]);
         series.records[0].image = "<b>&\"x.jpg".to_owned();
-        ReportData { series: vec![series, sample::series("s000002", 3600, &[2.5])], ..ReportData::default() }
+        ReportData {
+            series: vec![series, sample::series("s000002", 3600, &[2.5])],
+            ..ReportData::default()
+        }
     }
 
     #[test]
@@ -356,7 +412,10 @@ mod tests {
             ..Default::default()
         };
         for series in [vec![], vec![failed]] {
-            let html = report_page(&ReportData { series, ..ReportData::default() });
+            let html = report_page(&ReportData {
+                series,
+                ..ReportData::default()
+            });
             assert!(!html.contains("NaN") && !html.contains("inf") && html.contains("</html>"));
         }
     }

@@ -46,15 +46,26 @@ fn draw_decoded(picture: &FramePicture, record: Option<&ImageRecord>) -> Markup 
     };
     let found = detect(&raster);
     let markers = record.map_or(&[][..], |r| &r.markers[..]);
-    let enlarged = ellipse_enlargement(&found.markers, raster.width().max(raster.height()) as f64 / 150.0);
+    let enlarged = ellipse_enlargement(
+        &found.markers,
+        raster.width().max(raster.height()) as f64 / 150.0,
+    );
     let (w, h) = (raster.width() as f64, raster.height() as f64);
     let name_spot = |d: &Detection| {
         let (name, colour) = match_detection(d, markers);
         let half = ellipse_extent(d.semi_major_px, d.semi_minor_px, d.angle_rad);
-        NamedSpot { at: d.centre_px, half, name, colour }
+        NamedSpot {
+            at: d.centre_px,
+            half,
+            name,
+            colour,
+        }
     };
     let named: Vec<NamedSpot> = found.markers.iter().map(name_spot).collect();
-    let data = format!("data:image/jpeg;base64,{}", base64::engine::general_purpose::STANDARD.encode(jpeg));
+    let data = format!(
+        "data:image/jpeg;base64,{}",
+        base64::engine::general_purpose::STANDARD.encode(jpeg)
+    );
     html! {
         svg.photo viewBox=(format!("0 0 {w} {h}")) role="img" aria-label="Frame with detected markers"
             style=(format!("stroke-width:{}px", px(w / 900.0))) {
@@ -82,12 +93,20 @@ pub fn svg_thumbnail(
     largest: usize,
 ) -> Option<String> {
     let raster = decode_image(bytes, format).ok()?;
-    let jpeg = base64::engine::general_purpose::STANDARD.encode(small_jpeg(&raster, largest, JPEG_QUALITY)?);
+    let jpeg = base64::engine::general_purpose::STANDARD.encode(small_jpeg(
+        &raster,
+        largest,
+        JPEG_QUALITY,
+    )?);
     let (w, h) = (raster.width() as f64, raster.height() as f64);
     let radius = w.max(h) / 70.0;
-    let seen = |m: &MarkerRecord| Some((m.u_px?, m.v_px?)).filter(|(u, v)| u.is_finite() && v.is_finite());
-    let markers: Vec<(&MarkerRecord, (f64, f64))> =
-        record.iter().flat_map(|r| &r.markers).filter_map(|m| Some((m, seen(m)?))).collect();
+    let seen =
+        |m: &MarkerRecord| Some((m.u_px?, m.v_px?)).filter(|(u, v)| u.is_finite() && v.is_finite());
+    let markers: Vec<(&MarkerRecord, (f64, f64))> = record
+        .iter()
+        .flat_map(|r| &r.markers)
+        .filter_map(|m| Some((m, seen(m)?)))
+        .collect();
     let named: Vec<NamedSpot> = markers
         .iter()
         .filter(|_| largest >= MIN_NAMED_PX)
@@ -130,11 +149,23 @@ fn draw_outlines(found: &Detections, markers: &[MarkerRecord], enlarged: f64) ->
     }
 }
 
-fn draw_ellipse(at: Vector2<f64>, semi: [f64; 2], angle: f64, colour: &str, title: &str, dashed: bool) -> Markup {
+fn draw_ellipse(
+    at: Vector2<f64>,
+    semi: [f64; 2],
+    angle: f64,
+    colour: &str,
+    title: &str,
+    dashed: bool,
+) -> Markup {
     if !(at.iter().chain(&semi).all(|v| v.is_finite()) && angle.is_finite()) {
         return html! {};
     }
-    let turn = format!("translate({} {}) rotate({})", px(at.x), px(at.y), px(angle.to_degrees()));
+    let turn = format!(
+        "translate({} {}) rotate({})",
+        px(at.x),
+        px(at.y),
+        px(angle.to_degrees())
+    );
     html! {
         ellipse rx=(px(semi[0])) ry=(px(semi[1])) transform=(turn) fill="none" stroke=(colour)
             stroke-dasharray=[dashed.then_some("8 6")] { title { (title) } }
@@ -148,7 +179,10 @@ fn match_detection(d: &Detection, markers: &[MarkerRecord]) -> (String, &'static
         let at = vector![m.u_px?, m.v_px?];
         Some((at - d.centre_px).norm()).filter(|v| v.is_finite())
     };
-    let nearest = markers.iter().filter_map(|m| Some((distance(m)?, m))).min_by(|a, b| a.0.total_cmp(&b.0));
+    let nearest = markers
+        .iter()
+        .filter_map(|m| Some((distance(m)?, m)))
+        .min_by(|a, b| a.0.total_cmp(&b.0));
     // The perspective bias shifts a centre by at most 1 to 2 px, much less than the size of a marker.
     match nearest.filter(|(away, _)| *away < 3.0_f64.max(0.1 * d.semi_minor_px)) {
         Some((_, m)) if m.used => (m.id.clone(), USED_COLOUR),
@@ -164,7 +198,14 @@ mod tests {
     #[test]
     fn a_decoder_crash_gives_a_warning() {
         let bytes = crate::pipeline::decode::BREAKS.to_vec();
-        let frame = FramePicture { bytes, ..FramePicture::default() };
-        assert!(draw_picture(&frame, None).into_string().contains("decoder failed"));
+        let frame = FramePicture {
+            bytes,
+            ..FramePicture::default()
+        };
+        assert!(
+            draw_picture(&frame, None)
+                .into_string()
+                .contains("decoder failed")
+        );
     }
 }

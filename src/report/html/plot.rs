@@ -22,13 +22,19 @@ impl Plot {
     /// Maps a data point to the drawing; y increases upwards in the data, downwards in the drawing.
     pub fn point_at(&self, x: f64, y: f64) -> (f64, f64) {
         let [left, top, width, height] = self.area;
-        (left + self.x.fraction(x) * width, top + height - self.y.fraction(y) * height)
+        (
+            left + self.x.fraction(x) * width,
+            top + height - self.y.fraction(y) * height,
+        )
     }
 
     /// Draws grid, ticks and labels.
     pub fn frame(&self) -> Markup {
         let [left, top, width, height] = self.area;
-        let (across, down) = (|share: f64| px(left + share * width), |share: f64| px(top + share * height));
+        let (across, down) = (
+            |share: f64| px(left + share * width),
+            |share: f64| px(top + share * height),
+        );
         html! {
             (draw_ticks(&self.x, &self.y, across, down))
             rect.frame x=(px(left)) y=(px(top)) width=(px(width)) height=(px(height)) {}
@@ -40,7 +46,9 @@ impl Plot {
 
     /// Draws a line through (x, y); points that are not finite are skipped.
     pub fn line(&self, points: &[(f64, f64)], colour: &str, dashed: bool) -> Markup {
-        let finite = points.iter().filter(|(x, y)| x.is_finite() && y.is_finite());
+        let finite = points
+            .iter()
+            .filter(|(x, y)| x.is_finite() && y.is_finite());
         let text = finite.map(|(x, y)| {
             let (x, y) = self.point_at(*x, *y);
             format!("{},{}", px(x), px(y))
@@ -52,7 +60,12 @@ impl Plot {
 
 /// Draws grid lines and tick texts. `across` and `down` return the coordinates of a fraction of width and height, from the
 /// top left.
-pub fn draw_ticks(x: &Axis, y: &Axis, across: impl Fn(f64) -> String, down: impl Fn(f64) -> String) -> Markup {
+pub fn draw_ticks(
+    x: &Axis,
+    y: &Axis,
+    across: impl Fn(f64) -> String,
+    down: impl Fn(f64) -> String,
+) -> Markup {
     html! {
         g {
             @for (k, (v, text)) in x.ticks().into_iter().enumerate() {
@@ -90,9 +103,19 @@ pub struct NamedSpot {
 pub fn draw_names(spots: &[NamedSpot], bounds: [f64; 4], letter: f64, plate: f64) -> Markup {
     let mut labels = LabelLayout::new(LabelArea(bounds));
     for NamedSpot { at, half, .. } in spots {
-        labels.occupy(LabelArea([at.x - half.x, at.y - half.y, at.x + half.x, at.y + half.y]));
+        labels.occupy(LabelArea([
+            at.x - half.x,
+            at.y - half.y,
+            at.x + half.x,
+            at.y + half.y,
+        ]));
     }
-    let size = |name: &str| vector![name.chars().count() as f64 * letter * 0.66 + letter * 0.3, letter * 1.15];
+    let size = |name: &str| {
+        vector![
+            name.chars().count() as f64 * letter * 0.66 + letter * 0.3,
+            letter * 1.15
+        ]
+    };
     html! {
         @for NamedSpot { at, half, name, colour } in spots {
             @let size = size(name);
@@ -124,9 +147,18 @@ pub fn px(value: f64) -> String {
 /// Returns a colour from dark blue over teal to orange, for `count` series in order of time, with a contrast of at least
 /// 4.5 to white.
 pub fn series_colour(index: usize, count: usize) -> String {
-    const STOPS: [[f64; 3]; 5] =
-        [[27.0, 45.0, 120.0], [23.0, 95.0, 160.0], [14.0, 112.0, 96.0], [150.0, 90.0, 0.0], [176.0, 48.0, 24.0]];
-    let share = if count > 1 { index as f64 / (count - 1) as f64 } else { 0.0 } * 4.0;
+    const STOPS: [[f64; 3]; 5] = [
+        [27.0, 45.0, 120.0],
+        [23.0, 95.0, 160.0],
+        [14.0, 112.0, 96.0],
+        [150.0, 90.0, 0.0],
+        [176.0, 48.0, 24.0],
+    ];
+    let share = if count > 1 {
+        index as f64 / (count - 1) as f64
+    } else {
+        0.0
+    } * 4.0;
     let stop = (share.floor() as usize).min(3);
     let mix = |k: usize| {
         let (a, b) = (STOPS[stop][k], STOPS[stop + 1][k]);
@@ -142,19 +174,27 @@ mod tests {
     #[test]
     fn data_go_to_the_corners() {
         let unit = || Axis::from_values([0.0, 1.0].into_iter(), "");
-        let plot = Plot { area: [10.0, 20.0, 100.0, 50.0], x: unit(), y: unit() };
+        let plot = Plot {
+            area: [10.0, 20.0, 100.0, 50.0],
+            x: unit(),
+            y: unit(),
+        };
         assert_eq!(plot.point_at(0.0, 0.0), (10.0, 70.0));
         assert_eq!(plot.point_at(1.0, 1.0), (110.0, 20.0));
         let line = plot.line(&[(0.0, 0.0), (f64::NAN, 1.0), (1.0, 1.0)], "#000", false);
-        assert!(line.into_string().contains("points=\"10.0,70.0 110.0,20.0\""));
+        assert!(
+            line.into_string()
+                .contains("points=\"10.0,70.0 110.0,20.0\"")
+        );
     }
 
     #[test]
     fn colours_contrast() {
-        let channel = |text: &str| match f64::from(u8::from_str_radix(text, 16).unwrap_or(255)) / 255.0 {
-            v if v <= 0.04045 => v / 12.92,
-            v => ((v + 0.055) / 1.055).powf(2.4),
-        };
+        let channel =
+            |text: &str| match f64::from(u8::from_str_radix(text, 16).unwrap_or(255)) / 255.0 {
+                v if v <= 0.04045 => v / 12.92,
+                v => ((v + 0.055) / 1.055).powf(2.4),
+            };
         for colour in (0..40).map(|i| series_colour(i, 40)) {
             let [r, g, b] = [1, 3, 5].map(|k| channel(&colour[k..k + 2]));
             let luminance = 0.2126 * r + 0.7152 * g + 0.0722 * b;

@@ -8,7 +8,9 @@ use super::super::number::{self, NONE, count_text, format_fixed, format_general}
 use super::super::summary::SeriesSummary;
 use super::super::{ReportData, SeriesData, ShotData, protocol, summary, table};
 use crate::clock::Stamp;
-use crate::record::{GlobalTest, ImageRecord, Provenance, Quality, json_fields, json_text, variant_name};
+use crate::record::{
+    GlobalTest, ImageRecord, Provenance, Quality, json_fields, json_text, variant_name,
+};
 
 /// Returns the section of the series means.
 pub fn series_section(summaries: &[SeriesSummary]) -> Markup {
@@ -44,15 +46,27 @@ pub fn results_section(data: &ReportData) -> Markup {
 
 /// Returns the parameters of one solution.
 pub fn solution_section(shown: Option<(String, &ImageRecord)>) -> Markup {
-    let Some((name, record)) = shown else { return html! {} };
+    let Some((name, record)) = shown else {
+        return html! {};
+    };
     let mut grid = Grid::new(&["<parameter", "value", "sigma"]);
     for term in record.model.terms() {
-        let name = term.index.map_or(term.name.clone(), |k| format!("{} [{}]", term.name, k + 1));
+        let name = term
+            .index
+            .map_or(term.name.clone(), |k| format!("{} [{}]", term.name, k + 1));
         let format_value = |value: Option<f64>| value.map_or(NONE.to_owned(), format_general);
         let measured = term.estimate;
-        grid.push(vec![name, format_value(measured.map(|m| m.value)), format_value(measured.and_then(|m| m.sigma))]);
+        grid.push(vec![
+            name,
+            format_value(measured.map(|m| m.value)),
+            format_value(measured.and_then(|m| m.sigma)),
+        ]);
     }
-    let quality = Quality { correlation: None, cad: None, ..record.quality.clone() };
+    let quality = Quality {
+        correlation: None,
+        cad: None,
+        ..record.quality.clone()
+    };
     for (name, value) in &json_fields(&quality) {
         push_parameter(&mut grid, name, value);
     }
@@ -72,10 +86,17 @@ pub fn solution_section(shown: Option<(String, &ImageRecord)>) -> Markup {
 
 /// Adds one row per number; a value with its sigma is one row.
 fn push_parameter(grid: &mut Grid, name: &str, value: &Value) {
-    let number = |v: Option<&Value>| v.and_then(Value::as_f64).map_or(NONE.to_owned(), format_general);
+    let number = |v: Option<&Value>| {
+        v.and_then(Value::as_f64)
+            .map_or(NONE.to_owned(), format_general)
+    };
     match value {
         Value::Object(map) if map.contains_key("value") => {
-            grid.push(vec![name.to_owned(), number(map.get("value")), number(map.get("sigma"))]);
+            grid.push(vec![
+                name.to_owned(),
+                number(map.get("value")),
+                number(map.get("sigma")),
+            ]);
         }
         Value::Object(map) => {
             for (key, inner) in map {
@@ -93,18 +114,28 @@ fn push_parameter(grid: &mut Grid, name: &str, value: &Value) {
 }
 
 fn value_text(value: &Value) -> String {
-    if value.is_null() { NONE.to_owned() } else { json_text(value) }
+    if value.is_null() {
+        NONE.to_owned()
+    } else {
+        json_text(value)
+    }
 }
 
 /// Returns the section on the accuracy of the exposure times.
 fn exposure_section(data: &ReportData) -> Markup {
-    let exposures: Vec<_> =
-        data.series.iter().flat_map(|s| &s.shots).filter_map(|shot| shot.exposure.as_ref()).collect();
+    let exposures: Vec<_> = data
+        .series
+        .iter()
+        .flat_map(|s| &s.shots)
+        .filter_map(|shot| shot.exposure.as_ref())
+        .collect();
     let largest = |values: Vec<f64>| values.into_iter().fold(0.0, f64::max);
     let own_ms = 1e3 * largest(exposures.iter().map(|e| e.exposure_sigma_s).collect());
     let clock: Vec<f64> = exposures.iter().filter_map(|e| e.clock_sigma_s).collect();
-    let mut sources: Vec<String> =
-        exposures.iter().map(|e| variant_name(e.exposure_source).replace('_', " ")).collect();
+    let mut sources: Vec<String> = exposures
+        .iter()
+        .map(|e| variant_name(e.exposure_source).replace('_', " "))
+        .collect();
     sources.sort_unstable();
     sources.dedup();
     html! {
@@ -122,9 +153,18 @@ fn exposure_section(data: &ReportData) -> Markup {
 
 /// Returns the section on tests, unused markers and failures.
 pub fn quality_section(data: &ReportData) -> Markup {
-    let records = || data.series.iter().flat_map(|s| s.records.iter().map(move |r| (s, r)));
-    let unused = table::unused_markers_of_series(records().map(|(s, r)| (format!("{}/", s.name), r)));
-    let (failed, camera, remarks) = (failed_frames(data), camera_failures(data), remark_table(data));
+    let records = || {
+        data.series
+            .iter()
+            .flat_map(|s| s.records.iter().map(move |r| (s, r)))
+    };
+    let unused =
+        table::unused_markers_of_series(records().map(|(s, r)| (format!("{}/", s.name), r)));
+    let (failed, camera, remarks) = (
+        failed_frames(data),
+        camera_failures(data),
+        remark_table(data),
+    );
     html! {
         h2 id="quality" { "Quality" }
         (global_test_text(records().map(|(_, r)| r)))
@@ -174,11 +214,18 @@ fn failed_frames(data: &ReportData) -> Grid {
     let mut grid = Grid::new(&["<series", "<frame", "<reason"]);
     for s in &data.series {
         for r in s.records.iter().filter(|r| !r.is_solved()) {
-            let reason = r.reason.clone().unwrap_or_else(|| "no reason recorded".to_owned());
+            let reason = r
+                .reason
+                .clone()
+                .unwrap_or_else(|| "no reason recorded".to_owned());
             grid.push(vec![s.name.clone(), r.image.clone(), reason]);
         }
         for image in unsolved_images(s) {
-            grid.push(vec![s.name.clone(), image.to_owned(), "not solved yet".to_owned()]);
+            grid.push(vec![
+                s.name.clone(),
+                image.to_owned(),
+                "not solved yet".to_owned(),
+            ]);
         }
     }
     grid
@@ -196,7 +243,13 @@ fn camera_failures(data: &ReportData) -> Grid {
             for failure in &shot.failures {
                 let time = shot_time(s, shot);
                 let image = shot.image.clone().unwrap_or_else(|| "none".to_owned());
-                grid.push(vec![s.name.clone(), shot.number.to_string(), time, image, failure.clone()]);
+                grid.push(vec![
+                    s.name.clone(),
+                    shot.number.to_string(),
+                    time,
+                    image,
+                    failure.clone(),
+                ]);
             }
         }
     }
@@ -205,14 +258,21 @@ fn camera_failures(data: &ReportData) -> Grid {
 
 fn shot_time(series: &SeriesData, shot: &ShotData) -> String {
     let text = |s: &Stamp| s.utc.strftime("%Y-%m-%d %H:%M:%S").to_string();
-    shot.stamp.as_ref().filter(|_| series.begun.is_some()).map_or(NONE.to_owned(), text)
+    shot.stamp
+        .as_ref()
+        .filter(|_| series.begun.is_some())
+        .map_or(NONE.to_owned(), text)
 }
 
 /// Lists remarks, each once with the number of its occurrences.
 fn remark_table(data: &ReportData) -> Grid {
     let mut seen: Vec<(&str, usize, String)> = Vec::new();
     for s in &data.series {
-        let of_frames = s.records.iter().flat_map(|r| r.remarks.iter().map(move |t| (t.as_str(), r.image.as_str())));
+        let of_frames = s.records.iter().flat_map(|r| {
+            r.remarks
+                .iter()
+                .map(move |t| (t.as_str(), r.image.as_str()))
+        });
         for (text, image) in s.remarks.iter().map(|t| (t.as_str(), "")).chain(of_frames) {
             match seen.iter_mut().find(|known| known.0 == text) {
                 Some(known) => known.1 += 1,
@@ -231,7 +291,10 @@ fn remark_table(data: &ReportData) -> Grid {
 pub fn provenance_section(data: &ReportData) -> Markup {
     let mut sets: Vec<(Provenance, usize)> = Vec::new();
     for record in data.series.iter().flat_map(|s| &s.records) {
-        let inputs = Provenance { frame_sha256: None, ..record.provenance.clone() };
+        let inputs = Provenance {
+            frame_sha256: None,
+            ..record.provenance.clone()
+        };
         match sets.iter_mut().find(|known| known.0 == inputs) {
             Some(known) => known.1 += 1,
             None => sets.push((inputs, 1)),
@@ -270,7 +333,14 @@ fn input_table(set: &Provenance) -> Grid {
 }
 
 fn frame_hashes(data: &ReportData) -> Grid {
-    let mut grid = Grid::new(&["<series", "<frame", "<original file", "<UTC", "<SHA-256", "solve / ms"]);
+    let mut grid = Grid::new(&[
+        "<series",
+        "<frame",
+        "<original file",
+        "<UTC",
+        "<SHA-256",
+        "solve / ms",
+    ]);
     for s in &data.series {
         for shot in &s.shots {
             let Some(image) = &shot.image else { continue };

@@ -33,16 +33,25 @@ pub struct OrthographicViews {
 }
 
 /// Draws the views of one solved frame; `None` without positions.
-pub fn orthographic_views(record: &ImageRecord, site: Option<&ReportSite>) -> Option<OrthographicViews> {
+pub fn orthographic_views(
+    record: &ImageRecord,
+    site: Option<&ReportSite>,
+) -> Option<OrthographicViews> {
     let frame = wing_frame(record, site)?;
     let placed = place_markers(record, site, &frame);
     let camera = site.map(|_| Vector3::zeros());
-    let points: Vec<Vector3<f64>> =
-        placed.iter().flat_map(|p| p.ground.into_iter().chain(p.flight)).chain(camera).collect();
+    let points: Vec<Vector3<f64>> = placed
+        .iter()
+        .flat_map(|p| p.ground.into_iter().chain(p.flight))
+        .chain(camera)
+        .collect();
     if points.is_empty() {
         return None;
     }
-    Some(OrthographicViews { drawing: draw_three_views(&placed, camera, &points), surveyed: site.is_some() })
+    Some(OrthographicViews {
+        drawing: draw_three_views(&placed, camera, &points),
+        surveyed: site.is_some(),
+    })
 }
 
 /// Returns the wing frame of the installation, or one guessed from the results.
@@ -50,7 +59,11 @@ pub(super) fn wing_frame(record: &ImageRecord, site: Option<&ReportSite>) -> Opt
     site.map(|s| s.wing).or_else(|| guessed_frame(record))
 }
 
-pub(super) fn place_markers(record: &ImageRecord, site: Option<&ReportSite>, frame: &WingFrame) -> Vec<PlacedMarker> {
+pub(super) fn place_markers(
+    record: &ImageRecord,
+    site: Option<&ReportSite>,
+    frame: &WingFrame,
+) -> Vec<PlacedMarker> {
     let flight = |id: &str| {
         let marker = record.markers.iter().find(|m| m.id == id)?;
         Some(Vector3::from(marker.position_m?)).filter(is_finite_point)
@@ -65,16 +78,27 @@ pub(super) fn place_markers(record: &ImageRecord, site: Option<&ReportSite>, fra
     }
     let lowered = |m: &crate::record::MarkerRecord| {
         let position = flight(&m.id)?;
-        let ground = m.deflection_m.map(|l| frame.wing_point(&(position - Vector3::z() * l)));
-        Some(PlacedMarker { id: m.id.clone(), ground, flight: Some(frame.wing_point(&position)) })
+        let ground = m
+            .deflection_m
+            .map(|l| frame.wing_point(&(position - Vector3::z() * l)));
+        Some(PlacedMarker {
+            id: m.id.clone(),
+            ground,
+            flight: Some(frame.wing_point(&position)),
+        })
     };
     record.markers.iter().filter_map(lowered).collect()
 }
 
 /// Guesses a wing frame along the line from the nearest to the farthest marker, with its origin in the nearest.
 fn guessed_frame(record: &ImageRecord) -> Option<WingFrame> {
-    let known = record.markers.iter().filter_map(|m| Some((m.distance_m?, Vector3::from(m.position_m?))));
-    let mut known: Vec<_> = known.filter(|(d, p)| d.is_finite() && is_finite_point(p)).collect();
+    let known = record
+        .markers
+        .iter()
+        .filter_map(|m| Some((m.distance_m?, Vector3::from(m.position_m?))));
+    let mut known: Vec<_> = known
+        .filter(|(d, p)| d.is_finite() && is_finite_point(p))
+        .collect();
     sort_by_value(&mut known, |one| one.0);
     let (near, far) = (known.first()?.1, known.last()?.1);
     let direction = (far - near).xy();
@@ -86,16 +110,24 @@ fn is_finite_point(p: &Vector3<f64>) -> bool {
 }
 
 /// Draws the front view at the top left, the top view below it, the side view to its right, in one scale.
-fn draw_three_views(placed: &[PlacedMarker], camera: Option<Vector3<f64>>, points: &[Vector3<f64>]) -> Markup {
+fn draw_three_views(
+    placed: &[PlacedMarker],
+    camera: Option<Vector3<f64>>,
+    points: &[Vector3<f64>],
+) -> Markup {
     let range = |k: usize, margin: f64| {
         let values = || points.iter().map(|p| p[k]);
-        let (low, high) = (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
+        let (low, high) = (
+            values().fold(f64::MAX, f64::min),
+            values().fold(f64::MIN, f64::max),
+        );
         (low - margin, high + margin)
     };
     let (x, y, z) = (range(0, 1.0), range(1, 0.5), range(2, 0.7));
     let step = round_step((x.1 - x.0) / 9.0);
     let fine = round_step((y.1 - y.0).max(z.1 - z.0) / 5.0);
-    let axis = |(low, high): (f64, f64), step: f64, label: &str| Axis::from_range(low, high, step, label);
+    let axis =
+        |(low, high): (f64, f64), step: f64, label: &str| Axis::from_range(low, high, step, label);
     let span = || axis(x, step, "span / m");
     let height = || axis(y, fine, "up / m");
     let (scale, side) = {
@@ -106,10 +138,22 @@ fn draw_three_views(placed: &[PlacedMarker], camera: Option<Vector3<f64>>, point
     let front_height = size(&height());
     let chord = axis(z, fine, "Z (chord) / m");
     let top_at = 30.0 + front_height + 76.0;
-    let front = Plot { area: [LEFT, 30.0, size(&span()), front_height], x: span(), y: height() };
+    let front = Plot {
+        area: [LEFT, 30.0, size(&span()), front_height],
+        x: span(),
+        y: height(),
+    };
     let right = side + size(&span());
-    let end = Plot { area: [right, 30.0, size(&chord), front_height], x: chord.clone(), y: height() };
-    let top = Plot { area: [LEFT, top_at, size(&span()), size(&chord)], x: span(), y: chord.clone().reversed() };
+    let end = Plot {
+        area: [right, 30.0, size(&chord), front_height],
+        x: chord.clone(),
+        y: height(),
+    };
+    let top = Plot {
+        area: [LEFT, top_at, size(&span()), size(&chord)],
+        x: span(),
+        y: chord.clone().reversed(),
+    };
     let total = top_at + size(&chord) + 48.0;
     let content = html! {
         (draw_view(&front, "View along the chord", placed, camera, |p| (p.x, p.y)))
@@ -169,7 +213,12 @@ fn draw_ids(plot: &Plot, placed: &[PlacedMarker]) -> Markup {
         let at = p.flight.or(p.ground)?;
         let (x, y) = plot.point_at(at.x, -at.z);
         let name = p.id.chars().take(12).collect();
-        Some(NamedSpot { at: vector![x, y], half: vector![3.0, 3.0], name, colour: "#4d5663" })
+        Some(NamedSpot {
+            at: vector![x, y],
+            half: vector![3.0, 3.0],
+            name,
+            colour: "#4d5663",
+        })
     };
     let spots: Vec<NamedSpot> = placed.iter().filter_map(spot).collect();
     draw_names(&spots, [left, top, left + width, top + height], 10.0, 0.0)

@@ -20,7 +20,10 @@ impl Canvas {
         let (width, height) = (frame.width() as u32, frame.height() as u32);
         let rgb: Vec<u8> = frame.luma().iter().flat_map(|g| [*g, *g, *g]).collect();
         let picture = RgbImage::from_raw(width, height, rgb).unwrap_or_default();
-        Self { picture, scale: (frame.width().max(frame.height()) / 1300).max(1) }
+        Self {
+            picture,
+            scale: (frame.width().max(frame.height()) / 1300).max(1),
+        }
     }
 
     /// Returns the finished image.
@@ -30,7 +33,10 @@ impl Canvas {
 
     /// Returns width and height, px.
     pub fn size(&self) -> (f64, f64) {
-        (f64::from(self.picture.width()), f64::from(self.picture.height()))
+        (
+            f64::from(self.picture.width()),
+            f64::from(self.picture.height()),
+        )
     }
 
     /// Draws a straight line of the width of a font dot.
@@ -61,8 +67,16 @@ impl Canvas {
 
     /// Draws a cross with this half-length, px.
     pub fn cross(&mut self, centre: Vector2<f64>, half: f64, colour: Rgb<u8>) {
-        self.line(centre - vector![half, 0.0], centre + vector![half, 0.0], colour);
-        self.line(centre - vector![0.0, half], centre + vector![0.0, half], colour);
+        self.line(
+            centre - vector![half, 0.0],
+            centre + vector![half, 0.0],
+            colour,
+        );
+        self.line(
+            centre - vector![0.0, half],
+            centre + vector![0.0, half],
+            colour,
+        );
     }
 
     /// Returns the area of a text, margin included, with its top left corner at (`x`, `y`).
@@ -102,7 +116,10 @@ impl Canvas {
     }
 
     fn fill(&mut self, area: [i64; 4], colour: Rgb<u8>) {
-        let (width, height) = (i64::from(self.picture.width()), i64::from(self.picture.height()));
+        let (width, height) = (
+            i64::from(self.picture.width()),
+            i64::from(self.picture.height()),
+        );
         for y in area[1].max(0)..area[3].min(height) {
             for x in area[0].max(0)..area[2].min(width) {
                 self.picture.put_pixel(x as u32, y as u32, colour);

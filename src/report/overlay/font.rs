@@ -8,7 +8,10 @@ pub const HEIGHT: usize = 8;
 /// Returns the columns of a character, lowest bit on top; a hollow box if it is not in the font.
 pub fn glyph(character: char) -> [u8; WIDTH] {
     let index = (character as usize).checked_sub(0x20);
-    index.and_then(|i| GLYPHS.get(i)).copied().unwrap_or([0x7f, 0x41, 0x41, 0x41, 0x7f])
+    index
+        .and_then(|i| GLYPHS.get(i))
+        .copied()
+        .unwrap_or([0x7f, 0x41, 0x41, 0x41, 0x7f])
 }
 
 #[rustfmt::skip]

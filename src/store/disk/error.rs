@@ -12,7 +12,11 @@ pub type StoreResult<T> = Result<T, StoreError>;
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// A file system call failed.
-    #[error("{}: could not {doing}: {source}; {}", printable_path(path), io_remedy(source))]
+    #[error(
+        "{}: could not {doing}: {source}; {}",
+        printable_path(path),
+        io_remedy(source)
+    )]
     Io {
         path: PathBuf,
         /// Operation that failed: a verb that completes "could not …".
@@ -44,28 +48,42 @@ pub enum StoreError {
         supported: u32,
     },
     /// The directory contains something else.
-    #[error("{}: is not a store ({why}); choose an empty directory or an existing store", printable_path(path))]
+    #[error(
+        "{}: is not a store ({why}); choose an empty directory or an existing store",
+        printable_path(path)
+    )]
     NotAStore {
         path: PathBuf,
         /// Evidence that it is not a store.
         why: String,
     },
     /// A daemon already writes to the store.
-    #[error("{}: another wingd is writing to this store; stop it first (systemctl stop wingd)", printable_path(path))]
+    #[error(
+        "{}: another wingd is writing to this store; stop it first (systemctl stop wingd)",
+        printable_path(path)
+    )]
     Locked {
         /// The lock file.
         path: PathBuf,
     },
     /// A file is damaged or not in the format of this program.
     #[error("{}: {problem}; {remedy}", printable_path(path))]
-    Damaged { path: PathBuf, problem: String, remedy: &'static str },
+    Damaged {
+        path: PathBuf,
+        problem: String,
+        remedy: &'static str,
+    },
 }
 
 impl StoreError {
     /// Returns a function for `map_err` that adds path and operation to an I/O error.
     pub(crate) fn io(path: &Path, doing: &'static str) -> impl FnOnce(io::Error) -> Self {
         let path = path.to_owned();
-        move |source| Self::Io { path, doing, source }
+        move |source| Self::Io {
+            path,
+            doing,
+            source,
+        }
     }
 
     /// Returns whether the disk is full or the free space is below the reserve.
@@ -80,7 +98,9 @@ impl StoreError {
 
 fn io_remedy(source: &io::Error) -> &'static str {
     match source.kind() {
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "export flights and move them away to make room",
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            "export flights and move them away to make room"
+        }
         io::ErrorKind::PermissionDenied => "give the user that runs wingd write access",
         io::ErrorKind::ReadOnlyFilesystem => "mount the file system writable and check it (fsck)",
         io::ErrorKind::NotFound => "check that the path exists and its disk is mounted",

@@ -36,7 +36,9 @@ pub trait Disk: Send + Sync {
     /// Reads up to `length` bytes from `offset`; fewer at the end of the file.
     fn read_range(&self, path: &Path, offset: u64, length: usize) -> io::Result<Vec<u8>> {
         let bytes = self.read(path)?;
-        let begin = usize::try_from(offset).unwrap_or(usize::MAX).min(bytes.len());
+        let begin = usize::try_from(offset)
+            .unwrap_or(usize::MAX)
+            .min(bytes.len());
         let end = begin.saturating_add(length).min(bytes.len());
         Ok(bytes.get(begin..end).unwrap_or_default().to_vec())
     }
@@ -104,7 +106,12 @@ impl Disk for RealDisk {
             let meta = entry.metadata()?;
             let name = entry.file_name().to_string_lossy().into_owned();
             let length = if meta.is_dir() { 0 } else { meta.len() };
-            entries.push(DirectoryEntry { name, is_dir: meta.is_dir(), is_link: meta.is_symlink(), length });
+            entries.push(DirectoryEntry {
+                name,
+                is_dir: meta.is_dir(),
+                is_link: meta.is_symlink(),
+                length,
+            });
         }
         entries.sort_by(|a, b| a.name.cmp(&b.name));
         Ok(entries)
@@ -166,7 +173,11 @@ impl Disk for RealDisk {
     }
 
     fn lock(&self, path: &Path) -> io::Result<Option<Lock>> {
-        let file = OpenOptions::new().create(true).truncate(false).write(true).open(path)?;
+        let file = OpenOptions::new()
+            .create(true)
+            .truncate(false)
+            .write(true)
+            .open(path)?;
         owner::inherit_owner(path)?;
         match rustix::fs::flock(&file, rustix::fs::FlockOperation::NonBlockingLockExclusive) {
             Ok(()) => Ok(Some(Box::new(LockedFile(file)))),
@@ -194,7 +205,10 @@ fn write_and_sync(mut file: File, bytes: &[u8]) -> io::Result<()> {
 
 /// Opens a file for reading and returns its length. A pipe is refused, because it would be waited for without end.
 fn open_regular_file(path: &Path) -> io::Result<(File, u64)> {
-    let file = OpenOptions::new().read(true).custom_flags(NONBLOCK).open(path)?;
+    let file = OpenOptions::new()
+        .read(true)
+        .custom_flags(NONBLOCK)
+        .open(path)?;
     let metadata = file.metadata()?;
     let is_file = metadata.is_file().then_some((file, metadata.len()));
     is_file.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "is not a regular file"))
@@ -234,12 +248,15 @@ impl dyn Disk + '_ {
 
     /// Parses a JSON file; `None` if it cannot be read or parsed.
     pub(crate) fn load_json<T: DeserializeOwned>(&self, path: &Path) -> Option<T> {
-        self.read(path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok())
+        self.read(path)
+            .ok()
+            .and_then(|bytes| serde_json::from_slice(&bytes).ok())
     }
 
     /// Lists a directory, sorted by name.
     pub(crate) fn list_entries(&self, directory: &Path) -> StoreResult<Vec<DirectoryEntry>> {
-        self.list(directory).map_err(StoreError::io(directory, "list"))
+        self.list(directory)
+            .map_err(StoreError::io(directory, "list"))
     }
 
     /// Returns the length of a file, bytes; `None` if it does not exist, or is a link or directory.
@@ -252,12 +269,14 @@ impl dyn Disk + '_ {
 
     /// Writes a file from its beginning; its name may not be durable.
     pub(crate) fn save_file(&self, path: &Path, bytes: &[u8]) -> StoreResult<()> {
-        self.write(path, bytes).map_err(StoreError::io(path, "write"))
+        self.write(path, bytes)
+            .map_err(StoreError::io(path, "write"))
     }
 
     /// Replaces a small file atomically: after a crash it has either the old or the new content.
     pub(crate) fn replace_file(&self, path: &Path, bytes: &[u8]) -> StoreResult<()> {
-        self.replace_file_io(path, bytes).map_err(StoreError::io(path, "write"))
+        self.replace_file_io(path, bytes)
+            .map_err(StoreError::io(path, "write"))
     }
 
     /// Replaces a file as [`Self::replace_file`] does, for callers that describe the operation themselves.
@@ -267,7 +286,9 @@ impl dyn Disk + '_ {
         let part = path.with_file_name(name);
         self.write(&part, bytes)?;
         self.rename(&part, path)?;
-        let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty());
+        let parent = path
+            .parent()
+            .filter(|parent| !parent.as_os_str().is_empty());
         self.sync_dir(parent.unwrap_or(Path::new(".")))
     }
 
@@ -275,38 +296,52 @@ impl dyn Disk + '_ {
     /// after a failed fsync the file shows bytes that are not on the medium and that no later fsync writes, so nothing may
     /// depend on them.
     pub(crate) fn extend_file(&self, path: &Path, length: usize, bytes: &[u8]) -> StoreResult<()> {
-        let appended = self.append(path, bytes).inspect_err(|_| drop(self.truncate(path, length as u64)));
+        let appended = self
+            .append(path, bytes)
+            .inspect_err(|_| drop(self.truncate(path, length as u64)));
         appended.map_err(StoreError::io(path, "write"))
     }
 
     /// Creates one directory, whose parent exists; its name may not be durable.
     pub(crate) fn make_dir(&self, path: &Path) -> StoreResult<()> {
-        self.create_dir(path).map_err(StoreError::io(path, "create"))
+        self.create_dir(path)
+            .map_err(StoreError::io(path, "create"))
     }
 
     /// Makes the names in a directory durable.
     pub(crate) fn sync_directory(&self, directory: &Path) -> StoreResult<()> {
-        self.sync_dir(directory).map_err(StoreError::io(directory, "sync"))
+        self.sync_dir(directory)
+            .map_err(StoreError::io(directory, "sync"))
     }
 
     /// Removes a file; its name may reappear after a power cut.
     pub(crate) fn remove(&self, path: &Path) -> StoreResult<()> {
-        self.remove_file(path).map_err(StoreError::io(path, "remove"))
+        self.remove_file(path)
+            .map_err(StoreError::io(path, "remove"))
     }
 
     /// Removes a directory and its content; a link is removed, never followed.
     pub(crate) fn remove_tree(&self, folder: &Path) -> StoreResult<()> {
         for entry in self.list_entries(folder)? {
             let path = folder.join(&entry.name);
-            if entry.is_dir && !entry.is_link { self.remove_tree(&path)? } else { self.remove(&path)? }
+            if entry.is_dir && !entry.is_link {
+                self.remove_tree(&path)?
+            } else {
+                self.remove(&path)?
+            }
         }
         self.sync_directory(folder)?;
-        self.remove_dir(folder).map_err(StoreError::io(folder, "remove"))
+        self.remove_dir(folder)
+            .map_err(StoreError::io(folder, "remove"))
     }
 
     /// Renames and makes both directories durable, the target first.
     pub(crate) fn move_durably(&self, from: &Path, to: &Path) -> StoreResult<()> {
-        self.rename(from, to).map_err(StoreError::io(to, "move to"))?;
-        [to.parent(), from.parent()].into_iter().flatten().try_for_each(|directory| self.sync_directory(directory))
+        self.rename(from, to)
+            .map_err(StoreError::io(to, "move to"))?;
+        [to.parent(), from.parent()]
+            .into_iter()
+            .flatten()
+            .try_for_each(|directory| self.sync_directory(directory))
     }
 }

@@ -69,4 +69,5 @@ pub(crate) const MANUAL_MARKS: AppendFileKind = AppendFileKind {
 };
 
 /// Every kind of append-only file.
-pub(crate) const APPEND_FILE_KINDS: [&AppendFileKind; 3] = [&AIRCRAFT_DATA, &LIVE_RESULTS, &MANUAL_MARKS];
+pub(crate) const APPEND_FILE_KINDS: [&AppendFileKind; 3] =
+    [&AIRCRAFT_DATA, &LIVE_RESULTS, &MANUAL_MARKS];

@@ -95,8 +95,13 @@ impl Chain {
     /// Parses a chain; never fails.
     pub fn parse(bytes: &[u8]) -> Self {
         let lines = jsonl::parse_lines::<ChainLine>(bytes);
-        let mut chain = Self { good_length: lines.good_length, ..Self::default() };
-        chain.faults.extend(lines.damaged.iter().map(|n| format!("line {n} is damaged")));
+        let mut chain = Self {
+            good_length: lines.good_length,
+            ..Self::default()
+        };
+        chain
+            .faults
+            .extend(lines.damaged.iter().map(|n| format!("line {n} is damaged")));
         let mut before = ZERO_DIGEST.to_owned();
         let mut good = lines.good.into_iter().peekable();
         let mut end = 0;
@@ -104,21 +109,28 @@ impl Chain {
             end += line.len();
             if let Some((number, link)) = good.next_if(|(number, _)| *number == index + 1) {
                 if link.before != before {
-                    chain.faults.push(format!("line {number} does not follow from the line before it"));
+                    chain.faults.push(format!(
+                        "line {number} does not follow from the line before it"
+                    ));
                 }
                 chain.events.push((end, link.event));
             }
             before = line_digest(line);
         }
         if !matches!(chain.events.first(), Some((_, ChainEvent::Flight { .. }))) {
-            chain.faults.push("does not begin with its flight".to_owned());
+            chain
+                .faults
+                .push("does not begin with its flight".to_owned());
         }
         chain
     }
 
     /// Returns the id of the store that the chain belongs to.
     pub fn store_id(&self) -> Option<String> {
-        self.state_at(usize::MAX).flight.map(|(store, ..)| store).filter(|id| !id.is_empty())
+        self.state_at(usize::MAX)
+            .flight
+            .map(|(store, ..)| store)
+            .filter(|id| !id.is_empty())
     }
 
     /// Returns the state after the lines that end at or before byte `end`.
@@ -149,13 +161,25 @@ pub struct ChainState {
 impl ChainState {
     fn apply_event(&mut self, event: ChainEvent) {
         match event {
-            ChainEvent::Flight { store, flight, sha256 } => self.flight = Some((store, flight, sha256)),
+            ChainEvent::Flight {
+                store,
+                flight,
+                sha256,
+            } => self.flight = Some((store, flight, sha256)),
             ChainEvent::Series { series, sha256 } => drop(self.series.insert(series, sha256)),
-            ChainEvent::Results(AppendedResults { series, bytes, sha256 }) => {
-                self.results.entry(series).or_default().push((bytes, sha256));
+            ChainEvent::Results(AppendedResults {
+                series,
+                bytes,
+                sha256,
+            }) => {
+                self.results
+                    .entry(series)
+                    .or_default()
+                    .push((bytes, sha256));
             }
             ChainEvent::Aircraft(closed) | ChainEvent::Live(closed) | ChainEvent::Marks(closed) => {
-                self.files.insert(closed.file, (closed.bytes, closed.sha256));
+                self.files
+                    .insert(closed.file, (closed.bytes, closed.sha256));
             }
             ChainEvent::Installation { sha256 } => drop(self.installations.insert(sha256)),
             ChainEvent::Signature { .. } => {}
@@ -169,7 +193,9 @@ pub(crate) fn line_digest(line: &[u8]) -> String {
 }
 
 /// Encodes events as the lines of a new chain.
-pub(crate) fn encode_chain(events: impl IntoIterator<Item = ChainEvent>) -> std::io::Result<Vec<u8>> {
+pub(crate) fn encode_chain(
+    events: impl IntoIterator<Item = ChainEvent>,
+) -> std::io::Result<Vec<u8>> {
     let (mut bytes, mut before) = (Vec::new(), ZERO_DIGEST.to_owned());
     for event in events {
         let line = jsonl::encode_line(&ChainLine { before, event })?;
@@ -200,8 +226,13 @@ pub(crate) fn last_line(bytes: &[u8]) -> Option<&[u8]> {
 /// mostly added to the newest series.
 pub(crate) fn last_results_entry(bytes: &[u8], series_name: &str) -> Option<AppendedResults> {
     for line in bytes.split_inclusive(|byte| *byte == b'\n').rev() {
-        match serde_json::from_slice::<ChainLine>(line).ok().map(|link| link.event) {
-            Some(ChainEvent::Results(results)) if results.series == series_name => return Some(results),
+        match serde_json::from_slice::<ChainLine>(line)
+            .ok()
+            .map(|link| link.event)
+        {
+            Some(ChainEvent::Results(results)) if results.series == series_name => {
+                return Some(results);
+            }
             Some(ChainEvent::Series { series, .. }) if series == series_name => return None,
             _ => {}
         }
@@ -214,8 +245,15 @@ mod tests {
     use super::*;
 
     fn three() -> Vec<u8> {
-        let series = |n: u32| ChainEvent::Series { series: format!("s{n:06}"), sha256: sha256_hex(&[n as u8]) };
-        let flight = ChainEvent::Flight { store: "a".into(), flight: "f0001".into(), sha256: "b".into() };
+        let series = |n: u32| ChainEvent::Series {
+            series: format!("s{n:06}"),
+            sha256: sha256_hex(&[n as u8]),
+        };
+        let flight = ChainEvent::Flight {
+            store: "a".into(),
+            flight: "f0001".into(),
+            sha256: "b".into(),
+        };
         encode_chain([flight, series(1), series(2)]).unwrap()
     }
 
@@ -225,7 +263,10 @@ mod tests {
         let length = bytes.len();
         bytes.extend(b"{\"before\":\"00");
         let chain = Chain::parse(&bytes);
-        assert_eq!((chain.faults, chain.events.len(), chain.good_length), (vec![], 3, length));
+        assert_eq!(
+            (chain.faults, chain.events.len(), chain.good_length),
+            (vec![], 3, length)
+        );
         assert_eq!(trim_torn_tail(&bytes).len(), length);
     }
 
@@ -238,7 +279,10 @@ mod tests {
         let repeated = [lines[0], lines[1], lines[1], lines[2]].concat();
         let headless = [lines[1], lines[2]].concat();
         for broken in [changed, missing, repeated, headless] {
-            assert!(!Chain::parse(broken.as_bytes()).faults.is_empty(), "{broken}");
+            assert!(
+                !Chain::parse(broken.as_bytes()).faults.is_empty(),
+                "{broken}"
+            );
         }
     }
 }

@@ -21,7 +21,10 @@ impl Inputs {
     pub fn new(provenance: Map<String, Value>) -> Self {
         let mut canonical = String::new();
         write_canonical(&Value::Object(provenance.clone()), &mut canonical);
-        Self { provenance, canonical }
+        Self {
+            provenance,
+            canonical,
+        }
     }
 
     /// Computes the key under which a frame's result is written once.

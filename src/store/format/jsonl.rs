@@ -15,12 +15,18 @@ pub struct ParsedLines<T> {
 
 /// Parses lines of JSON; never fails. A line is intact if it ends with a newline and parses.
 pub fn parse_lines<T: DeserializeOwned>(bytes: &[u8]) -> ParsedLines<T> {
-    let mut lines = ParsedLines { good: Vec::new(), damaged: Vec::new(), good_length: 0 };
+    let mut lines = ParsedLines {
+        good: Vec::new(),
+        damaged: Vec::new(),
+        good_length: 0,
+    };
     let mut pending = Vec::new();
     let mut end = 0;
     for (index, line) in bytes.split_inclusive(|byte| *byte == b'\n').enumerate() {
         end += line.len();
-        let value = line.strip_suffix(b"\n").and_then(|line| serde_json::from_slice(line).ok());
+        let value = line
+            .strip_suffix(b"\n")
+            .and_then(|line| serde_json::from_slice(line).ok());
         match value {
             Some(value) => {
                 lines.good.push((index + 1, value));
@@ -34,7 +40,9 @@ pub fn parse_lines<T: DeserializeOwned>(bytes: &[u8]) -> ParsedLines<T> {
 }
 
 /// Parses a file whose first line is its head; returns the head and the intact lines, or `None` if the head is damaged.
-pub(crate) fn parse_headed<H: DeserializeOwned, L: DeserializeOwned>(bytes: &[u8]) -> Option<(H, Vec<L>)> {
+pub(crate) fn parse_headed<H: DeserializeOwned, L: DeserializeOwned>(
+    bytes: &[u8],
+) -> Option<(H, Vec<L>)> {
     let first = bytes.split_inclusive(|byte| *byte == b'\n').next()?;
     let head = serde_json::from_slice(first).ok()?;
     let lines = parse_lines(bytes.get(first.len()..)?).good;
@@ -42,7 +50,10 @@ pub(crate) fn parse_headed<H: DeserializeOwned, L: DeserializeOwned>(bytes: &[u8
 }
 
 /// Returns the length of the complete lines, bytes, and their flight by the head; `None` if the head is not complete.
-pub(crate) fn intact_prefix<H: DeserializeOwned>(bytes: &[u8], flight: fn(H) -> String) -> Option<(usize, String)> {
+pub(crate) fn intact_prefix<H: DeserializeOwned>(
+    bytes: &[u8],
+    flight: fn(H) -> String,
+) -> Option<(usize, String)> {
     let good = parse_lines::<serde_json::Value>(bytes).good_length;
     let (head, _) = parse_headed::<H, serde_json::Value>(bytes.get(..good)?)?;
     Some((good, flight(head)))

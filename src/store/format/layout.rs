@@ -85,15 +85,26 @@ numbered_names! {
 
 /// Returns the file name of a shot's frame. Only characters that are safe in a file name are kept of the extension.
 pub fn frame_name(shot: u32, extension: &str) -> String {
-    let clean: String = extension.chars().filter(char::is_ascii_alphanumeric).take(8).collect();
-    let ending = if clean.is_empty() { "bin".to_owned() } else { clean.to_ascii_lowercase() };
+    let clean: String = extension
+        .chars()
+        .filter(char::is_ascii_alphanumeric)
+        .take(8)
+        .collect();
+    let ending = if clean.is_empty() {
+        "bin".to_owned()
+    } else {
+        clean.to_ascii_lowercase()
+    };
     format!("{shot:04}.{ending}")
 }
 
 /// Returns whether [`frame_name`] can produce the name; prevents names read from files from escaping the folder.
 pub fn is_frame_name(name: &str) -> bool {
-    name.split_once('.')
-        .is_some_and(|(number, ending)| number.parse().is_ok_and(|shot: u32| frame_name(shot, ending) == name))
+    name.split_once('.').is_some_and(|(number, ending)| {
+        number
+            .parse()
+            .is_ok_and(|shot: u32| frame_name(shot, ending) == name)
+    })
 }
 
 /// Returns whether a name belongs in the root of a store (`lost+found` belongs to the file system).
@@ -123,7 +134,12 @@ pub fn is_root_name(name: &str) -> bool {
 pub fn is_flight_file(name: &str) -> bool {
     let whole = name.strip_suffix(PART_ENDING);
     let known = [CHAIN_FILE, SUMS_FILE].contains(&whole.unwrap_or(name));
-    name == FLIGHT_FILE || known || aircraft_number(name).or(live_number(name)).or(marks_number(name)).is_some()
+    name == FLIGHT_FILE
+        || known
+        || aircraft_number(name)
+            .or(live_number(name))
+            .or(marks_number(name))
+            .is_some()
 }
 
 /// Returns the path `flights/<flight>`.
@@ -149,17 +165,39 @@ mod tests {
     fn ids_and_frame_names_round_trip_and_other_names_are_rejected() {
         assert_eq!(series_number(&series_id(12_345_678)), Some(12_345_678));
         assert_eq!(flight_number("f0001"), Some(1));
-        for bad in ["f18446744073709551615", "f1", "s1", "f00001", "s+00001", "..", "s-00001", "", "x0001"] {
+        for bad in [
+            "f18446744073709551615",
+            "f1",
+            "s1",
+            "f00001",
+            "s+00001",
+            "..",
+            "s-00001",
+            "",
+            "x0001",
+        ] {
             assert_eq!(flight_number(bad).or(series_number(bad)), None, "{bad}");
         }
         assert_eq!(aircraft_number(&aircraft_name(12)), Some(12));
         assert_eq!(live_number(&live_name(12)), Some(12));
         assert_eq!(marks_number(&marks_name(12)), Some(12));
-        for bad in ["aircraft-1.jsonl", "aircraft-000001.json", "live-1.rows", "live.rows"] {
+        for bad in [
+            "aircraft-1.jsonl",
+            "aircraft-000001.json",
+            "live-1.rows",
+            "live.rows",
+        ] {
             assert_eq!(aircraft_number(bad).or(live_number(bad)), None, "{bad}");
         }
         assert!(is_frame_name(&frame_name(3, "JPG")));
-        for bad in ["../0001.jpg", "0001", "0001.jpg.part", "1.jpg", "series.json", "0001./x"] {
+        for bad in [
+            "../0001.jpg",
+            "0001",
+            "0001.jpg.part",
+            "1.jpg",
+            "series.json",
+            "0001./x",
+        ] {
             assert!(!is_frame_name(bad), "{bad}");
         }
     }

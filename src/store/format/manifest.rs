@@ -75,8 +75,12 @@ impl SeriesManifest {
     /// only define the order.
     pub fn start_time(&self) -> Option<Stamp> {
         let first = self.shots.first();
-        let dated = self.cause != SeriesCause::Imported || first.is_some_and(|shot| shot.exposure.is_some());
-        self.started.clone().or_else(|| first.map(|shot| shot.stamp.clone())).filter(|_| dated)
+        let dated = self.cause != SeriesCause::Imported
+            || first.is_some_and(|shot| shot.exposure.is_some());
+        self.started
+            .clone()
+            .or_else(|| first.map(|shot| shot.stamp.clone()))
+            .filter(|_| dated)
     }
 
     /// Creates the manifest of a series that has begun and has no shot yet.
@@ -201,7 +205,10 @@ pub struct Counter {
 
 impl Counter {
     /// Counter of an empty store.
-    pub const FIRST: Self = Self { next_flight: 1, next_series: 1 };
+    pub const FIRST: Self = Self {
+        next_flight: 1,
+        next_series: 1,
+    };
 
     /// Returns whether the counter leaves room for further ids: a damaged counter must not end the recording.
     pub fn is_plausible(&self) -> bool {
@@ -210,16 +217,22 @@ impl Counter {
 
     /// Advances the next ids past a flight or series, given by its name.
     pub fn advance_past(&mut self, id: &str) {
-        let above = |next: u64, number: Option<u64>| number.map_or(next, |n| next.max(n.saturating_add(1)));
+        let above =
+            |next: u64, number: Option<u64>| number.map_or(next, |n| next.max(n.saturating_add(1)));
         self.next_flight = above(self.next_flight, layout::flight_number(id));
         self.next_series = above(self.next_series, layout::series_number(id));
     }
 
     /// Returns the larger next flight id and the larger next series id.
     pub fn merge(self, other: Self) -> Self {
-        let (next_flight, next_series) =
-            (self.next_flight.max(other.next_flight), self.next_series.max(other.next_series));
-        Self { next_flight, next_series }
+        let (next_flight, next_series) = (
+            self.next_flight.max(other.next_flight),
+            self.next_series.max(other.next_series),
+        );
+        Self {
+            next_flight,
+            next_series,
+        }
     }
 }
 

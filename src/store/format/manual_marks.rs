@@ -71,8 +71,13 @@ pub enum MarkSource {
 
 /// Returns the valid marks: the last one of each marker in each frame, without withdrawn ones.
 pub fn effective_marks(marks: &[ManualMark]) -> Vec<&ManualMark> {
-    let last: BTreeMap<_, _> = marks.iter().map(|mark| ((&mark.image, &mark.id), mark)).collect();
-    last.into_values().filter(|mark| mark.act != MarkAction::Withdraw).collect()
+    let last: BTreeMap<_, _> = marks
+        .iter()
+        .map(|mark| ((&mark.image, &mark.id), mark))
+        .collect();
+    last.into_values()
+        .filter(|mark| mark.act != MarkAction::Withdraw)
+        .collect()
 }
 
 #[cfg(test)]
@@ -83,13 +88,25 @@ mod tests {
 
     fn mark(id: &str, act: MarkAction) -> ManualMark {
         let (image, who) = ("s000001/0001.jpg".to_owned(), "ada".to_owned());
-        ManualMark { image, frame_sha256: "ab".into(), id: id.into(), act, who, at: None, why: String::new() }
+        ManualMark {
+            image,
+            frame_sha256: "ab".into(),
+            id: id.into(),
+            act,
+            who,
+            at: None,
+            why: String::new(),
+        }
     }
 
     #[test]
     fn the_last_mark_of_a_marker_counts_and_a_withdrawn_one_does_not() {
-        let place =
-            MarkPosition { u_px: 1.5, v_px: 2.5, covariance_px2: [[4.0, 0.0], [0.0, 4.0]], source: MarkSource::Manual };
+        let place = MarkPosition {
+            u_px: 1.5,
+            v_px: 2.5,
+            covariance_px2: [[4.0, 0.0], [0.0, 4.0]],
+            source: MarkSource::Manual,
+        };
         let all = [
             mark("M01", MarkAction::Place(place)),
             mark("M02", MarkAction::Reject),
@@ -99,11 +116,28 @@ mod tests {
         assert_eq!(effective_marks(&all), [&all[2]]);
         let line = jsonl::encode_line(&all[0]).unwrap();
         let text = String::from_utf8(line.clone()).unwrap();
-        assert!(text.contains(r#""mark":"place","u_px":1.5"#) && text.contains(r#""source":"manual""#), "{text}");
-        let file =
-            [&jsonl::encode_line(&ManualMarksHead { flight: "f0001".into() }).unwrap()[..], &line, b"{\"image\":"]
-                .concat();
-        assert_eq!(jsonl::parse_headed::<ManualMarksHead, ManualMark>(&file).unwrap().1, [all[0].clone()]);
-        assert_eq!((MANUAL_MARKS.intact_prefix)(&file).unwrap(), (file.len() - 9, "f0001".to_owned()));
+        assert!(
+            text.contains(r#""mark":"place","u_px":1.5"#) && text.contains(r#""source":"manual""#),
+            "{text}"
+        );
+        let file = [
+            &jsonl::encode_line(&ManualMarksHead {
+                flight: "f0001".into(),
+            })
+            .unwrap()[..],
+            &line,
+            b"{\"image\":",
+        ]
+        .concat();
+        assert_eq!(
+            jsonl::parse_headed::<ManualMarksHead, ManualMark>(&file)
+                .unwrap()
+                .1,
+            [all[0].clone()]
+        );
+        assert_eq!(
+            (MANUAL_MARKS.intact_prefix)(&file).unwrap(),
+            (file.len() - 9, "f0001".to_owned())
+        );
     }
 }

@@ -20,11 +20,22 @@ pub struct ResultSummary {
 
 /// Parses the summary of a line without its newline; `None` if the line is damaged, which `verify` reports.
 pub fn parse_summary(line: &[u8], fields: &[&str]) -> Option<ResultSummary> {
-    let mut found = PartialSummary { frame: None, provenance: None, record: Map::new(), fields };
+    let mut found = PartialSummary {
+        frame: None,
+        provenance: None,
+        record: Map::new(),
+        fields,
+    };
     // An error means either that everything was found or that the line is damaged; the fields found show which.
-    let _ = serde_json::Deserializer::from_slice(line)
-        .deserialize_map(SummaryVisitor { found: &mut found, in_record: false });
-    Some(ResultSummary { frame: found.frame?, provenance: found.provenance?, record: found.record })
+    let _ = serde_json::Deserializer::from_slice(line).deserialize_map(SummaryVisitor {
+        found: &mut found,
+        in_record: false,
+    });
+    Some(ResultSummary {
+        frame: found.frame?,
+        provenance: found.provenance?,
+        record: found.record,
+    })
 }
 
 struct PartialSummary<'a> {
@@ -71,7 +82,10 @@ impl<'de> Visitor<'de> for SummaryVisitor<'_, '_> {
                 "frame" if !in_record => found.frame = Some(map.next_value()?),
                 "provenance" if !in_record => found.provenance = Some(map.next_value()?),
                 "record" if !in_record && !found.fields.is_empty() => {
-                    map.next_value_seed(SummaryVisitor { found: &mut *found, in_record: true })?;
+                    map.next_value_seed(SummaryVisitor {
+                        found: &mut *found,
+                        in_record: true,
+                    })?;
                 }
                 _ => drop(map.next_value::<IgnoredAny>()?),
             }
@@ -92,14 +106,29 @@ mod tests {
     #[test]
     fn fields_are_found_in_any_order_and_damaged_lines_are_omitted() {
         let value: Value = serde_json::from_str(LINE).unwrap();
-        let turned: Map<String, Value> = value.as_object().unwrap().clone().into_iter().rev().collect();
+        let turned: Map<String, Value> = value
+            .as_object()
+            .unwrap()
+            .clone()
+            .into_iter()
+            .rev()
+            .collect();
         let turned = serde_json::to_string(&turned).unwrap();
         let text = format!("{LINE}\n{turned}\n\nx\n");
-        let heads: Vec<_> = text.lines().filter_map(|l| parse_summary(l.as_bytes(), &["status", "tip"])).collect();
+        let heads: Vec<_> = text
+            .lines()
+            .filter_map(|l| parse_summary(l.as_bytes(), &["status", "tip"]))
+            .collect();
         assert_eq!(heads.len(), 2);
         for head in heads {
-            assert_eq!((head.frame.as_str(), &head.provenance["program"]), ("0001.jpg", &"x".into()));
-            assert_eq!((&head.record["status"], &head.record["tip"]["deflection_m"]), (&"ok".into(), &2.5.into()));
+            assert_eq!(
+                (head.frame.as_str(), &head.provenance["program"]),
+                ("0001.jpg", &"x".into())
+            );
+            assert_eq!(
+                (&head.record["status"], &head.record["tip"]["deflection_m"]),
+                (&"ok".into(), &2.5.into())
+            );
         }
     }
 

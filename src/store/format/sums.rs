@@ -14,12 +14,17 @@ pub(crate) type FileDigests = BTreeMap<String, String>;
 
 /// Formats the digests as lines, sorted by name.
 pub(crate) fn format_sums(sums: &FileDigests) -> String {
-    sums.iter().map(|(name, digest)| format!("{digest}  {name}\n")).collect()
+    sums.iter()
+        .map(|(name, digest)| format!("{digest}  {name}\n"))
+        .collect()
 }
 
 /// Parses the lines; `None` if one is not as [`format_sums`] writes it.
 pub(crate) fn parse_sums(bytes: &[u8]) -> Option<FileDigests> {
-    let line = |line: &str| line.split_once("  ").map(|(digest, name)| (name.to_owned(), digest.to_owned()));
+    let line = |line: &str| {
+        line.split_once("  ")
+            .map(|(digest, name)| (name.to_owned(), digest.to_owned()))
+    };
     std::str::from_utf8(bytes).ok()?.lines().map(line).collect()
 }
 
@@ -30,14 +35,22 @@ pub(crate) fn add_event<E>(
     manifest: impl FnOnce(&str) -> Result<SeriesManifest, E>,
 ) -> Result<(), E> {
     match event {
-        ChainEvent::Flight { sha256, .. } => drop(sums.insert(layout::FLIGHT_FILE.to_owned(), sha256.clone())),
+        ChainEvent::Flight { sha256, .. } => {
+            drop(sums.insert(layout::FLIGHT_FILE.to_owned(), sha256.clone()))
+        }
         ChainEvent::Series { series, sha256 } => {
             sums.insert(format!("{series}/{}", layout::SERIES_FILE), sha256.clone());
-            let frames = manifest(series)?.shots.into_iter().filter_map(|shot| shot.frame);
+            let frames = manifest(series)?
+                .shots
+                .into_iter()
+                .filter_map(|shot| shot.frame);
             sums.extend(frames.map(|frame| (format!("{series}/{}", frame.file), frame.sha256)));
         }
         ChainEvent::Results(results) => {
-            sums.insert(format!("{}/{}", results.series, layout::RESULTS_FILE), results.sha256.clone());
+            sums.insert(
+                format!("{}/{}", results.series, layout::RESULTS_FILE),
+                results.sha256.clone(),
+            );
         }
         ChainEvent::Aircraft(closed) | ChainEvent::Live(closed) | ChainEvent::Marks(closed) => {
             sums.insert(closed.file.clone(), closed.sha256.clone());
@@ -48,7 +61,11 @@ pub(crate) fn add_event<E>(
 }
 
 /// Returns the length of the chain when its sums were written, bytes; `None` if it never had that digest.
-pub(crate) fn covered_chain_length(sums: &FileDigests, chain: &[u8], parsed: &Chain) -> Option<usize> {
+pub(crate) fn covered_chain_length(
+    sums: &FileDigests,
+    chain: &[u8],
+    parsed: &Chain,
+) -> Option<usize> {
     let expected = sums.get(layout::CHAIN_FILE)?;
     let (mut hasher, mut done) = (Sha256::new(), 0);
     for (end, _) in &parsed.events {

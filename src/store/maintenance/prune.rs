@@ -28,7 +28,12 @@ pub enum CopyProof {
 }
 
 /// Verifies that every byte of a flight is in a copy, reading the copy back.
-pub fn verify_copy(disk: &dyn Disk, root: &Path, flight: &FlightRef, copy: &Path) -> StoreResult<CopyProof> {
+pub fn verify_copy(
+    disk: &dyn Disk,
+    root: &Path,
+    flight: &FlightRef,
+    copy: &Path,
+) -> StoreResult<CopyProof> {
     let stays = |why: &str| Ok(CopyProof::Unverified(why.to_owned()));
     let Some(id) = catalogue::store_id(disk, root) else {
         return stays("the store has no chains and sums; run `wingd verify --upgrade` to add them");
@@ -39,8 +44,14 @@ pub fn verify_copy(disk: &dyn Disk, root: &Path, flight: &FlightRef, copy: &Path
     if catalogue::store_id(disk, copy) != Some(id) {
         return stays("the copy belongs to another store");
     }
-    let there = FlightRef { id: flight.id.clone(), folder: layout::flight_folder(copy, &flight.id) };
-    let sums_of = |flight: &FlightRef| disk.read(&flight.folder.join(layout::SUMS_FILE)).unwrap_or_default();
+    let there = FlightRef {
+        id: flight.id.clone(),
+        folder: layout::flight_folder(copy, &flight.id),
+    };
+    let sums_of = |flight: &FlightRef| {
+        disk.read(&flight.folder.join(layout::SUMS_FILE))
+            .unwrap_or_default()
+    };
     let (here_sums, there_sums) = (sums_of(flight), sums_of(&there));
     let (bytes, chain) = catalogue::read_chain(disk, &flight.folder)?;
     let listed = sums::parse_sums(&here_sums).unwrap_or_default();
@@ -52,14 +63,24 @@ pub fn verify_copy(disk: &dyn Disk, root: &Path, flight: &FlightRef, copy: &Path
     }
     let report = verify::verify_path(disk, &there.folder);
     if let Some(fault) = report.faults.first() {
-        return Ok(CopyProof::Unverified(format!("the copy is not sound: {}: {}", fault.path.display(), fault.what)));
+        return Ok(CopyProof::Unverified(format!(
+            "the copy is not sound: {}: {}",
+            fault.path.display(),
+            fault.what
+        )));
     }
     for digest in &chain.state_at(usize::MAX).installations {
         if let Some((path, problem)) = installations::find_fault(disk, copy, digest) {
-            return Ok(CopyProof::Unverified(format!("the copy is not sound: {}: {problem}", path.display())));
+            return Ok(CopyProof::Unverified(format!(
+                "the copy is not sound: {}: {problem}",
+                path.display()
+            )));
         }
     }
-    Ok(CopyProof::Verified { sums_sha256: sha256_hex(&here_sums), bytes: folder_size(disk, &flight.folder)? })
+    Ok(CopyProof::Verified {
+        sums_sha256: sha256_hex(&here_sums),
+        bytes: folder_size(disk, &flight.folder)?,
+    })
 }
 
 fn is_same_path(one: &Path, other: &Path) -> bool {
@@ -70,7 +91,11 @@ fn is_same_path(one: &Path, other: &Path) -> bool {
 fn folder_size(disk: &dyn Disk, folder: &Path) -> StoreResult<u64> {
     let mut bytes = 0;
     for entry in disk.list_entries(folder)? {
-        let below = if entry.is_dir { folder_size(disk, &folder.join(&entry.name))? } else { 0 };
+        let below = if entry.is_dir {
+            folder_size(disk, &folder.join(&entry.name))?
+        } else {
+            0
+        };
         bytes += entry.length + below;
     }
     Ok(bytes)
@@ -82,7 +107,9 @@ impl Store {
         let mut index = self.lock_index();
         let (disk, root) = (self.disk(), self.root());
         let proof = verify_copy(disk, root, flight, copy)?;
-        let CopyProof::Verified { sums_sha256, bytes } = &proof else { return Ok(proof) };
+        let CopyProof::Verified { sums_sha256, bytes } = &proof else {
+            return Ok(proof);
+        };
         let line = PrunedFlight {
             flight: catalogue::read_flight_manifest(disk, flight)?,
             sums_sha256: sums_sha256.clone(),
@@ -91,7 +118,8 @@ impl Store {
         };
         let log = root.join(layout::PRUNED_FILE);
         let line = jsonl::encode_line(&line).map_err(StoreError::io(&log, "write"))?;
-        disk.append(&log, &line).map_err(StoreError::io(&log, "write"))?;
+        disk.append(&log, &line)
+            .map_err(StoreError::io(&log, "write"))?;
         self.store_root().ensure_dir(layout::PRUNED)?;
         disk.sync_directory(root)?;
         disk.move_durably(&flight.folder, &root.join(layout::PRUNED).join(&flight.id))?;

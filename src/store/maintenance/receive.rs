@@ -34,7 +34,12 @@ pub struct ListedFile {
 
 impl From<&BundleFile> for ListedFile {
     fn from(item: &BundleFile) -> Self {
-        Self { name: item.name.clone(), length: item.length, sha256: item.sha256.clone(), offset: 0 }
+        Self {
+            name: item.name.clone(),
+            length: item.length,
+            sha256: item.sha256.clone(),
+            offset: 0,
+        }
     }
 }
 
@@ -52,7 +57,11 @@ impl Listing {
     /// Creates the listing of a local bundle.
     pub fn from_bundle(flight: &str, bundle: &FlightBundle) -> Self {
         let items = bundle.items.iter().map(ListedFile::from).collect();
-        Self { flight: flight.to_owned(), digest: bundle.digest.clone(), items }
+        Self {
+            flight: flight.to_owned(),
+            digest: bundle.digest.clone(),
+            items,
+        }
     }
 
     /// Returns the total length of all files, bytes.
@@ -65,12 +74,23 @@ impl Listing {
     pub fn problem(&self) -> Option<String> {
         let here = |item: &&ListedFile| !is_bundle_name(&item.name, &self.flight);
         if let Some(item) = self.items.iter().find(here) {
-            return Some(format!("{:?} is not a file of flight {}", item.name, self.flight));
+            return Some(format!(
+                "{:?} is not a file of flight {}",
+                item.name, self.flight
+            ));
         }
         let mut at = 0;
         for item in &self.items {
-            let end = item.offset.checked_add(item.length).filter(|_| item.offset >= at);
-            let Some(end) = end else { return Some(format!("the offset or length of {} is impossible", item.name)) };
+            let end = item
+                .offset
+                .checked_add(item.length)
+                .filter(|_| item.offset >= at);
+            let Some(end) = end else {
+                return Some(format!(
+                    "the offset or length of {} is impossible",
+                    item.name
+                ));
+            };
             at = end;
         }
         None
@@ -79,18 +99,24 @@ impl Listing {
 
 /// Returns whether a flight's bundle can contain a file of this name.
 fn is_bundle_name(name: &str, flight: &str) -> bool {
-    let plain = |part: &str| !part.is_empty() && part != "." && part != ".." && !part.contains(['\\', '\0']);
+    let plain = |part: &str| {
+        !part.is_empty() && part != "." && part != ".." && !part.contains(['\\', '\0'])
+    };
     let parts: Vec<&str> = name.split('/').collect();
     if layout::flight_number(flight).is_none() || !parts.iter().all(|part| plain(part)) {
         return false;
     }
     match parts.as_slice() {
         [file] => [layout::STORE_FILE, layout::COUNTER_FILE].contains(file),
-        [layout::INSTALLATIONS, digest, _] => digest.len() == 64 && digest.bytes().all(|b| b.is_ascii_hexdigit()),
+        [layout::INSTALLATIONS, digest, _] => {
+            digest.len() == 64 && digest.bytes().all(|b| b.is_ascii_hexdigit())
+        }
         [layout::FLIGHTS, id, file] => *id == flight && layout::is_flight_file(file),
         [layout::FLIGHTS, id, series, file] => {
             let known = [layout::SERIES_FILE, layout::RESULTS_FILE].contains(file);
-            *id == flight && layout::series_number(series).is_some() && (known || layout::is_frame_name(file))
+            *id == flight
+                && layout::series_number(series).is_some()
+                && (known || layout::is_frame_name(file))
         }
         _ => false,
     }
@@ -114,20 +140,35 @@ impl<'a> Receiver<'a> {
         let at = StoreRoot { disk, path: root };
         let lock = opening::lock_store(at)?;
         at.ensure_dir(layout::FETCHING)?;
-        Ok(Self { disk, root: root.to_owned(), _lock: lock })
+        Ok(Self {
+            disk,
+            root: root.to_owned(),
+            _lock: lock,
+        })
     }
 
     fn store_root(&self) -> StoreRoot<'_> {
-        StoreRoot { disk: self.disk, path: &self.root }
+        StoreRoot {
+            disk: self.disk,
+            path: &self.root,
+        }
     }
 
     /// Refuses a flight of another store, and removes the files that an attempt at another one left below `fetching/`.
     pub fn prepare_flight(&self, listing: &Listing) -> StoreResult<()> {
-        let format_file = listing.items.iter().find(|item| item.name == layout::STORE_FILE);
+        let format_file = listing
+            .items
+            .iter()
+            .find(|item| item.name == layout::STORE_FILE);
         let other = |path: &Path| {
-            self.disk.read(path).is_ok_and(|bytes| format_file.is_none_or(|file| sha256_hex(&bytes) != file.sha256))
+            self.disk
+                .read(path)
+                .is_ok_and(|bytes| format_file.is_none_or(|file| sha256_hex(&bytes) != file.sha256))
         };
-        let (here, staged) = (self.root.join(layout::STORE_FILE), self.staged_path(layout::STORE_FILE));
+        let (here, staged) = (
+            self.root.join(layout::STORE_FILE),
+            self.staged_path(layout::STORE_FILE),
+        );
         let half = !self.disk.exists(&here) && other(&staged);
         if other(&here) || half {
             let why = if half {
@@ -135,7 +176,10 @@ impl<'a> Receiver<'a> {
             } else {
                 "it is a store other than the sender's"
             };
-            return Err(StoreError::NotAStore { path: self.root.clone(), why: why.to_owned() });
+            return Err(StoreError::NotAStore {
+                path: self.root.clone(),
+                why: why.to_owned(),
+            });
         }
         if other(&staged) {
             self.disk.remove_tree(&self.root.join(layout::FETCHING))?;
@@ -148,8 +192,14 @@ impl<'a> Receiver<'a> {
     /// name; `thorough` reads all of them.
     pub fn missing_files<'l>(&self, listing: &'l Listing, thorough: bool) -> Vec<&'l ListedFile> {
         let there = |path: &Path, item: &ListedFile| {
-            let frame = path.file_name().is_some_and(|name| layout::is_frame_name(&name.to_string_lossy()));
-            if frame && !thorough { self.file_length(path) == Some(item.length) } else { self.is_intact(path, item) }
+            let frame = path
+                .file_name()
+                .is_some_and(|name| layout::is_frame_name(&name.to_string_lossy()));
+            if frame && !thorough {
+                self.file_length(path) == Some(item.length)
+            } else {
+                self.is_intact(path, item)
+            }
         };
         let here = |item: &&ListedFile| {
             item.name == layout::COUNTER_FILE
@@ -161,7 +211,10 @@ impl<'a> Receiver<'a> {
 
     fn is_intact(&self, path: &Path, item: &ListedFile) -> bool {
         self.file_length(path) == Some(item.length)
-            && self.disk.read(path).is_ok_and(|bytes| sha256_hex(&bytes) == item.sha256)
+            && self
+                .disk
+                .read(path)
+                .is_ok_and(|bytes| sha256_hex(&bytes) == item.sha256)
     }
 
     fn file_length(&self, path: &Path) -> Option<u64> {
@@ -174,21 +227,41 @@ impl<'a> Receiver<'a> {
 
     /// Returns an error if files of this length do not fit on the disk.
     pub fn require_space(&self, bytes: u64) -> StoreResult<()> {
-        let free = self.disk.free_bytes(&self.root).map_err(StoreError::io(&self.root, "measure"))?;
+        let free = self
+            .disk
+            .free_bytes(&self.root)
+            .map_err(StoreError::io(&self.root, "measure"))?;
         if bytes <= free {
             return Ok(());
         }
-        let (path, problem) = (self.root.clone(), format!("has {} MB free, {} MB are needed", free >> 20, bytes >> 20));
-        Err(StoreError::Damaged { path, problem, remedy: "make room, or check that the server is a wingd" })
+        let (path, problem) = (
+            self.root.clone(),
+            format!("has {} MB free, {} MB are needed", free >> 20, bytes >> 20),
+        );
+        Err(StoreError::Damaged {
+            path,
+            problem,
+            remedy: "make room, or check that the server is a wingd",
+        })
     }
 
     /// Begins to receive a file.
     pub fn begin_file<'r>(&'r self, item: &'r ListedFile) -> StoreResult<ReceivedFile<'r>> {
         let path = self.staged_path(&item.name);
         self.make_parent_dirs_durably(&path)?;
-        let part =
-            path.with_file_name(format!("{}{}", item.name.rsplit('/').next().unwrap_or_default(), layout::PART_ENDING));
-        Ok(ReceivedFile { receiver: self, item, part, path, length: 0, hasher: Sha256::new() })
+        let part = path.with_file_name(format!(
+            "{}{}",
+            item.name.rsplit('/').next().unwrap_or_default(),
+            layout::PART_ENDING
+        ));
+        Ok(ReceivedFile {
+            receiver: self,
+            item,
+            part,
+            path,
+            length: 0,
+            hasher: Sha256::new(),
+        })
     }
 
     /// Stores the bytes of a file; returns an error if they do not match the listing.
@@ -199,10 +272,13 @@ impl<'a> Receiver<'a> {
     }
 
     fn make_parent_dirs_durably(&self, path: &Path) -> StoreResult<()> {
-        let Some(folder) = path.parent().filter(|folder| !self.disk.exists(folder)) else { return Ok(()) };
+        let Some(folder) = path.parent().filter(|folder| !self.disk.exists(folder)) else {
+            return Ok(());
+        };
         self.make_parent_dirs_durably(folder)?;
         self.disk.make_dir(folder)?;
-        self.disk.sync_directory(folder.parent().unwrap_or(Path::new(".")))
+        self.disk
+            .sync_directory(folder.parent().unwrap_or(Path::new(".")))
     }
 
     /// Moves a complete flight to its place.
@@ -215,38 +291,67 @@ impl<'a> Receiver<'a> {
         }
         self.store_root().ensure_folders()?;
         let mut touched = BTreeSet::new();
-        for item in listing.items.iter().filter(|i| i.name != layout::STORE_FILE) {
+        for item in listing
+            .items
+            .iter()
+            .filter(|i| i.name != layout::STORE_FILE)
+        {
             let (from, to) = (self.staged_path(&item.name), self.root.join(&item.name));
             if self.disk.exists(&from) {
                 self.make_parent_dirs_durably(&to)?;
-                self.disk.rename(&from, &to).map_err(StoreError::io(&to, "move to"))?;
+                self.disk
+                    .rename(&from, &to)
+                    .map_err(StoreError::io(&to, "move to"))?;
                 touched.extend(to.parent().map(Path::to_owned));
             }
         }
-        touched.iter().try_for_each(|folder| self.disk.sync_directory(folder))?;
+        touched
+            .iter()
+            .try_for_each(|folder| self.disk.sync_directory(folder))?;
         self.advance_counter(listing)?;
         self.disk.move_durably(&staged_format_file, &format_file)
     }
 
     /// Advances the counter past this flight and the flights that were already here.
     fn advance_counter(&self, listing: &Listing) -> StoreResult<()> {
-        let here = self.disk.load_json::<Counter>(&self.root.join(layout::COUNTER_FILE));
+        let here = self
+            .disk
+            .load_json::<Counter>(&self.root.join(layout::COUNTER_FILE));
         let mut counter = here.unwrap_or(Counter::FIRST);
         counter.advance_past(&listing.flight);
-        listing.items.iter().filter_map(|item| item.name.split('/').nth(2)).for_each(|id| counter.advance_past(id));
+        listing
+            .items
+            .iter()
+            .filter_map(|item| item.name.split('/').nth(2))
+            .for_each(|id| counter.advance_past(id));
         opening::save_counter(self.store_root(), &counter)
     }
 
     /// Refuses to overwrite results that were added here.
     fn refuse_changed(&self, listing: &Listing) -> StoreResult<()> {
         let grows = |name: &str| [layout::RESULTS_FILE, layout::CHAIN_FILE].contains(&name);
-        for item in listing.items.iter().filter(|item| item.name.rsplit('/').next().is_some_and(grows)) {
+        for item in listing
+            .items
+            .iter()
+            .filter(|item| item.name.rsplit('/').next().is_some_and(grows))
+        {
             let path = self.root.join(&item.name);
-            let Some(here) = self.disk.load_if_exists(&path)? else { continue };
-            let arrived = self.disk.read(&self.staged_path(&item.name)).unwrap_or_else(|_| here.clone());
+            let Some(here) = self.disk.load_if_exists(&path)? else {
+                continue;
+            };
+            let arrived = self
+                .disk
+                .read(&self.staged_path(&item.name))
+                .unwrap_or_else(|_| here.clone());
             if !arrived.starts_with(&here) {
-                let problem = "was changed here, for example by `wingd solve`, and is not overwritten".to_owned();
-                return Err(StoreError::Damaged { path, problem, remedy: "copy into another directory" });
+                let problem =
+                    "was changed here, for example by `wingd solve`, and is not overwritten"
+                        .to_owned();
+                return Err(StoreError::Damaged {
+                    path,
+                    problem,
+                    remedy: "copy into another directory",
+                });
             }
         }
         Ok(())
@@ -281,7 +386,11 @@ impl ReceivedFile<'_> {
     /// Adds the next bytes.
     pub fn add(&mut self, bytes: &[u8]) -> StoreResult<()> {
         let disk = self.receiver.disk;
-        let written = if self.length == 0 { disk.write(&self.part, bytes) } else { disk.append(&self.part, bytes) };
+        let written = if self.length == 0 {
+            disk.write(&self.part, bytes)
+        } else {
+            disk.append(&self.part, bytes)
+        };
         written.map_err(StoreError::io(&self.part, "write"))?;
         self.hasher.update(bytes);
         self.length += bytes.len() as u64;
@@ -290,17 +399,32 @@ impl ReceivedFile<'_> {
 
     /// Gives the file its name; returns an error if the bytes do not match the listing.
     pub fn finish(self) -> StoreResult<()> {
-        let Self { receiver, item, part, path, .. } = self;
+        let Self {
+            receiver,
+            item,
+            part,
+            path,
+            ..
+        } = self;
         if self.length != item.length || hex::encode(self.hasher.finalize()) != item.sha256 {
             let problem = "was received with bytes that do not match its SHA-256".to_owned();
             let remedy = "try again; if it happens again, run `wingd verify` on the sender's store";
-            return Err(StoreError::Damaged { path: receiver.root.join(&item.name), problem, remedy });
+            return Err(StoreError::Damaged {
+                path: receiver.root.join(&item.name),
+                problem,
+                remedy,
+            });
         }
         if item.length == 0 {
             receiver.disk.save_file(&part, b"")?;
         }
-        receiver.disk.rename(&part, &path).map_err(StoreError::io(&path, "write"))?;
-        receiver.disk.sync_directory(path.parent().unwrap_or(Path::new(".")))
+        receiver
+            .disk
+            .rename(&part, &path)
+            .map_err(StoreError::io(&path, "write"))?;
+        receiver
+            .disk
+            .sync_directory(path.parent().unwrap_or(Path::new(".")))
     }
 }
 
@@ -310,8 +434,17 @@ mod tests {
 
     #[test]
     fn impossible_lengths_are_refused() {
-        let file = |name: &str, offset, length| ListedFile { name: name.into(), length, sha256: String::new(), offset };
-        let listing = |items| Listing { flight: "f0001".into(), digest: String::new(), items };
+        let file = |name: &str, offset, length| ListedFile {
+            name: name.into(),
+            length,
+            sha256: String::new(),
+            offset,
+        };
+        let listing = |items| Listing {
+            flight: "f0001".into(),
+            digest: String::new(),
+            items,
+        };
         let problem = |second| listing(vec![file("store.toml", 512, 100), second]).problem();
         assert_eq!(problem(file("counter.json", 1536, 10)), None);
         assert!(problem(file("counter.json", u64::MAX - 5, 10)).is_some());

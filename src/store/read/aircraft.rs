@@ -27,7 +27,10 @@ pub fn read_aircraft(
         match jsonl::parse_headed::<AircraftHead, _>(bytes) {
             Some((head, lines)) if head.flight == flight.id => all.push((head, lines)),
             Some(_) => {}
-            None => notes.push(format!("{}: its first line is damaged; run `wingd verify`", path.display())),
+            None => notes.push(format!(
+                "{}: its first line is damaged; run `wingd verify`",
+                path.display()
+            )),
         }
         Ok::<_, StoreError>(())
     })?;
@@ -35,12 +38,18 @@ pub fn read_aircraft(
 }
 
 /// Computes the digest of a flight's current aircraft data, an input of results that use it; `None` if there is none.
-pub fn aircraft_digest(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> StoreResult<Option<String>> {
+pub fn aircraft_digest(
+    disk: &dyn Disk,
+    root: &Path,
+    flight: &FlightRef,
+) -> StoreResult<Option<String>> {
     let (all, _) = read_aircraft(disk, root, flight)?;
     let mut text = String::new();
     for (head, lines) in &all {
         text.push_str(&serde_json::to_string(head).unwrap_or_default());
-        lines.iter().for_each(|line| text.push_str(&serde_json::to_string(line).unwrap_or_default()));
+        lines
+            .iter()
+            .for_each(|line| text.push_str(&serde_json::to_string(line).unwrap_or_default()));
     }
     Ok((!all.is_empty()).then(|| sha256_hex(text.as_bytes())))
 }

@@ -47,8 +47,17 @@ pub struct FlightBundle {
 ///
 /// # Errors
 /// Returns an error if a file is missing, a link, or shorter than recorded.
-pub fn bundle_flight(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> StoreResult<FlightBundle> {
-    let mut gather = BundleBuilder { disk, root, items: Vec::new(), counter: Counter::FIRST };
+pub fn bundle_flight(
+    disk: &dyn Disk,
+    root: &Path,
+    flight: &FlightRef,
+) -> StoreResult<FlightBundle> {
+    let mut gather = BundleBuilder {
+        disk,
+        root,
+        items: Vec::new(),
+        counter: Counter::FIRST,
+    };
     gather.add_small_file(Path::new(layout::STORE_FILE))?;
     match catalogue::store_id(disk, root) {
         Some(_) => gather.add_chained_flight(flight)?,
@@ -60,7 +69,10 @@ pub fn bundle_flight(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> StoreR
     gather.add_file_from_bytes(path, counter);
     let line = |item: &BundleFile| format!("{} {} {}\n", item.sha256, item.length, item.name);
     let digest = sha256_hex(gather.items.iter().map(line).collect::<String>().as_bytes());
-    Ok(FlightBundle { items: gather.items, digest })
+    Ok(FlightBundle {
+        items: gather.items,
+        digest,
+    })
 }
 
 struct BundleBuilder<'a> {
@@ -79,8 +91,9 @@ impl BundleBuilder<'_> {
         let sums_bytes = self.read_file(&sums_name)?;
         let (bytes, chain) = catalogue::read_chain(self.disk, &flight.folder)?;
         let sums = sums::parse_sums(&sums_bytes).unwrap_or_default();
-        let end = sums::covered_chain_length(&sums, &bytes, &chain)
-            .ok_or_else(|| self.damaged_file_error(&sums_name, "does not belong to this flight's chain"))?;
+        let end = sums::covered_chain_length(&sums, &bytes, &chain).ok_or_else(|| {
+            self.damaged_file_error(&sums_name, "does not belong to this flight's chain")
+        })?;
         let state = chain.state_at(end);
         for digest in &state.installations {
             self.add_installation(digest)?;
@@ -88,7 +101,11 @@ impl BundleBuilder<'_> {
         self.add_small_file(&place.join(layout::FLIGHT_FILE))?;
         for id in state.series.keys() {
             let results = state.results.get(id).and_then(|entries| entries.last());
-            self.add_series(flight, id, results.map(|(length, sha256)| (*length, sha256.clone())))?;
+            self.add_series(
+                flight,
+                id,
+                results.map(|(length, sha256)| (*length, sha256.clone())),
+            )?;
         }
         for (file, (length, digest)) in &state.files {
             self.add_closed_file(&place.join(file), *length, digest)?;
@@ -110,37 +127,63 @@ impl BundleBuilder<'_> {
             }
         }
         for series in catalogue::list_series(self.disk, flight)? {
-            let results = self.disk.load_if_exists(&series.folder.join(layout::RESULTS_FILE))?.map(|bytes| {
-                let good = jsonl::parse_lines::<serde_json::Value>(&bytes).good_length;
-                (good as u64, sha256_hex(bytes.get(..good).unwrap_or_default()))
-            });
+            let results = self
+                .disk
+                .load_if_exists(&series.folder.join(layout::RESULTS_FILE))?
+                .map(|bytes| {
+                    let good = jsonl::parse_lines::<serde_json::Value>(&bytes).good_length;
+                    (
+                        good as u64,
+                        sha256_hex(bytes.get(..good).unwrap_or_default()),
+                    )
+                });
             self.add_series(flight, &series.id, results)?;
         }
         Ok(())
     }
 
     /// Adds manifest, frames, and the given length of the results of a series.
-    fn add_series(&mut self, flight: &FlightRef, id: &str, results: Option<(u64, String)>) -> StoreResult<()> {
+    fn add_series(
+        &mut self,
+        flight: &FlightRef,
+        id: &str,
+        results: Option<(u64, String)>,
+    ) -> StoreResult<()> {
         self.counter.advance_past(id);
         let place = Path::new(layout::FLIGHTS).join(&flight.id).join(id);
         self.add_small_file(&place.join(layout::SERIES_FILE))?;
-        let series = SeriesRef { flight: flight.id.clone(), id: id.to_owned(), folder: self.root.join(&place) };
+        let series = SeriesRef {
+            flight: flight.id.clone(),
+            id: id.to_owned(),
+            folder: self.root.join(&place),
+        };
         let list = self.disk.list_entries(&series.folder)?;
-        let lengths: BTreeMap<&str, u64> =
-            list.iter().filter(|e| !e.is_dir && !e.is_link).map(|e| (e.name.as_str(), e.length)).collect();
+        let lengths: BTreeMap<&str, u64> = list
+            .iter()
+            .filter(|e| !e.is_dir && !e.is_link)
+            .map(|e| (e.name.as_str(), e.length))
+            .collect();
         let shots = catalogue::read_series_manifest(self.disk, &series)?.shots;
         let frames = shots.into_iter().filter_map(|shot| shot.frame);
         let frames = frames.filter(|frame| layout::is_frame_name(&frame.file));
         let files = frames.map(|frame| (frame.file, frame.bytes, frame.sha256));
-        let results = results.map(|(length, sha256)| (layout::RESULTS_FILE.to_owned(), length, sha256));
+        let results =
+            results.map(|(length, sha256)| (layout::RESULTS_FILE.to_owned(), length, sha256));
         for (file, length, sha256) in files.chain(results) {
             let name = place.join(&file);
             let grows = file == layout::RESULTS_FILE;
             match lengths.get(file.as_str()) {
                 Some(there) if *there == length || (grows && *there > length) => {
-                    self.push_file(&name, length, sha256, BundleContent::File(self.root.join(&name)));
+                    self.push_file(
+                        &name,
+                        length,
+                        sha256,
+                        BundleContent::File(self.root.join(&name)),
+                    );
                 }
-                Some(_) => return Err(self.damaged_file_error(&name, "does not have the recorded length")),
+                Some(_) => {
+                    return Err(self.damaged_file_error(&name, "does not have the recorded length"));
+                }
                 None => return Err(self.damaged_file_error(&name, "is missing or a link")),
             }
         }
@@ -151,7 +194,10 @@ impl BundleBuilder<'_> {
     fn add_closed_file(&mut self, name: &Path, length: u64, digest: &str) -> StoreResult<()> {
         let path = self.root.join(name);
         if self.disk.file_length(&path)? != Some(length) {
-            return Err(self.damaged_file_error(name, "is missing, is a link, or does not have the recorded length"));
+            return Err(self.damaged_file_error(
+                name,
+                "is missing, is a link, or does not have the recorded length",
+            ));
         }
         self.push_file(name, length, digest.to_owned(), BundleContent::File(path));
         Ok(())
@@ -159,11 +205,19 @@ impl BundleBuilder<'_> {
 
     fn add_installation(&mut self, digest: &str) -> StoreResult<()> {
         if let Some((path, problem)) = installations::find_fault(self.disk, self.root, digest) {
-            return Err(StoreError::Damaged { path, problem, remedy: BUNDLE_REMEDY });
+            return Err(StoreError::Damaged {
+                path,
+                problem,
+                remedy: BUNDLE_REMEDY,
+            });
         }
         let folder = installations::installation_folder(self.root, digest);
         for entry in self.disk.list_entries(&folder)? {
-            self.add_small_file(&Path::new(layout::INSTALLATIONS).join(digest).join(entry.name))?;
+            self.add_small_file(
+                &Path::new(layout::INSTALLATIONS)
+                    .join(digest)
+                    .join(entry.name),
+            )?;
         }
         Ok(())
     }
@@ -185,17 +239,32 @@ impl BundleBuilder<'_> {
     }
 
     fn add_file_from_bytes(&mut self, name: &Path, bytes: Vec<u8>) {
-        self.push_file(name, bytes.len() as u64, sha256_hex(&bytes), BundleContent::Bytes(bytes));
+        self.push_file(
+            name,
+            bytes.len() as u64,
+            sha256_hex(&bytes),
+            BundleContent::Bytes(bytes),
+        );
     }
 
     fn push_file(&mut self, name: &Path, length: u64, sha256: String, content: BundleContent) {
         let name = name.to_string_lossy().into_owned();
-        self.items.push(BundleFile { name, length, sha256, content });
+        self.items.push(BundleFile {
+            name,
+            length,
+            sha256,
+            content,
+        });
     }
 
     fn damaged_file_error(&self, name: &Path, problem: &str) -> StoreError {
-        StoreError::Damaged { path: self.root.join(name), problem: problem.to_owned(), remedy: BUNDLE_REMEDY }
+        StoreError::Damaged {
+            path: self.root.join(name),
+            problem: problem.to_owned(),
+            remedy: BUNDLE_REMEDY,
+        }
     }
 }
 
-const BUNDLE_REMEDY: &str = "run `wingd verify` for other damage; intact files can be copied individually";
+const BUNDLE_REMEDY: &str =
+    "run `wingd verify` for other damage; intact files can be copied individually";

@@ -38,7 +38,10 @@ fn read_format_file(disk: &dyn Disk, root: &Path) -> Option<toml::Table> {
 /// Returns the store's id; `None` for a store without evidence (format 1).
 pub fn store_id(disk: &dyn Disk, root: &Path) -> Option<String> {
     let mark = read_format_file(disk, root)?;
-    let id = mark.get("id").and_then(toml::Value::as_str).unwrap_or_default();
+    let id = mark
+        .get("id")
+        .and_then(toml::Value::as_str)
+        .unwrap_or_default();
     (mark.get("format")?.as_integer()? == i64::from(layout::FORMAT)).then(|| id.to_owned())
 }
 
@@ -47,13 +50,26 @@ pub fn check_format(disk: &dyn Disk, root: &Path) -> StoreResult<()> {
     let path = root.join(layout::STORE_FILE);
     if !disk.exists(&path) {
         let why = format!("it has no {}", layout::STORE_FILE);
-        return Err(StoreError::NotAStore { path: root.to_owned(), why });
+        return Err(StoreError::NotAStore {
+            path: root.to_owned(),
+            why,
+        });
     }
     disk.load_file(&path)?;
     let mark = read_format_file(disk, root);
     match mark.as_ref().and_then(|mark| mark.get("format")) {
-        Some(format) if SUPPORTED_FORMATS.iter().any(|known| format.as_integer() == Some((*known).into())) => Ok(()),
-        Some(format) => Err(StoreError::Version { path, found: format.to_string(), supported: layout::FORMAT }),
+        Some(format)
+            if SUPPORTED_FORMATS
+                .iter()
+                .any(|known| format.as_integer() == Some((*known).into())) =>
+        {
+            Ok(())
+        }
+        Some(format) => Err(StoreError::Version {
+            path,
+            found: format.to_string(),
+            supported: layout::FORMAT,
+        }),
         None => Err(StoreError::Damaged {
             path,
             problem: "has no format number".to_owned(),
@@ -66,19 +82,37 @@ pub fn check_format(disk: &dyn Disk, root: &Path) -> StoreResult<()> {
 pub fn list_flights(disk: &dyn Disk, root: &Path) -> StoreResult<Vec<FlightRef>> {
     let folder = root.join(layout::FLIGHTS);
     let ids = numbered_names(disk, &folder, layout::flight_number, |entry| entry.is_dir)?;
-    Ok(ids.into_iter().map(|id| FlightRef { folder: folder.join(&id), id }).collect())
+    Ok(ids
+        .into_iter()
+        .map(|id| FlightRef {
+            folder: folder.join(&id),
+            id,
+        })
+        .collect())
 }
 
 /// Lists the finished series of a flight, in order.
 pub fn list_series(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<Vec<SeriesRef>> {
-    let ids = numbered_names(disk, &flight.folder, layout::series_number, |entry| entry.is_dir)?;
-    let series = |id: String| SeriesRef { flight: flight.id.clone(), folder: flight.folder.join(&id), id };
+    let ids = numbered_names(disk, &flight.folder, layout::series_number, |entry| {
+        entry.is_dir
+    })?;
+    let series = |id: String| SeriesRef {
+        flight: flight.id.clone(),
+        folder: flight.folder.join(&id),
+        id,
+    };
     Ok(ids.into_iter().map(series).collect())
 }
 
 /// Lists the closed files of a kind in a flight, in order.
-pub(crate) fn closed_files(disk: &dyn Disk, flight: &FlightRef, kind: &AppendFileKind) -> StoreResult<Vec<String>> {
-    numbered_names(disk, &flight.folder, kind.closed_number, |entry| !entry.is_dir && !entry.is_link)
+pub(crate) fn closed_files(
+    disk: &dyn Disk,
+    flight: &FlightRef,
+    kind: &AppendFileKind,
+) -> StoreResult<Vec<String>> {
+    numbered_names(disk, &flight.folder, kind.closed_number, |entry| {
+        !entry.is_dir && !entry.is_link
+    })
 }
 
 /// Calls `give` with the content of a flight's files of a kind, in the order written: the closed ones, then the one being
@@ -93,7 +127,10 @@ pub(crate) fn for_each_file<E: From<StoreError>>(
     // The open file is read first: if a recorder closes it meanwhile, it is among the closed ones listed next.
     let path = root.join(kind.open_name);
     let mut open = disk.load_if_exists(&path)?;
-    for closed in closed_files(disk, flight, kind)?.into_iter().map(|file| flight.folder.join(file)) {
+    for closed in closed_files(disk, flight, kind)?
+        .into_iter()
+        .map(|file| flight.folder.join(file))
+    {
         let bytes = disk.load_file(&closed)?;
         open = open.filter(|open| !bytes.starts_with(open));
         give(&closed, &bytes)?;
@@ -109,14 +146,18 @@ fn numbered_names(
     is_member: fn(&DirectoryEntry) -> bool,
 ) -> StoreResult<Vec<String>> {
     let entries = disk.list_entries(folder)?.into_iter().filter(is_member);
-    let mut found: Vec<_> = entries.filter_map(|e| Some((number(&e.name)?, e.name))).collect();
+    let mut found: Vec<_> = entries
+        .filter_map(|e| Some((number(&e.name)?, e.name)))
+        .collect();
     found.sort();
     Ok(found.into_iter().map(|(_, name)| name).collect())
 }
 
 /// Reads a flight's chain: its bytes, empty if there is none, and the parsed chain.
 pub(crate) fn read_chain(disk: &dyn Disk, flight: &Path) -> StoreResult<(Vec<u8>, Chain)> {
-    let bytes = disk.load_if_exists(&flight.join(layout::CHAIN_FILE))?.unwrap_or_default();
+    let bytes = disk
+        .load_if_exists(&flight.join(layout::CHAIN_FILE))?
+        .unwrap_or_default();
     let chain = Chain::parse(&bytes);
     Ok((bytes, chain))
 }
@@ -128,8 +169,13 @@ pub fn read_flight_manifest(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<
 
 /// Returns whether a flight has the given id, or was imported under the given name.
 pub fn is_called(disk: &dyn Disk, flight: &FlightRef, name: &str) -> bool {
-    let imported_name = || read_flight_manifest(disk, flight).ok().and_then(|manifest| manifest.name);
-    flight.id == name || layout::flight_number(name).is_none() && imported_name().as_deref() == Some(name)
+    let imported_name = || {
+        read_flight_manifest(disk, flight)
+            .ok()
+            .and_then(|manifest| manifest.name)
+    };
+    flight.id == name
+        || layout::flight_number(name).is_none() && imported_name().as_deref() == Some(name)
 }
 
 /// Reads the manifest of a series, `series.json`.
@@ -156,7 +202,10 @@ pub fn for_each_line(
         buffer.extend_from_slice(&piece);
         let mut begin = 0;
         for end in memchr::memchr_iter(b'\n', &buffer) {
-            give(at + begin as u64..at + end as u64, buffer.get(begin..end).unwrap_or_default());
+            give(
+                at + begin as u64..at + end as u64,
+                buffer.get(begin..end).unwrap_or_default(),
+            );
             begin = end + 1;
         }
         buffer.drain(..begin);
@@ -169,8 +218,14 @@ pub fn for_each_line(
 
 /// Reads the intact lines of a series' `results.jsonl`, in the order written; empty if there is none.
 pub fn read_results(disk: &dyn Disk, series: &SeriesRef) -> StoreResult<Vec<ResultLine>> {
-    let bytes = disk.load_if_exists(&series.folder.join(layout::RESULTS_FILE))?.unwrap_or_default();
-    Ok(jsonl::parse_lines(&bytes).good.into_iter().map(|(_, line)| line).collect())
+    let bytes = disk
+        .load_if_exists(&series.folder.join(layout::RESULTS_FILE))?
+        .unwrap_or_default();
+    Ok(jsonl::parse_lines(&bytes)
+        .good
+        .into_iter()
+        .map(|(_, line)| line)
+        .collect())
 }
 
 fn read_json<T: serde::de::DeserializeOwned>(disk: &dyn Disk, path: &Path) -> StoreResult<T> {

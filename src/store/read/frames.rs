@@ -23,8 +23,15 @@ pub fn series_frames(series: &SeriesRef, manifest: SeriesManifest) -> Vec<FrameR
     let shots = manifest.shots.into_iter();
     shots
         .filter_map(|shot| {
-            let entry = shot.frame.filter(|frame| layout::is_frame_name(&frame.file))?;
-            Some(FrameRef { series: series.clone(), entry, stamp: shot.stamp, exposure: shot.exposure })
+            let entry = shot
+                .frame
+                .filter(|frame| layout::is_frame_name(&frame.file))?;
+            Some(FrameRef {
+                series: series.clone(),
+                entry,
+                stamp: shot.stamp,
+                exposure: shot.exposure,
+            })
         })
         .collect()
 }
@@ -40,5 +47,9 @@ pub fn read_frame(disk: &dyn Disk, frame: &FrameRef) -> StoreResult<Vec<u8>> {
         return Ok(bytes);
     }
     let problem = "its bytes do not have the hash of series.json".to_owned();
-    Err(StoreError::Damaged { path, problem, remedy: "take this frame from a backup or an export" })
+    Err(StoreError::Damaged {
+        path,
+        problem,
+        remedy: "take this frame from a backup or an export",
+    })
 }

@@ -23,7 +23,9 @@ pub fn installation_folder(root: &Path, digest: &str) -> PathBuf {
 /// Computes the digest of the installation that a result was computed from; `None` if the provenance names none.
 pub fn digest_from_provenance(provenance: &Map<String, Value>) -> Option<String> {
     let entry = |(key, value): (&String, &Value)| {
-        let name = key.strip_suffix(".sha256").filter(|name| *name != "frame")?;
+        let name = key
+            .strip_suffix(".sha256")
+            .filter(|name| *name != "frame")?;
         Some((name.to_owned(), value.as_str()?.to_owned()))
     };
     let files: BTreeMap<String, String> = provenance.iter().filter_map(entry).collect();
@@ -44,11 +46,17 @@ pub fn flight_installations(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<
 pub(crate) fn find_fault(disk: &dyn Disk, root: &Path, digest: &str) -> Option<(PathBuf, String)> {
     let place = installation_folder(root, digest);
     if !disk.exists(&place) {
-        return Some((place, "results were computed from this installation, but it is missing".to_owned()));
+        return Some((
+            place,
+            "results were computed from this installation, but it is missing".to_owned(),
+        ));
     }
     let differs = |path: &Path, expected: &str, source: &str| match disk.read(path) {
         Ok(bytes) if sha256_hex(&bytes) == expected => None,
-        Ok(_) => Some((path.to_owned(), format!("does not have the SHA-256 {source}"))),
+        Ok(_) => Some((
+            path.to_owned(),
+            format!("does not have the SHA-256 {source}"),
+        )),
         Err(error) => Some((path.to_owned(), format!("cannot be read: {error}"))),
     };
     let path = place.join(layout::SUMS_FILE);
@@ -56,11 +64,20 @@ pub(crate) fn find_fault(disk: &dyn Disk, root: &Path, digest: &str) -> Option<(
         return Some(fault);
     }
     let files = sums::parse_sums(&disk.read(&path).unwrap_or_default()).unwrap_or_default();
-    let fault = |(name, expected): (&String, &String)| differs(&place.join(name), expected, "in its SHA256SUMS");
+    let fault = |(name, expected): (&String, &String)| {
+        differs(&place.join(name), expected, "in its SHA256SUMS")
+    };
     if let Some(fault) = files.iter().find_map(fault) {
         return Some(fault);
     }
     let entries = disk.list(&place).unwrap_or_default();
-    let foreign = entries.into_iter().find(|e| e.name != layout::SUMS_FILE && !files.contains_key(&e.name));
-    foreign.map(|entry| (place.join(entry.name), "is not named in its SHA256SUMS".to_owned()))
+    let foreign = entries
+        .into_iter()
+        .find(|e| e.name != layout::SUMS_FILE && !files.contains_key(&e.name));
+    foreign.map(|entry| {
+        (
+            place.join(entry.name),
+            "is not named in its SHA256SUMS".to_owned(),
+        )
+    })
 }

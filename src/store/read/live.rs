@@ -17,7 +17,11 @@ pub fn closed_files(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<Vec<Stri
 pub type LiveRecording = Vec<(LiveHead, Vec<LiveRow>)>;
 
 /// Reads all live results of a flight, including the file being written; returns them with notes on unreadable data.
-pub fn read_live(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> StoreResult<(LiveRecording, Vec<String>)> {
+pub fn read_live(
+    disk: &dyn Disk,
+    root: &Path,
+    flight: &FlightRef,
+) -> StoreResult<(LiveRecording, Vec<String>)> {
     let mut all = LiveRecording::new();
     let notes = for_each_live_file(disk, root, flight, |mut file| {
         let mut rows = Vec::new();
@@ -43,12 +47,20 @@ pub fn for_each_live_file<E: From<StoreError>>(
     catalogue::for_each_file(disk, root, flight, &LIVE_RESULTS, |path, bytes| {
         let place = path.display();
         let Some(file) = LiveFile::parse(bytes) else {
-            notes.push(format!("{place}: its first line is damaged; run `wingd verify`"));
+            notes.push(format!(
+                "{place}: its first line is damaged; run `wingd verify`"
+            ));
             return Ok(());
         };
-        let rest = if file.head.flight == flight.id { read(file)? } else { 0 };
+        let rest = if file.head.flight == flight.id {
+            read(file)?
+        } else {
+            0
+        };
         if rest > 0 {
-            notes.push(format!("{place}: its last {rest} bytes are torn or damaged; run `wingd verify`"));
+            notes.push(format!(
+                "{place}: its last {rest} bytes are torn or damaged; run `wingd verify`"
+            ));
         }
         Ok::<_, E>(())
     })?;

@@ -44,7 +44,11 @@ impl ResultSet {
 
     /// Describes the set by key, program and count.
     pub fn description(&self) -> String {
-        let program = self.provenance.get("program").and_then(Value::as_str).unwrap_or("unknown program");
+        let program = self
+            .provenance
+            .get("program")
+            .and_then(Value::as_str)
+            .unwrap_or("unknown program");
         format!("{} ({program}): {} results", self.short_key(), self.results)
     }
 }
@@ -71,11 +75,15 @@ impl ResultSets {
     /// Returns a warning if a flight has results of several inputs.
     pub fn mixed_inputs_warning(&self, flight: &str, requested: Option<&str>) -> Option<String> {
         let chosen = self.choose_set(requested)?;
-        let [_, _, ..] = self.sets.as_slice() else { return None };
+        let [_, _, ..] = self.sets.as_slice() else {
+            return None;
+        };
         let all: Vec<String> = self.sets.iter().map(ResultSet::description).collect();
         let missing = match self.frames - chosen.results.min(self.frames) {
             0 => String::new(),
-            n => format!("; {n} frames have only results of other inputs and are shown without a result"),
+            n => format!(
+                "; {n} frames have only results of other inputs and are shown without a result"
+            ),
         };
         Some(format!(
             "{flight}: {} frames have results of {} inputs, {}; figures are from {} only{missing}",
@@ -126,13 +134,24 @@ impl ResultGrouper {
         mut make: impl FnMut(ResultHead) -> T,
     ) -> StoreResult<Vec<T>> {
         let (mut made, mut sets, mut frames) = (Vec::new(), Vec::new(), BTreeSet::new());
-        catalogue::for_each_line(disk, &series.folder.join(layout::RESULTS_FILE), |place, line| {
-            let Some(head) = result_summary::parse_summary(line, fields) else { return };
-            let set = self.find_or_add_set(&head.provenance);
-            sets.push(set);
-            frames.insert(head.frame.clone());
-            made.push(make(ResultHead { frame: head.frame, set, record: head.record, place }));
-        })?;
+        catalogue::for_each_line(
+            disk,
+            &series.folder.join(layout::RESULTS_FILE),
+            |place, line| {
+                let Some(head) = result_summary::parse_summary(line, fields) else {
+                    return;
+                };
+                let set = self.find_or_add_set(&head.provenance);
+                sets.push(set);
+                frames.insert(head.frame.clone());
+                made.push(make(ResultHead {
+                    frame: head.frame,
+                    set,
+                    record: head.record,
+                    place,
+                }));
+            },
+        )?;
         self.count_results(&series.id, &sets, frames.len());
         Ok(made)
     }
@@ -155,19 +174,32 @@ impl ResultGrouper {
     }
 
     fn find_or_add_set(&mut self, provenance: &Map<String, Value>) -> usize {
-        if let Some(known) = self.sets.iter().position(|set| set.provenance == *provenance) {
+        if let Some(known) = self
+            .sets
+            .iter()
+            .position(|set| set.provenance == *provenance)
+        {
             return known;
         }
         let key = Inputs::new(provenance.clone()).key("");
         let index = self.sets.len();
-        self.sets.push(ResultSet { key, provenance: provenance.clone(), results: 0, last: (0, 0), index });
+        self.sets.push(ResultSet {
+            key,
+            provenance: provenance.clone(),
+            results: 0,
+            last: (0, 0),
+            index,
+        });
         index
     }
 
     /// Returns the sets.
     pub fn finish(mut self) -> ResultSets {
         self.sets.sort_by_key(|set| set.last);
-        ResultSets { frames: self.frames, sets: self.sets }
+        ResultSets {
+            frames: self.frames,
+            sets: self.sets,
+        }
     }
 }
 
@@ -180,20 +212,29 @@ pub fn results_in_set<T>(
     mut make: impl FnMut(ResultLine) -> Option<T>,
 ) -> StoreResult<Vec<T>> {
     let mut latest = BTreeMap::new();
-    catalogue::for_each_line(disk, &series.folder.join(layout::RESULTS_FILE), |_, line| {
-        let line = serde_json::from_slice::<ResultLine>(line).ok();
-        if let Some(line) = line.filter(|line| set.is_none_or(|set| line.provenance == set.provenance)) {
-            latest.insert(line.frame.clone(), make(line));
-        }
-    })?;
+    catalogue::for_each_line(
+        disk,
+        &series.folder.join(layout::RESULTS_FILE),
+        |_, line| {
+            let line = serde_json::from_slice::<ResultLine>(line).ok();
+            if let Some(line) =
+                line.filter(|line| set.is_none_or(|set| line.provenance == set.provenance))
+            {
+                latest.insert(line.frame.clone(), make(line));
+            }
+        },
+    )?;
     Ok(latest.into_values().flatten().collect())
 }
 
 /// Returns a warning for every flight of a store with results of several inputs.
 pub fn mixed_inputs_warnings(disk: &dyn Disk, root: &Path) -> Vec<String> {
     let flights = catalogue::list_flights(disk, root).unwrap_or_default();
-    let warning_for =
-        |flight: &FlightRef| flight_result_sets(disk, flight).ok()?.mixed_inputs_warning(&flight.id, None);
+    let warning_for = |flight: &FlightRef| {
+        flight_result_sets(disk, flight)
+            .ok()?
+            .mixed_inputs_warning(&flight.id, None)
+    };
     flights.iter().filter_map(warning_for).collect()
 }
 
@@ -204,9 +245,12 @@ mod tests {
     fn sets(series: &[&[(u32, &str)]]) -> ResultSets {
         let mut gather = ResultGrouper::default();
         for (number, lines) in series.iter().enumerate() {
-            let provenance = |program: &str| Map::from_iter([("program".to_owned(), Value::from(program))]);
-            let sets: Vec<usize> =
-                lines.iter().map(|(_, program)| gather.find_or_add_set(&provenance(program))).collect();
+            let provenance =
+                |program: &str| Map::from_iter([("program".to_owned(), Value::from(program))]);
+            let sets: Vec<usize> = lines
+                .iter()
+                .map(|(_, program)| gather.find_or_add_set(&provenance(program)))
+                .collect();
             let frames: BTreeSet<u32> = lines.iter().map(|(frame, _)| *frame).collect();
             gather.count_results(&layout::series_id(number as u64 + 1), &sets, frames.len());
         }
@@ -214,27 +258,52 @@ mod tests {
     }
 
     fn chosen(sets: &ResultSets) -> &str {
-        sets.choose_set(None).unwrap().provenance["program"].as_str().unwrap()
+        sets.choose_set(None).unwrap().provenance["program"]
+            .as_str()
+            .unwrap()
     }
 
     #[test]
     fn a_complete_newer_set_is_shown_and_an_incomplete_one_is_not() {
-        let whole = sets(&[&[(1, "a"), (2, "a"), (1, "b"), (2, "b")], &[(1, "a"), (1, "b")]]);
+        let whole = sets(&[
+            &[(1, "a"), (2, "a"), (1, "b"), (2, "b")],
+            &[(1, "a"), (1, "b")],
+        ]);
         assert_eq!((chosen(&whole), whole.frames), ("b", 3));
         let incomplete = sets(&[&[(1, "a"), (2, "a"), (1, "b"), (2, "b")], &[(1, "a")]]);
         assert_eq!(chosen(&incomplete), "a");
-        assert!(incomplete.mixed_inputs_warning("f0001", None).unwrap().contains("results of 2 inputs"));
+        assert!(
+            incomplete
+                .mixed_inputs_warning("f0001", None)
+                .unwrap()
+                .contains("results of 2 inputs")
+        );
     }
 
     #[test]
     fn a_single_set_gives_no_warning_and_separate_sets_do() {
-        assert_eq!(sets(&[&[(1, "a")], &[(1, "a")]]).mixed_inputs_warning("f0001", None), None);
+        assert_eq!(
+            sets(&[&[(1, "a")], &[(1, "a")]]).mixed_inputs_warning("f0001", None),
+            None
+        );
         assert_eq!(sets(&[]).mixed_inputs_warning("f0001", None), None);
         let separate = sets(&[&[(1, "a")], &[(1, "b")]]);
         assert_eq!(chosen(&separate), "b", "the newer series");
         let warning = separate.mixed_inputs_warning("f0001", None).unwrap();
-        assert!(warning.contains("1 frames have only results of other inputs"), "{warning}");
-        let key = separate.sets.iter().find(|s| s.provenance["program"] == "a").unwrap().short_key().to_owned();
-        assert_eq!(separate.choose_set(Some(&key)).unwrap().provenance["program"], "a");
+        assert!(
+            warning.contains("1 frames have only results of other inputs"),
+            "{warning}"
+        );
+        let key = separate
+            .sets
+            .iter()
+            .find(|s| s.provenance["program"] == "a")
+            .unwrap()
+            .short_key()
+            .to_owned();
+        assert_eq!(
+            separate.choose_set(Some(&key)).unwrap().provenance["program"],
+            "a"
+        );
     }
 }

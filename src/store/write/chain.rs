@@ -4,12 +4,18 @@ use std::path::Path;
 
 use super::root::StoreRoot;
 use crate::store::disk::{StoreError, StoreResult};
-use crate::store::format::chain::{ChainEvent, ChainLine, ZERO_DIGEST, last_line, line_digest, trim_torn_tail};
+use crate::store::format::chain::{
+    ChainEvent, ChainLine, ZERO_DIGEST, last_line, line_digest, trim_torn_tail,
+};
 use crate::store::format::{jsonl, layout};
 use crate::store::read::catalogue;
 
 /// Appends a line durably; a torn last line is set aside first.
-pub(crate) fn append_event(root: StoreRoot<'_>, flight: &Path, event: ChainEvent) -> StoreResult<()> {
+pub(crate) fn append_event(
+    root: StoreRoot<'_>,
+    flight: &Path,
+    event: ChainEvent,
+) -> StoreResult<()> {
     append_event_with(root, flight, |_| event)
 }
 
@@ -24,22 +30,39 @@ pub(crate) fn append_event_with(
     let bytes = there.as_deref().unwrap_or_default();
     let good = trim_torn_tail(bytes);
     let name = flight.file_name().unwrap_or_default().to_string_lossy();
-    if root.set_tail_aside(&format!("{name}-chain-{}.torn", good.len()), bytes, good.len())? {
-        root.disk.replace_file_io(&path, good).map_err(StoreError::io(&path, "repair"))?;
+    if root.set_tail_aside(
+        &format!("{name}-chain-{}.torn", good.len()),
+        bytes,
+        good.len(),
+    )? {
+        root.disk
+            .replace_file_io(&path, good)
+            .map_err(StoreError::io(&path, "repair"))?;
     }
     let before = last_line(good).map_or_else(|| ZERO_DIGEST.to_owned(), line_digest);
     let event = event(&before);
-    let line = jsonl::encode_line(&ChainLine { before, event }).map_err(StoreError::io(&path, "write"))?;
+    let line =
+        jsonl::encode_line(&ChainLine { before, event }).map_err(StoreError::io(&path, "write"))?;
     root.disk.extend_file(&path, good.len(), &line)?;
-    if there.is_none() { root.disk.sync_directory(flight) } else { Ok(()) }
+    if there.is_none() {
+        root.disk.sync_directory(flight)
+    } else {
+        Ok(())
+    }
 }
 
 /// Ensures that the chain has an event, before its file is moved. A line left by a failed or interrupted call is written
 /// again: after a failed fsync a file may show bytes that are not on the disk.
-pub(crate) fn ensure_event(root: StoreRoot<'_>, flight: &Path, event: ChainEvent) -> StoreResult<()> {
+pub(crate) fn ensure_event(
+    root: StoreRoot<'_>,
+    flight: &Path,
+    event: ChainEvent,
+) -> StoreResult<()> {
     let (bytes, chain) = catalogue::read_chain(root.disk, flight)?;
     if chain.events.iter().any(|(_, known)| *known == event) {
-        return root.disk.replace_file(&flight.join(layout::CHAIN_FILE), &bytes);
+        return root
+            .disk
+            .replace_file(&flight.join(layout::CHAIN_FILE), &bytes);
     }
     append_event(root, flight, event)
 }

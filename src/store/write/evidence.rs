@@ -30,7 +30,11 @@ pub(crate) fn update_sums(disk: &dyn Disk, flight: &Path) -> StoreResult<()> {
         return Ok(());
     }
     let manifest = |id: &str| {
-        let series = SeriesRef { flight: String::new(), id: id.to_owned(), folder: flight.join(id) };
+        let series = SeriesRef {
+            flight: String::new(),
+            id: id.to_owned(),
+            folder: flight.join(id),
+        };
         catalogue::read_series_manifest(disk, &series)
     };
     for (_, event) in chain.events.iter().filter(|(end, _)| *end > from) {

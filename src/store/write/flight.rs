@@ -17,8 +17,15 @@ use crate::clock::Stamp;
 use crate::store::config::BootPolicy;
 
 /// Returns the reason for a new flight at `now`, or `None` if the last one continues.
-pub fn new_flight_reason(last: Option<&Stamp>, now: &Stamp, after: Duration, at_boot: BootPolicy) -> Option<String> {
-    let Some(last) = last else { return Some("first series of the store".to_owned()) };
+pub fn new_flight_reason(
+    last: Option<&Stamp>,
+    now: &Stamp,
+    after: Duration,
+    at_boot: BootPolicy,
+) -> Option<String> {
+    let Some(last) = last else {
+        return Some("first series of the store".to_owned());
+    };
     if last.boot_id == now.boot_id {
         return long_pause_reason(now.since_boot_s - last.since_boot_s, after);
     }
@@ -29,7 +36,9 @@ pub fn new_flight_reason(last: Option<&Stamp>, now: &Stamp, after: Duration, at_
     }
     let by_utc_s = now.utc.duration_since(last.utc).as_secs_f64();
     if by_utc_s < 0.0 {
-        return Some("the machine was switched on and its clock went back: the pause is unknown".to_owned());
+        return Some(
+            "the machine was switched on and its clock went back: the pause is unknown".to_owned(),
+        );
     }
     long_pause_reason(by_utc_s.max(now.since_boot_s), after)
 }
@@ -45,7 +54,12 @@ mod tests {
     const AFTER: Duration = Duration::from_secs(3 * 3600);
 
     fn stamp(utc: &str, boot: &str, since_boot_s: f64) -> Stamp {
-        Stamp { utc: utc.parse().unwrap(), utc_synchronised: false, boot_id: boot.to_owned(), since_boot_s }
+        Stamp {
+            utc: utc.parse().unwrap(),
+            utc_synchronised: false,
+            boot_id: boot.to_owned(),
+            since_boot_s,
+        }
     }
 
     #[test]
@@ -53,8 +67,14 @@ mod tests {
         let last = stamp("2026-03-01T10:00:00Z", "a", 7200.0);
         let restarted = stamp("2026-03-01T10:50:00Z", "a", 10200.0);
         let rebooted = stamp("2026-03-01T10:20:00Z", "b", 25.0);
-        assert_eq!(new_flight_reason(Some(&last), &restarted, AFTER, BootPolicy::ByClock), None);
-        assert_eq!(new_flight_reason(Some(&last), &rebooted, AFTER, BootPolicy::ByClock), None);
+        assert_eq!(
+            new_flight_reason(Some(&last), &restarted, AFTER, BootPolicy::ByClock),
+            None
+        );
+        assert_eq!(
+            new_flight_reason(Some(&last), &rebooted, AFTER, BootPolicy::ByClock),
+            None
+        );
         assert!(new_flight_reason(Some(&last), &rebooted, AFTER, BootPolicy::Always).is_some());
     }
 
@@ -66,7 +86,10 @@ mod tests {
         for now in [&next_day, &left_on] {
             assert!(new_flight_reason(Some(&last), now, AFTER, BootPolicy::ByClock).is_some());
         }
-        assert_eq!(new_flight_reason(Some(&last), &next_day, AFTER, BootPolicy::Never), None);
+        assert_eq!(
+            new_flight_reason(Some(&last), &next_day, AFTER, BootPolicy::Never),
+            None
+        );
     }
 
     #[test]
@@ -82,6 +105,9 @@ mod tests {
     fn a_jump_of_utc_within_a_boot_has_no_effect() {
         let last = stamp("1970-01-01T00:10:00Z", "a", 600.0);
         let synced = stamp("2026-03-01T18:00:00Z", "a", 4200.0);
-        assert_eq!(new_flight_reason(Some(&last), &synced, AFTER, BootPolicy::ByClock), None);
+        assert_eq!(
+            new_flight_reason(Some(&last), &synced, AFTER, BootPolicy::ByClock),
+            None
+        );
     }
 }

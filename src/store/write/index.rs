@@ -41,7 +41,10 @@ impl StoreIndex {
 
     /// Records the time of an event; an earlier time of the same boot changes nothing.
     pub fn note_moment(&mut self, now: &Stamp) {
-        let last = self.last_moment.as_ref().filter(|last| last.boot_id == now.boot_id);
+        let last = self
+            .last_moment
+            .as_ref()
+            .filter(|last| last.boot_id == now.boot_id);
         if last.is_none_or(|last| last.since_boot_s <= now.since_boot_s) {
             self.last_moment = Some(now.clone());
         }

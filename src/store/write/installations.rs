@@ -9,8 +9,14 @@ use crate::store::format::{layout, sha256_hex, sums};
 use crate::store::read::installations::{InstallationFile, installation_folder};
 
 /// Stores an installation durably, unless it exists already, and returns its digest.
-pub(crate) fn keep_installation(root: StoreRoot<'_>, files: &[InstallationFile]) -> StoreResult<String> {
-    let digests: BTreeMap<_, _> = files.iter().map(|(name, bytes)| (name.clone(), sha256_hex(bytes))).collect();
+pub(crate) fn keep_installation(
+    root: StoreRoot<'_>,
+    files: &[InstallationFile],
+) -> StoreResult<String> {
+    let digests: BTreeMap<_, _> = files
+        .iter()
+        .map(|(name, bytes)| (name.clone(), sha256_hex(bytes)))
+        .collect();
     let text = sums::format_sums(&digests);
     let digest = sha256_hex(text.as_bytes());
     let place = installation_folder(root.path, &digest);
@@ -19,9 +25,14 @@ pub(crate) fn keep_installation(root: StoreRoot<'_>, files: &[InstallationFile])
     }
     let mut parts = files.iter().map(|(name, _)| name);
     if let Some(name) = parts.find(|name| !is_plain(name)) {
-        let problem = format!("the installation's file {name:?} is outside its folder and is not stored");
+        let problem =
+            format!("the installation's file {name:?} is outside its folder and is not stored");
         let remedy = "copy it into the folder and refer to it there";
-        return Err(StoreError::Damaged { path: PathBuf::from(name), problem, remedy });
+        return Err(StoreError::Damaged {
+            path: PathBuf::from(name),
+            problem,
+            remedy,
+        });
     }
     let made = layout::incoming_folder(root.path, &digest);
     if !root.disk.exists(&made) {
@@ -40,6 +51,9 @@ pub(crate) fn keep_installation(root: StoreRoot<'_>, files: &[InstallationFile])
 /// Returns whether a name is a plain file name and not reserved.
 fn is_plain(name: &str) -> bool {
     let mut parts = Path::new(name).components();
-    let plain = matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None));
+    let plain = matches!(
+        (parts.next(), parts.next()),
+        (Some(Component::Normal(_)), None)
+    );
     plain && name != layout::SUMS_FILE
 }

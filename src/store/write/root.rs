@@ -40,7 +40,9 @@ impl StoreRoot<'_> {
 
     /// Creates the folders that every store has.
     pub fn ensure_folders(&self) -> StoreResult<()> {
-        [layout::INCOMING, layout::FLIGHTS, layout::PARTIAL].iter().try_for_each(|name| self.ensure_dir(name))
+        [layout::INCOMING, layout::FLIGHTS, layout::PARTIAL]
+            .iter()
+            .try_for_each(|name| self.ensure_dir(name))
     }
 
     /// Stores incomplete bytes under `partial/`, replacing an older copy of the same name.

@@ -43,7 +43,10 @@ pub(super) struct AppendPiece {
 impl AppendFile {
     /// Creates a writer without an open file.
     pub fn new(kind: &'static AppendFileKind) -> Self {
-        Self { kind, open: Mutex::default() }
+        Self {
+            kind,
+            open: Mutex::default(),
+        }
     }
 }
 
@@ -57,25 +60,43 @@ impl OpenSegment {
 }
 
 /// Closes the files left by the last recorder into their flights, or sets them aside if that is not possible.
-pub(super) fn settle_append_files(root: StoreRoot<'_>, kinds: &[&AppendFileKind], recovery: &mut Recovery) {
-    for kind in kinds.iter().filter(|kind| root.disk.exists(&root.join(kind.open_name))) {
+pub(super) fn settle_append_files(
+    root: StoreRoot<'_>,
+    kinds: &[&AppendFileKind],
+    recovery: &mut Recovery,
+) {
+    for kind in kinds
+        .iter()
+        .filter(|kind| root.disk.exists(&root.join(kind.open_name)))
+    {
         match close_leftover(root, kind) {
-            Ok(Some(flight)) => recovery.remarks.push(format!("{flight}: its {} were closed", kind.label)),
+            Ok(Some(flight)) => recovery
+                .remarks
+                .push(format!("{flight}: its {} were closed", kind.label)),
             Ok(None) => recovery.set_aside.push(kind.open_name.to_owned()),
-            Err(error) => recovery.remarks.push(format!("the {} could not be closed: {error}", kind.label)),
+            Err(error) => recovery
+                .remarks
+                .push(format!("the {} could not be closed: {error}", kind.label)),
         }
     }
 }
 
 /// Closes a file in the root that may be incomplete. Sets it aside and returns `None` if nothing in it is intact or its
 /// flight is gone.
-pub(super) fn close_leftover(root: StoreRoot<'_>, kind: &AppendFileKind) -> StoreResult<Option<String>> {
+pub(super) fn close_leftover(
+    root: StoreRoot<'_>,
+    kind: &AppendFileKind,
+) -> StoreResult<Option<String>> {
     let path = root.join(kind.open_name);
     let bytes = root.disk.load_file(&path)?;
-    let whole = (kind.intact_prefix)(&bytes).filter(|(_, flight)| layout::flight_number(flight).is_some());
+    let whole =
+        (kind.intact_prefix)(&bytes).filter(|(_, flight)| layout::flight_number(flight).is_some());
     let found = whole.filter(|(_, flight)| root.disk.exists(&root.flight_folder(flight)));
     let Some((good, flight)) = found else {
-        root.set_aside(&format!("{}-{}.torn", kind.stem, &sha256_hex(&bytes)[..8]), &bytes)?;
+        root.set_aside(
+            &format!("{}-{}.torn", kind.stem, &sha256_hex(&bytes)[..8]),
+            &bytes,
+        )?;
         root.disk.remove(&path)?;
         root.disk.sync_directory(root.path)?;
         return Ok(None);
@@ -96,12 +117,27 @@ pub(super) fn commit_segment(
     bytes: u64,
     sha256: String,
 ) -> StoreResult<()> {
-    let flight = FlightRef { id: flight.to_owned(), folder: root.flight_folder(flight) };
+    let flight = FlightRef {
+        id: flight.to_owned(),
+        folder: root.flight_folder(flight),
+    };
     let files = catalogue::closed_files(root.disk, &flight, kind)?;
-    let last = files.last().and_then(|name| (kind.closed_number)(name)).unwrap_or(0);
+    let last = files
+        .last()
+        .and_then(|name| (kind.closed_number)(name))
+        .unwrap_or(0);
     let file = (kind.closed_name)(last + 1);
     if root.has_evidence() {
-        chain::ensure_event(root, &flight.folder, (kind.event)(ClosedFile { file: file.clone(), bytes, sha256 }))?;
+        chain::ensure_event(
+            root,
+            &flight.folder,
+            (kind.event)(ClosedFile {
+                file: file.clone(),
+                bytes,
+                sha256,
+            }),
+        )?;
     }
-    root.disk.move_durably(&root.join(kind.open_name), &flight.folder.join(file))
+    root.disk
+        .move_durably(&root.join(kind.open_name), &flight.folder.join(file))
 }

@@ -10,7 +10,9 @@ use super::root::StoreRoot;
 use crate::clock::Stamp;
 use crate::store::disk::{Disk, StoreError, StoreResult};
 use crate::store::format::chain::ChainEvent;
-use crate::store::format::manifest::{FrameEntry, JournalHead, JournalLine, SeriesManifest, SeriesState, Shot};
+use crate::store::format::manifest::{
+    FrameEntry, JournalHead, JournalLine, SeriesManifest, SeriesState, Shot,
+};
 use crate::store::format::{jsonl, layout, sha256_hex};
 
 /// Frame to be stored.
@@ -43,7 +45,9 @@ impl ActiveSeries {
     /// Returns whether a series is open.
     pub fn contains(&self, id: &str) -> bool {
         let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        all.iter().filter_map(Weak::upgrade).any(|name| *name == *id)
+        all.iter()
+            .filter_map(Weak::upgrade)
+            .any(|name| *name == *id)
     }
 }
 
@@ -60,12 +64,23 @@ pub struct OpenSeries {
 
 impl OpenSeries {
     /// Creates the folder and the head of the journal, both durable.
-    pub(crate) fn begin(disk: Arc<dyn Disk>, root: &Path, id: Arc<str>, head: JournalHead) -> StoreResult<Self> {
+    pub(crate) fn begin(
+        disk: Arc<dyn Disk>,
+        root: &Path,
+        id: Arc<str>,
+        head: JournalHead,
+    ) -> StoreResult<Self> {
         let folder = layout::incoming_folder(root, &id);
         let incoming = root.join(layout::INCOMING);
         disk.make_dir(&folder)?;
         let manifest = SeriesManifest::from_journal_head(&id, head.clone());
-        let series = Self { disk, root: root.to_owned(), folder, id, manifest };
+        let series = Self {
+            disk,
+            root: root.to_owned(),
+            folder,
+            id,
+            manifest,
+        };
         series.append_journal(&JournalLine::Head(head))?;
         series.disk.sync_directory(&series.folder)?;
         series.disk.sync_directory(&incoming)?;
@@ -139,10 +154,21 @@ impl OpenSeries {
     }
 
     /// Writes the manifest and moves the folder to its flight by one rename.
-    pub(crate) fn close(self, state: SeriesState, ended: &Stamp, remarks: Vec<String>) -> StoreResult<()> {
-        let root = StoreRoot { disk: self.disk.as_ref(), path: &self.root };
+    pub(crate) fn close(
+        self,
+        state: SeriesState,
+        ended: &Stamp,
+        remarks: Vec<String>,
+    ) -> StoreResult<()> {
+        let root = StoreRoot {
+            disk: self.disk.as_ref(),
+            path: &self.root,
+        };
         let mut manifest = self.manifest;
-        if manifest.cause.is_concurrent() && manifest.planned_shots == 0 && state == SeriesState::Complete {
+        if manifest.cause.is_concurrent()
+            && manifest.planned_shots == 0
+            && state == SeriesState::Complete
+        {
             manifest.planned_shots = u32::try_from(manifest.shots.len()).unwrap_or(u32::MAX);
         }
         (manifest.state, manifest.ended) = (state, Some(ended.clone()));
@@ -152,37 +178,57 @@ impl OpenSeries {
     }
 
     fn store_root(&self) -> StoreRoot<'_> {
-        StoreRoot { disk: self.disk.as_ref(), path: &self.root }
+        StoreRoot {
+            disk: self.disk.as_ref(),
+            path: &self.root,
+        }
     }
 
     fn append_journal(&self, line: &JournalLine) -> StoreResult<()> {
         let path = self.folder.join(layout::JOURNAL_FILE);
         let bytes = jsonl::encode_line(line).map_err(StoreError::io(&path, "write"))?;
-        self.disk.append(&path, &bytes).map_err(StoreError::io(&path, "write"))
+        self.disk
+            .append(&path, &bytes)
+            .map_err(StoreError::io(&path, "write"))
     }
 
     fn write_frame(&self, name: &str, bytes: &[u8]) -> StoreResult<()> {
         let path = self.folder.join(name);
         let part = self.folder.join(format!("{name}{}", layout::PART_ENDING));
         self.disk.save_file(&part, bytes)?;
-        self.disk.rename(&part, &path).map_err(StoreError::io(&path, "name"))?;
+        self.disk
+            .rename(&part, &path)
+            .map_err(StoreError::io(&path, "name"))?;
         self.disk.sync_directory(&self.folder)
     }
 }
 
 /// Writes `series.json` atomically; from then on it is authoritative, and no longer the journal.
-pub(super) fn write_manifest(disk: &dyn Disk, folder: &Path, manifest: &SeriesManifest) -> StoreResult<()> {
+pub(super) fn write_manifest(
+    disk: &dyn Disk,
+    folder: &Path,
+    manifest: &SeriesManifest,
+) -> StoreResult<()> {
     let path = folder.join(layout::SERIES_FILE);
-    let text = serde_json::to_vec_pretty(manifest).map_err(|e| StoreError::io(&path, "write")(e.into()))?;
+    let text = serde_json::to_vec_pretty(manifest)
+        .map_err(|e| StoreError::io(&path, "write")(e.into()))?;
     disk.replace_file(&path, &text)
 }
 
 /// Adds the series to its flight's chain, removes the journal and moves the folder to its flight, durably.
-pub(super) fn commit_series(root: StoreRoot<'_>, folder: &Path, manifest: &SeriesManifest) -> StoreResult<()> {
+pub(super) fn commit_series(
+    root: StoreRoot<'_>,
+    folder: &Path,
+    manifest: &SeriesManifest,
+) -> StoreResult<()> {
     let series = manifest.series.clone();
     if root.has_evidence() {
         let sha256 = sha256_hex(&root.disk.load_file(&folder.join(layout::SERIES_FILE))?);
-        chain::ensure_event(root, &root.flight_folder(&manifest.flight), ChainEvent::Series { series, sha256 })?;
+        chain::ensure_event(
+            root,
+            &root.flight_folder(&manifest.flight),
+            ChainEvent::Series { series, sha256 },
+        )?;
     }
     let journal = folder.join(layout::JOURNAL_FILE);
     if root.disk.exists(&journal) {
@@ -190,5 +236,8 @@ pub(super) fn commit_series(root: StoreRoot<'_>, folder: &Path, manifest: &Serie
     }
     // Even without a journal: its removal may not be on the medium yet.
     root.disk.sync_directory(folder)?;
-    root.disk.move_durably(folder, &layout::series_folder(root.path, &manifest.flight, &manifest.series))
+    root.disk.move_durably(
+        folder,
+        &layout::series_folder(root.path, &manifest.flight, &manifest.series),
+    )
 }

@@ -46,10 +46,16 @@ impl Signer {
         })?;
         let public = append_extension(path, PUBLIC_ENDING);
         if !public.exists() {
-            let text = key.verifying_key().to_public_key_pem(LineEnding::LF).unwrap_or_default();
+            let text = key
+                .verifying_key()
+                .to_public_key_pem(LineEnding::LF)
+                .unwrap_or_default();
             write_new(&public, text.as_bytes(), 0o644).map_err(StoreError::io(&public, "write"))?;
         }
-        Ok(Self { key, path: path.to_owned() })
+        Ok(Self {
+            key,
+            path: path.to_owned(),
+        })
     }
 
     /// Returns the public key, hex.
@@ -69,9 +75,16 @@ impl Signer {
         let mut links = jsonl::parse_lines::<ChainLine>(&bytes).good;
         let own = self.public_key_hex();
         let ours = |link: &ChainLine| matches!(&link.event, ChainEvent::Signature { key, .. } if *key == own);
-        let last = links.iter().rposition(|(_, link)| ours(link)).unwrap_or(links.len());
+        let last = links
+            .iter()
+            .rposition(|(_, link)| ours(link))
+            .unwrap_or(links.len());
         let signed = check_signatures(links.split_off(last), &PublicKey(self.key.verifying_key()));
-        let fault = Chain::parse(&bytes).faults.into_iter().chain(signed.invalid).next();
+        let fault = Chain::parse(&bytes)
+            .faults
+            .into_iter()
+            .chain(signed.invalid)
+            .next();
         if let Some(problem) = fault {
             return Err(StoreError::Damaged {
                 path,
@@ -106,7 +119,8 @@ fn create_signing_key(path: &Path) -> StoreResult<String> {
     let mut seed = [0; 32];
     fill_random(&mut seed).map_err(StoreError::io(Path::new("/dev/urandom"), "read"))?;
     let text = SigningKey::from_bytes(&seed).to_pkcs8_pem(LineEnding::LF);
-    let text = text.map_err(|error| StoreError::io(path, "write")(io::Error::other(error.to_string())))?;
+    let text =
+        text.map_err(|error| StoreError::io(path, "write")(io::Error::other(error.to_string())))?;
     write_new(path, text.as_bytes(), 0o600).map_err(StoreError::io(path, "write"))?;
     Ok(text.to_string())
 }
@@ -115,12 +129,19 @@ fn create_signing_key(path: &Path) -> StoreResult<String> {
 #[allow(clippy::disallowed_methods)] // a key is not a file of the store, and needs its own mode
 fn write_new(path: &Path, bytes: &[u8], mode: u32) -> io::Result<()> {
     let part = append_extension(path, "part");
-    let mut file = OpenOptions::new().write(true).create(true).truncate(true).mode(mode).open(&part)?;
+    let mut file = OpenOptions::new()
+        .write(true)
+        .create(true)
+        .truncate(true)
+        .mode(mode)
+        .open(&part)?;
     inherit_owner(&part)?;
     file.write_all(bytes)?;
     file.sync_all()?;
     fs::rename(&part, path)?;
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty());
     fs::File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
 }
 
@@ -140,8 +161,14 @@ impl PublicKey {
     }
 
     fn is_valid_signature(&self, before: &str, signature: &str) -> bool {
-        let bytes = hex::decode(signature).ok().and_then(|bytes| Signature::from_slice(&bytes).ok());
-        bytes.is_some_and(|signature| self.0.verify_strict(signed_message(before).as_bytes(), &signature).is_ok())
+        let bytes = hex::decode(signature)
+            .ok()
+            .and_then(|bytes| Signature::from_slice(&bytes).ok());
+        bytes.is_some_and(|signature| {
+            self.0
+                .verify_strict(signed_message(before).as_bytes(), &signature)
+                .is_ok()
+        })
     }
 }
 
@@ -157,7 +184,10 @@ pub(crate) struct SignatureCheck {
 }
 
 /// Checks the signatures of one key in numbered lines of a chain. The order of the lines is checked by [`Chain::parse`].
-pub(crate) fn check_signatures(links: Vec<(usize, ChainLine)>, public: &PublicKey) -> SignatureCheck {
+pub(crate) fn check_signatures(
+    links: Vec<(usize, ChainLine)>,
+    public: &PublicKey,
+) -> SignatureCheck {
     let mut found = SignatureCheck::default();
     let ours = hex::encode(public.0.as_bytes());
     for (number, link) in links {
@@ -168,7 +198,9 @@ pub(crate) fn check_signatures(links: Vec<(usize, ChainLine)>, public: &PublicKe
                     found.valid += 1;
                     found.unsigned = 0;
                 } else {
-                    found.invalid.push(format!("the signature in line {number} is not valid"));
+                    found
+                        .invalid
+                        .push(format!("the signature in line {number} is not valid"));
                 }
             }
             _ => {}

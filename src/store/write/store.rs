@@ -13,7 +13,9 @@ use super::{evidence, flight, installations, opening, signing};
 use crate::clock::Stamp;
 use crate::store::config::StoreConfig;
 use crate::store::disk::{Disk, Lock, StoreError, StoreResult};
-use crate::store::format::append_file_kinds::{AIRCRAFT_DATA, APPEND_FILE_KINDS, LIVE_RESULTS, MANUAL_MARKS};
+use crate::store::format::append_file_kinds::{
+    AIRCRAFT_DATA, APPEND_FILE_KINDS, LIVE_RESULTS, MANUAL_MARKS,
+};
 use crate::store::format::manifest::{
     FlightManifest, JournalHead, RefusedSeries, SeriesCause, SeriesManifest, SeriesState,
 };
@@ -47,7 +49,10 @@ impl Store {
     /// Opens a store, creating it if the directory is empty or does not exist, and recovers the remains of a crash.
     pub fn open(disk: Arc<dyn Disk>, config: StoreConfig) -> StoreResult<(Self, Recovery)> {
         let path = config.path.clone();
-        let root = StoreRoot { disk: disk.as_ref(), path: &path };
+        let root = StoreRoot {
+            disk: disk.as_ref(),
+            path: &path,
+        };
         let rebuilt = opening::rebuild_format_file(root)?;
         if !disk.exists(&root.join(layout::STORE_FILE)) {
             opening::create_store(root)?;
@@ -75,7 +80,9 @@ impl Store {
         if store.store_root().has_evidence() {
             for flight in catalogue::list_flights(store.disk(), &store.root)? {
                 let sealed = store.seal_flight(&flight.folder);
-                recovery.remarks.extend(sealed.err().map(|error| error.to_string()));
+                recovery
+                    .remarks
+                    .extend(sealed.err().map(|error| error.to_string()));
             }
         }
         Ok((store, recovery))
@@ -88,7 +95,10 @@ impl Store {
 
     /// Returns the root directory with its disk.
     pub(crate) fn store_root(&self) -> StoreRoot<'_> {
-        StoreRoot { disk: self.disk(), path: &self.root }
+        StoreRoot {
+            disk: self.disk(),
+            path: &self.root,
+        }
     }
 
     /// Returns the signer of the flights, if there is a key.
@@ -107,7 +117,9 @@ impl Store {
 
     /// Returns a sentence if the key of the flights cannot be used.
     pub fn signing_fault(&self) -> Option<String> {
-        self.signer().err().map(|error| format!("flights are not signed: {error}"))
+        self.signer()
+            .err()
+            .map(|error| format!("flights are not signed: {error}"))
     }
 
     /// Returns the file system of the store.
@@ -117,7 +129,10 @@ impl Store {
 
     /// Returns the free space, MB.
     pub fn free_mb(&self) -> StoreResult<u64> {
-        let free = self.disk.free_bytes(&self.root).map_err(StoreError::io(&self.root, "measure"))?;
+        let free = self
+            .disk
+            .free_bytes(&self.root)
+            .map_err(StoreError::io(&self.root, "measure"))?;
         Ok(free / 1_000_000)
     }
 
@@ -143,44 +158,83 @@ impl Store {
 
     /// Returns the start times of the newest flight's scheduled series in this boot, since boot, in order.
     pub fn series_starts_in_boot(&self, boot_id: &str) -> Vec<Duration> {
-        let scheduled = self.newest_manifests().into_iter().filter(|m| m.cause == SeriesCause::Scheduled);
-        let began = scheduled.filter_map(|m| m.started).filter(|stamp| stamp.boot_id == boot_id);
-        began.filter_map(|stamp| Duration::try_from_secs_f64(stamp.since_boot_s).ok()).collect()
+        let scheduled = self
+            .newest_manifests()
+            .into_iter()
+            .filter(|m| m.cause == SeriesCause::Scheduled);
+        let began = scheduled
+            .filter_map(|m| m.started)
+            .filter(|stamp| stamp.boot_id == boot_id);
+        began
+            .filter_map(|stamp| Duration::try_from_secs_f64(stamp.since_boot_s).ok())
+            .collect()
     }
 
     /// Returns the number of series in `incoming/` that are not under way: their last step failed, or they could not be
     /// recovered.
     pub fn stranded_series(&self) -> usize {
-        let entries = self.disk.list(&self.root.join(layout::INCOMING)).unwrap_or_default();
-        let series = entries.iter().filter(|entry| layout::series_number(&entry.name).is_some());
-        series.filter(|entry| !self.under_way.contains(&entry.name)).count()
+        let entries = self
+            .disk
+            .list(&self.root.join(layout::INCOMING))
+            .unwrap_or_default();
+        let series = entries
+            .iter()
+            .filter(|entry| layout::series_number(&entry.name).is_some());
+        series
+            .filter(|entry| !self.under_way.contains(&entry.name))
+            .count()
     }
 
     /// Returns the readable manifests of the newest flight, in order.
     pub(crate) fn newest_manifests(&self) -> Vec<SeriesManifest> {
-        let Some(id) = self.current_flight() else { return Vec::new() };
-        let flight = FlightRef { folder: self.store_root().flight_folder(&id), id };
+        let Some(id) = self.current_flight() else {
+            return Vec::new();
+        };
+        let flight = FlightRef {
+            folder: self.store_root().flight_folder(&id),
+            id,
+        };
         let series = catalogue::list_series(self.disk(), &flight).unwrap_or_default();
-        series.iter().filter_map(|series| catalogue::read_series_manifest(self.disk(), series).ok()).collect()
+        series
+            .iter()
+            .filter_map(|series| catalogue::read_series_manifest(self.disk(), series).ok())
+            .collect()
     }
 
     /// Begins a series, after recovering an abandoned one. Several series may be open at a time: each has its own folder
     /// and does not depend on the others. A refusal is recorded.
-    pub fn begin_series(&self, plan: SeriesPlan, now: &Stamp) -> StoreResult<(OpenSeries, Recovery)> {
+    pub fn begin_series(
+        &self,
+        plan: SeriesPlan,
+        now: &Stamp,
+    ) -> StoreResult<(OpenSeries, Recovery)> {
         self.open_series(None, plan, now)
     }
 
     /// Begins a series in a given flight, regardless of the pause: for images taken without a recorder.
-    pub fn begin_series_in(&self, flight: &str, plan: SeriesPlan, now: &Stamp) -> StoreResult<(OpenSeries, Recovery)> {
+    pub fn begin_series_in(
+        &self,
+        flight: &str,
+        plan: SeriesPlan,
+        now: &Stamp,
+    ) -> StoreResult<(OpenSeries, Recovery)> {
         self.open_series(Some(flight), plan, now)
     }
 
-    fn open_series(&self, flight: Option<&str>, plan: SeriesPlan, now: &Stamp) -> StoreResult<(OpenSeries, Recovery)> {
+    fn open_series(
+        &self,
+        flight: Option<&str>,
+        plan: SeriesPlan,
+        now: &Stamp,
+    ) -> StoreResult<(OpenSeries, Recovery)> {
         let mut index = self.lock_index();
         let mut recovery = recover::recover_incoming(self.store_root(), &self.under_way)?;
         // What remains in incoming/ is reported once, not with each series.
-        recovery.remarks.retain(|remark| index.reported.insert(remark.clone()));
-        self.refuse_below_reserve().inspect_err(|error| self.note_refusal(error, now))?;
+        recovery
+            .remarks
+            .retain(|remark| index.reported.insert(remark.clone()));
+        self.refuse_below_reserve()
+            .inspect_err(|error| self.note_refusal(error, now))?;
         let flight = match flight {
             Some(flight) => flight.to_owned(),
             None => self.current_or_new_flight(&mut index, now)?,
@@ -188,7 +242,12 @@ impl Store {
         let id = layout::series_id(index.counter.next_series);
         index.counter.advance_past(&id);
         opening::save_counter(self.store_root(), &index.counter)?;
-        let head = JournalHead { flight, started: now.clone(), cause: plan.cause, planned_shots: plan.shots };
+        let head = JournalHead {
+            flight,
+            started: now.clone(),
+            cause: plan.cause,
+            planned_shots: plan.shots,
+        };
         index.note_moment(now);
         let name = self.under_way.register(&id);
         let open = OpenSeries::begin(self.disk.clone(), &self.root, name, head)?;
@@ -219,14 +278,19 @@ impl Store {
 
     pub(crate) fn seal_unsealed_flights(&self, index: &mut StoreIndex) {
         if self.store_root().has_evidence() {
-            index.unsealed.retain(|flight| self.seal_flight(&self.store_root().flight_folder(flight)).is_err());
+            index.unsealed.retain(|flight| {
+                self.seal_flight(&self.store_root().flight_folder(flight))
+                    .is_err()
+            });
         }
     }
 
     /// Signs the chain, if there is a key, and updates the sums to it.
     fn seal_flight(&self, flight: &Path) -> StoreResult<()> {
         let signer = self.signer().ok().flatten();
-        let signed = signer.map_or(Ok(()), |signer| signer.sign_chain(self.store_root(), flight));
+        let signed = signer.map_or(Ok(()), |signer| {
+            signer.sign_chain(self.store_root(), flight)
+        });
         signed.and(evidence::update_sums(self.disk(), flight))
     }
 
@@ -253,7 +317,15 @@ impl Store {
     pub(crate) fn refuse_below_reserve(&self) -> StoreResult<()> {
         let (free_mb, reserve_mb) = (self.free_mb()?, self.config.reserve_mb);
         let path = self.root.clone();
-        if free_mb < reserve_mb { Err(StoreError::BelowReserve { path, free_mb, reserve_mb }) } else { Ok(()) }
+        if free_mb < reserve_mb {
+            Err(StoreError::BelowReserve {
+                path,
+                free_mb,
+                reserve_mb,
+            })
+        } else {
+            Ok(())
+        }
     }
 
     /// Records that a series was refused, and why. Best effort: the caller gets the refusal in any case.
@@ -261,9 +333,15 @@ impl Store {
         if !matches!(error, StoreError::BelowReserve { .. }) {
             return;
         }
-        let refusal = RefusedSeries { stamp: now.clone(), reason: error.to_string() };
+        let refusal = RefusedSeries {
+            stamp: now.clone(),
+            reason: error.to_string(),
+        };
         let path = self.root.join(layout::REFUSED_FILE);
-        let torn = self.disk.read(&path).is_ok_and(|bytes| bytes.last().is_some_and(|last| *last != b'\n'));
+        let torn = self
+            .disk
+            .read(&path)
+            .is_ok_and(|bytes| bytes.last().is_some_and(|last| *last != b'\n'));
         let lead: &[u8] = if torn { b"\n" } else { b"" };
         let line = jsonl::encode_line(&refusal).map(|line| [lead, &line].concat());
         let written = line.and_then(|line| self.disk.append(&path, &line));
@@ -279,7 +357,8 @@ impl Store {
         match (because, &index.flight) {
             (None, Some(flight)) => Ok(flight.clone()),
             (because, _) => {
-                let because = because.unwrap_or_else(|| "the last flight is no longer here".to_owned());
+                let because =
+                    because.unwrap_or_else(|| "the last flight is no longer here".to_owned());
                 self.new_flight(index, now, because)
             }
         }
@@ -294,11 +373,21 @@ impl Store {
     }
 
     /// Begins a flight for data recorded elsewhere, with the user's name for it if there is one.
-    pub fn begin_flight(&self, now: &Stamp, because: String, name: Option<String>) -> StoreResult<String> {
+    pub fn begin_flight(
+        &self,
+        now: &Stamp,
+        because: String,
+        name: Option<String>,
+    ) -> StoreResult<String> {
         self.make_flight(&mut self.lock_index(), now, (because, name))
     }
 
-    fn new_flight(&self, index: &mut StoreIndex, now: &Stamp, because: String) -> StoreResult<String> {
+    fn new_flight(
+        &self,
+        index: &mut StoreIndex,
+        now: &Stamp,
+        because: String,
+    ) -> StoreResult<String> {
         self.make_flight(index, now, (because, None))
     }
 
@@ -311,7 +400,12 @@ impl Store {
         let flight = layout::flight_id(index.counter.next_flight);
         index.counter.advance_past(&flight);
         opening::save_counter(self.store_root(), &index.counter)?;
-        let manifest = FlightManifest { flight: flight.clone(), started: now.clone(), because, name };
+        let manifest = FlightManifest {
+            flight: flight.clone(),
+            started: now.clone(),
+            because,
+            name,
+        };
         recover::make_flight(self.store_root(), &manifest)?;
         index.flight = Some(flight.clone());
         index.new_flight_requested = false;

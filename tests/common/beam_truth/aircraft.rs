@@ -8,7 +8,9 @@ use wingd::measure::adjust::Observation;
 use wingd::measure::geometry::Lens;
 use wingd::measure::setup::{Orientation, Setup, fixed_target};
 
-use super::{CameraMotion, Claims, STEPS, SpaceAxis, Structure, Truth, Wing, normal, normal3, value_at};
+use super::{
+    CameraMotion, Claims, STEPS, SpaceAxis, Structure, Truth, Wing, normal, normal3, value_at,
+};
 
 /// Precision of the projection centre from a tape measure at the lens, m.
 const TAPE_M: f64 = 0.010;
@@ -123,13 +125,32 @@ fn mode(e: f64) -> f64 {
 
 impl Aircraft {
     pub fn new(rng: &mut StdRng, truth: Truth, effects: Effects) -> Self {
-        let skin_m: Vec<f64> = truth.stations.iter().map(|_| effects.skin_m * normal(rng)).collect();
+        let skin_m: Vec<f64> = truth
+            .stations
+            .iter()
+            .map(|_| effects.skin_m * normal(rng))
+            .collect();
         let fixed = |_: &Vector3<f64>| effects.fixed_m + normal3(rng) * effects.fixed_each_m;
         let fixed_m: Vec<Vector3<f64>> = truth.fixed_m.iter().map(fixed).collect();
-        let aft = |station: &(usize, &(f64, f64, f64))| station.1.0 > 0.6 && station.1.2 * truth.wing.side > 0.0;
-        let on_aileron = truth.stations.iter().enumerate().filter(aft).map(|(k, _)| k).collect();
+        let aft = |station: &(usize, &(f64, f64, f64))| {
+            station.1.0 > 0.6 && station.1.2 * truth.wing.side > 0.0
+        };
+        let on_aileron = truth
+            .stations
+            .iter()
+            .enumerate()
+            .filter(aft)
+            .map(|(k, _)| k)
+            .collect();
         let repeated = (skin_m.clone(), fixed_m.clone());
-        Self { truth, effects, skin_m, fixed_m, on_aileron, repeated }
+        Self {
+            truth,
+            effects,
+            skin_m,
+            fixed_m,
+            on_aileron,
+            repeated,
+        }
     }
 
     /// Starts another flight of the same aircraft with the flight-specific `effects`; half the variance of skin and fixed-target
@@ -142,9 +163,17 @@ impl Aircraft {
             ..effects
         };
         let half = 0.5f64.sqrt();
-        let skin = self.repeated.0.iter().map(|by| half * (by + effects.skin_m * normal(rng)));
+        let skin = self
+            .repeated
+            .0
+            .iter()
+            .map(|by| half * (by + effects.skin_m * normal(rng)));
         self.skin_m = skin.collect();
-        let marks = self.repeated.1.iter().map(|by| (by + normal3(rng) * effects.fixed_each_m) * half);
+        let marks = self
+            .repeated
+            .1
+            .iter()
+            .map(|by| (by + normal3(rng) * effects.fixed_each_m) * half);
         self.fixed_m = marks.collect();
     }
 
@@ -157,7 +186,11 @@ impl Aircraft {
             let e = i as f64 / STEPS as f64;
             let stiffness = wing.chord(e).powf(wing.power);
             *k -= self.effects.engine * root * (1.0 - e / ENGINE).max(0.0) / stiffness;
-            *k *= if e > 0.4 { 1.0 + self.effects.step } else { 1.0 };
+            *k *= if e > 0.4 {
+                1.0 + self.effects.step
+            } else {
+                1.0
+            };
         }
         curvature
     }
@@ -172,7 +205,8 @@ impl Aircraft {
                 let mut curvature = self.bend_to_rise(self.curvature(fuel), deflection_m);
                 let per_rad = STEPS as f64 / wing.length_m;
                 curvature[STEPS / 3] += self.effects.kink_rad * per_rad;
-                curvature[(JOINT * STEPS as f64) as usize] += self.effects.joint_rad * self.load(when) * per_rad;
+                curvature[(JOINT * STEPS as f64) as usize] +=
+                    self.effects.joint_rad * self.load(when) * per_rad;
                 curvature
             }
         }
@@ -180,11 +214,19 @@ impl Aircraft {
 
     /// Axis in space in a state.
     pub(super) fn axis(&self, when: WingState) -> SpaceAxis {
-        self.truth.wing.bend_in_space(&self.bent_curvature(when), self.scale(when), |e| self.twist_rad(e, when))
+        self.truth
+            .wing
+            .bend_in_space(&self.bent_curvature(when), self.scale(when), |e| {
+                self.twist_rad(e, when)
+            })
     }
 
     fn scale(&self, when: WingState) -> f64 {
-        if let WingState::Flight { .. } = when { self.truth.setup.thermal.map_or(1.0, |t| t.scale()) } else { 1.0 }
+        if let WingState::Flight { .. } = when {
+            self.truth.setup.thermal.map_or(1.0, |t| t.scale())
+        } else {
+            1.0
+        }
     }
 
     /// Scales a curvature to the given rise of the tip.
@@ -218,14 +260,23 @@ impl Aircraft {
 
     /// Change of the curvature since the ground frame at fractions of the length, 1/m.
     pub fn curvature_per_m(&self, when: WingState, shares: &[f64]) -> Vec<f64> {
-        let (flight, ground) = (self.bent_curvature(when), self.bent_curvature(WingState::Ground));
-        shares.iter().map(|&share| value_at(&flight, share) - value_at(&ground, share)).collect()
+        let (flight, ground) = (
+            self.bent_curvature(when),
+            self.bent_curvature(WingState::Ground),
+        );
+        shares
+            .iter()
+            .map(|&share| value_at(&flight, share) - value_at(&ground, share))
+            .collect()
     }
 
     /// True positions of markers, then fixed targets, in the levelled survey frame, m.
     pub fn points(&self, when: WingState) -> Vec<Vector3<f64>> {
         let frame = self.truth.setup.wing_frame();
-        self.points_in_wing_frame(when).iter().map(|p| frame.survey_point(p)).collect()
+        self.points_in_wing_frame(when)
+            .iter()
+            .map(|p| frame.survey_point(p))
+            .collect()
     }
 
     fn points_in_wing_frame(&self, when: WingState) -> Vec<Vector3<f64>> {
@@ -234,10 +285,16 @@ impl Aircraft {
         let mut points: Vec<_> = (0..self.truth.stations.len())
             .map(|k| {
                 let still = self.point_on_section(k, &axis, when);
-                if flight { self.move_root(&self.give_at_root(&still, when)) } else { still }
+                if flight {
+                    self.move_root(&self.give_at_root(&still, when))
+                } else {
+                    still
+                }
             })
             .collect();
-        let moved = |(p, by): (&Vector3<f64>, &Vector3<f64>)| p + if flight { *by } else { Vector3::zeros() };
+        let moved = |(p, by): (&Vector3<f64>, &Vector3<f64>)| {
+            p + if flight { *by } else { Vector3::zeros() }
+        };
         points.extend(self.truth.fixed_m.iter().zip(&self.fixed_m).map(moved));
         points
     }
@@ -273,13 +330,24 @@ impl Aircraft {
 
     /// True deflections of all markers relative to survey, ground frame and root tangent, m.
     pub fn deflections_m(&self, when: WingState) -> Vec<[f64; 3]> {
-        let (survey, ground) =
-            (self.points_in_wing_frame(WingState::Survey), self.points_in_wing_frame(WingState::Ground));
+        let (survey, ground) = (
+            self.points_in_wing_frame(WingState::Survey),
+            self.points_in_wing_frame(WingState::Ground),
+        );
         let one = |(k, flight): (usize, Vector3<f64>)| {
             let carried = self.move_root(&ground[k]);
-            [flight.y - survey[k].y, flight.y - ground[k].y, flight.y - carried.y]
+            [
+                flight.y - survey[k].y,
+                flight.y - ground[k].y,
+                flight.y - carried.y,
+            ]
         };
-        self.points_in_wing_frame(when).into_iter().take(self.truth.stations.len()).enumerate().map(one).collect()
+        self.points_in_wing_frame(when)
+            .into_iter()
+            .take(self.truth.stations.len())
+            .enumerate()
+            .map(one)
+            .collect()
     }
 
     /// The survey as a total station would report it, with the sampled errors of its vertical and of the entrance pupil.
@@ -287,7 +355,11 @@ impl Aircraft {
         let mut setup = self.truth.surveyed(rng, sigma_m, sigma_m);
         setup.projection_centre_sigma_m = TAPE_M;
         setup.root_offset_m += self.effects.root_error_m;
-        for &marker in self.on_aileron.iter().filter(|_| self.effects.aileron_rad != 0.0) {
+        for &marker in self
+            .on_aileron
+            .iter()
+            .filter(|_| self.effects.aileron_rad != 0.0)
+        {
             setup.markers[marker].part = Some("aileron".into());
         }
         for marker in setup.markers.iter_mut().filter(|m| m.fixed) {
@@ -295,7 +367,11 @@ impl Aircraft {
         }
         let axis = self.truth.camera_from_survey.inverse() * Vector3::z();
         setup.projection_centre_m -= axis * self.effects.pupil_m;
-        let tilt = Rotation3::new(Vector3::new(self.effects.tilt_rad.x, self.effects.tilt_rad.y, 0.0));
+        let tilt = Rotation3::new(Vector3::new(
+            self.effects.tilt_rad.x,
+            self.effects.tilt_rad.y,
+            0.0,
+        ));
         for marker in &mut setup.markers {
             marker.position_m = tilt * marker.position_m;
         }
@@ -306,11 +382,17 @@ impl Aircraft {
     /// Ground frame: observations of all markers and targets, and the rotation into the survey frame.
     pub fn orientation(&self, rng: &mut StdRng, sigma_px: f64) -> Orientation {
         let mut orientation = self.truth.orientation(rng, sigma_px, true);
-        let pixels = self.truth.pixels(&self.points(WingState::Ground), Vector3::zeros());
+        let pixels = self
+            .truth
+            .pixels(&self.points(WingState::Ground), Vector3::zeros());
         for (sight, pixel) in orientation.ground.iter_mut().zip(pixels) {
             sight.pixel = pixel + super::normal2(rng) * sigma_px;
         }
-        let tilt = Rotation3::new(Vector3::new(self.effects.tilt_rad.x, self.effects.tilt_rad.y, 0.0));
+        let tilt = Rotation3::new(Vector3::new(
+            self.effects.tilt_rad.x,
+            self.effects.tilt_rad.y,
+            0.0,
+        ));
         orientation.camera_from_survey *= tilt.inverse();
         orientation
     }
@@ -334,7 +416,8 @@ impl Aircraft {
         let points = self.points(when);
         let shown = |k: usize, time_s: f64| {
             let deflected = self.vibrated(k, &points[k], time_s, phases[0]);
-            let seen = self.shaken(time_s, phases[1]) * turn * self.refracted(&(deflected - centre));
+            let seen =
+                self.shaken(time_s, phases[1]) * turn * self.refracted(&(deflected - centre));
             lens.project(&seen).expect("before the camera")
         };
         let mut seen = vec![];
@@ -344,7 +427,11 @@ impl Aircraft {
             let time_s = row_s(shown(marker, 0.0).y);
             let pixel = shown(marker, time_s) + super::normal2(rng) * sigma_px;
             let covariance_px2 = nalgebra::Matrix2::identity() * sigma_px * sigma_px;
-            seen.push(Observation { marker, pixel, covariance_px2 });
+            seen.push(Observation {
+                marker,
+                pixel,
+                covariance_px2,
+            });
         }
         seen
     }
@@ -353,11 +440,25 @@ impl Aircraft {
         let Lens { fx, fy, cx, cy, .. } = self.truth.setup.lens;
         let more = 1.0 + self.effects.flight_scale;
         let [x, y] = self.effects.principal_px.into();
-        Lens { fx: fx * more, fy: fy * more, cx: cx + x, cy: cy + y, ..self.truth.setup.lens }
+        Lens {
+            fx: fx * more,
+            fy: fy * more,
+            cx: cx + x,
+            cy: cy + y,
+            ..self.truth.setup.lens
+        }
     }
 
-    fn vibrated(&self, marker: usize, point: &Vector3<f64>, time_s: f64, phase: f64) -> Vector3<f64> {
-        let Some(&(e, ..)) = self.truth.stations.get(marker) else { return *point };
+    fn vibrated(
+        &self,
+        marker: usize,
+        point: &Vector3<f64>,
+        time_s: f64,
+        phase: f64,
+    ) -> Vector3<f64> {
+        let Some(&(e, ..)) = self.truth.stations.get(marker) else {
+            return *point;
+        };
         let (amplitude, hertz) = self.effects.vibration;
         // Counted from the instant of the middle row, to which the truth refers.
         let displacement = |t: f64| amplitude * (std::f64::consts::TAU * hertz * t + phase).sin();

@@ -33,16 +33,25 @@ pub struct Claims {
 impl Claims {
     /// Replaces what the installation states.
     pub fn state_in(&self, setup: &mut Setup, structure: &Structure, length_m: f64) {
-        setup.mount_repeatability_px = self.repeatability_px.unwrap_or(setup.mount_repeatability_px);
+        setup.mount_repeatability_px = self
+            .repeatability_px
+            .unwrap_or(setup.mount_repeatability_px);
         if let Some(off_m) = self.axis_off_m {
             setup.uncertainty[Width::SkinHeight] = 0.0;
-            let off = |skin: SkinHeight| SkinHeight { root_m: skin.root_m + off_m, tip_m: skin.tip_m + off_m, ..skin };
+            let off = |skin: SkinHeight| SkinHeight {
+                root_m: skin.root_m + off_m,
+                tip_m: skin.tip_m + off_m,
+                ..skin
+            };
             setup.skin_height = setup.skin_height.map(off);
         }
         if let Some(off_rad) = self.sweep_off_rad {
             let (at, turn_rad) = structure.plan_break;
             let span_m = setup.root_offset_m + at * length_m;
-            setup.breaks.push(WingBreak { span_m, sweep_rad: Some(turn_rad + off_rad) });
+            setup.breaks.push(WingBreak {
+                span_m,
+                sweep_rad: Some(turn_rad + off_rad),
+            });
         }
     }
 }

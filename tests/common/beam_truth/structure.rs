@@ -38,14 +38,24 @@ impl Default for Structure {
     fn default() -> Self {
         let none = (0.35, 0.0);
         let (dihedral_break, plan_break, chord_break) = (none, none, none);
-        Self { dihedral_break, plan_break, chord_break, winglet_rad: 0.0, size: 1.0, ahead_m: 0.0 }
+        Self {
+            dihedral_break,
+            plan_break,
+            chord_break,
+            winglet_rad: 0.0,
+            size: 1.0,
+            ahead_m: 0.0,
+        }
     }
 }
 
 impl Structure {
     /// A wing of this length, m, in proportion to an airliner's.
     pub fn of_length(length_m: f64) -> Self {
-        Self { size: length_m / USUAL_LENGTH_M, ..Self::default() }
+        Self {
+            size: length_m / USUAL_LENGTH_M,
+            ..Self::default()
+        }
     }
 }
 
@@ -88,7 +98,9 @@ impl Wing {
     /// Twist over the fraction of the length, rad, at a deflection of the tip; it grows faster outboard of a break of the chord.
     pub fn twist_at(self, tip_deflection_m: f64) -> impl Fn(f64) -> f64 {
         let (at, more) = self.structure.chord_break;
-        let share = move |e: f64| (e.powf(self.twist_power) + more * (e - at).max(0.0)) / (1.0 + more * (1.0 - at));
+        let share = move |e: f64| {
+            (e.powf(self.twist_power) + more * (e - at).max(0.0)) / (1.0 + more * (1.0 - at))
+        };
         move |e| tip_deflection_m / (2.5 * self.structure.size) * self.twist_tip_rad * share(e)
     }
 
@@ -97,19 +109,29 @@ impl Wing {
         if self.structure.winglet_rad == 0.0 {
             return (e, 0.0);
         }
-        (e.min(WINGLET_BEGINS), (e - WINGLET_BEGINS).max(0.0) * self.length_m)
+        (
+            e.min(WINGLET_BEGINS),
+            (e - WINGLET_BEGINS).max(0.0) * self.length_m,
+        )
     }
 
     /// Stations of the markers on a winglet, if there is one: fraction of the length, height above the axis, chord, m.
     pub fn winglet_stations(&self) -> Vec<(f64, f64, f64)> {
-        let used = WINGLET_MARKERS.iter().filter(|_| self.structure.winglet_rad != 0.0);
-        used.map(|(along, z)| (WINGLET_BEGINS + along, 0.3 * self.skin_tip_m, z * self.side)).collect()
+        let used = WINGLET_MARKERS
+            .iter()
+            .filter(|_| self.structure.winglet_rad != 0.0);
+        used.map(|(along, z)| (WINGLET_BEGINS + along, 0.3 * self.skin_tip_m, z * self.side))
+            .collect()
     }
 
     /// Arm of a marker in its section (tangent, normal, chord), m: on a winglet, along its cant.
     pub fn arm_m(&self, e: f64, n: f64, z: f64) -> Vector3<f64> {
         let (_, along_m) = self.split_at_winglet(e);
-        let cant = if along_m > 0.0 { self.structure.winglet_rad } else { 0.0 };
+        let cant = if along_m > 0.0 {
+            self.structure.winglet_rad
+        } else {
+            0.0
+        };
         let (sin, cos) = cant.sin_cos();
         Vector3::new(along_m * cos - n * sin, along_m * sin + n * cos, z)
     }
@@ -119,25 +141,42 @@ impl Wing {
         let (at, turn) = self.structure.plan_break;
         let sweep = if e > at { turn * self.side } else { 0.0 };
         let slope = self.ground_slope(e);
-        let tangent = Vector3::new(slope.cos() * sweep.cos(), slope.sin(), slope.cos() * sweep.sin());
+        let tangent = Vector3::new(
+            slope.cos() * sweep.cos(),
+            slope.sin(),
+            slope.cos() * sweep.sin(),
+        );
         let chord = Vector3::new(-sweep.sin(), 0.0, sweep.cos());
         Matrix3::from_columns(&[tangent, chord.cross(&tangent), chord])
     }
 
     /// Bends the axis in space by a curvature, 1/m, about the horizontal, and twists it about itself, rad. Twist inboard of a break
     /// turns what lies outboard of it; the dihedral's slight curvature does not, as sections of the smooth wing are unswept.
-    pub fn bend_in_space(&self, curvature: &[f64], scale: f64, twist: impl Fn(f64) -> f64) -> SpaceAxis {
+    pub fn bend_in_space(
+        &self,
+        curvature: &[f64],
+        scale: f64,
+        twist: impl Fn(f64) -> f64,
+    ) -> SpaceAxis {
         let step_m = self.length_m / STEPS as f64;
         let share = |i: usize| i as f64 / STEPS as f64;
         let mut turn = Matrix3::identity();
         let mut point = Vector3::zeros();
-        let mut axis = SpaceAxis { points_m: vec![point], sections: vec![self.ground_section(0.0)] };
+        let mut axis = SpaceAxis {
+            points_m: vec![point],
+            sections: vec![self.ground_section(0.0)],
+        };
         let mut behind = axis.sections[0].column(0).into_owned();
         for i in 0..STEPS {
-            let ahead = self.ground_section(share(i) + 0.5 / STEPS as f64).column(0).into_owned();
+            let ahead = self
+                .ground_section(share(i) + 0.5 / STEPS as f64)
+                .column(0)
+                .into_owned();
             if (ahead - behind).norm() > SMALLEST_BREAK_RAD {
                 let inboard = self.side * twist(share(i));
-                turn = turn * Rotation3::new(behind * inboard).matrix() * Rotation3::new(-ahead * inboard).matrix();
+                turn = turn
+                    * Rotation3::new(behind * inboard).matrix()
+                    * Rotation3::new(-ahead * inboard).matrix();
             }
             behind = ahead;
             let tangent = turn * ahead;
@@ -158,7 +197,11 @@ impl Truth {
     /// Bending root, wing frame, m.
     pub fn root_m(&self) -> Vector3<f64> {
         let Structure { size, ahead_m, .. } = self.wing.structure;
-        Vector3::new(self.setup.root_offset_m, -1.85 * size, ahead_m * self.wing.side)
+        Vector3::new(
+            self.setup.root_offset_m,
+            -1.85 * size,
+            ahead_m * self.wing.side,
+        )
     }
 
     /// Position of the axis along the chord, wing frame, m.
@@ -181,7 +224,9 @@ impl Truth {
 impl Aircraft {
     /// Load in a state, relative to that of the usual deflection.
     pub(super) fn load(&self, when: WingState) -> f64 {
-        let WingState::Flight { deflection_m, .. } = when else { return 0.0 };
+        let WingState::Flight { deflection_m, .. } = when else {
+            return 0.0;
+        };
         deflection_m / (USUAL_DEFLECTION_M * self.truth.wing.structure.size)
     }
 
@@ -192,7 +237,8 @@ impl Aircraft {
         let stations = &self.truth.stations;
         let e = 0.5 * (stations[pair.leading].0 + stations[pair.trailing].0);
         let [(_, survey), (_, now)] = [WingState::Survey, when].map(|when| self.axis(when).at(e));
-        let about_chord = |slope: f64| *Rotation3::from_axis_angle(&Vector3::z_axis(), slope).matrix();
+        let about_chord =
+            |slope: f64| *Rotation3::from_axis_angle(&Vector3::z_axis(), slope).matrix();
         let carried: Matrix3<f64> = now * survey.transpose() * about_chord((survey[(1, 0)]).asin());
         let turned = about_chord(-carried[(1, 0)].atan2(carried[(0, 0)])) * carried;
         self.truth.wing.side * turned[(2, 1)].atan2(turned[(1, 1)])
@@ -205,8 +251,20 @@ impl Aircraft {
             let pivot = root_m + Vector3::x() * pivot_m;
             pivot + Rotation3::from_axis_angle(&Vector3::z_axis(), rad) * (point - pivot)
         };
-        let Effects { inboard_m, root_gives: (rad, pivot_m), .. } = self.effects;
-        let inboard_rad = if inboard_m > 0.0 { inboard_m * self.bent_curvature(when)[0] } else { 0.0 };
-        turn(rad * load, pivot_m, turn(inboard_rad, -0.5 * inboard_m, *point))
+        let Effects {
+            inboard_m,
+            root_gives: (rad, pivot_m),
+            ..
+        } = self.effects;
+        let inboard_rad = if inboard_m > 0.0 {
+            inboard_m * self.bent_curvature(when)[0]
+        } else {
+            0.0
+        };
+        turn(
+            rad * load,
+            pivot_m,
+            turn(inboard_rad, -0.5 * inboard_m, *point),
+        )
     }
 }

@@ -34,7 +34,10 @@ fn integrate_from_root(step: f64, values: &[f64]) -> Vec<f64> {
 /// Running integral from the tip.
 fn integrate_from_tip(step: f64, values: &[f64]) -> Vec<f64> {
     let reversed: Vec<f64> = values.iter().rev().copied().collect();
-    integrate_from_root(step, &reversed).into_iter().rev().collect()
+    integrate_from_root(step, &reversed)
+        .into_iter()
+        .rev()
+        .collect()
 }
 
 fn dot(a: &[f64], b: &[f64], mass: &[f64]) -> f64 {
@@ -54,12 +57,21 @@ impl Truth {
         let answer = |w: &[f64]| -> (Vec<f64>, Vec<f64>) {
             let load: Vec<f64> = w.iter().zip(&mass).map(|(w, m)| w * m).collect();
             let moment = integrate_from_tip(step, &integrate_from_tip(step, &load));
-            let curvature: Vec<f64> =
-                moment.iter().enumerate().map(|(k, m)| m / chord(k).powf(self.wing.power)).collect();
-            (integrate_from_root(step, &integrate_from_root(step, &curvature)), curvature)
+            let curvature: Vec<f64> = moment
+                .iter()
+                .enumerate()
+                .map(|(k, m)| m / chord(k).powf(self.wing.power))
+                .collect();
+            (
+                integrate_from_root(step, &integrate_from_root(step, &curvature)),
+                curvature,
+            )
         };
-        let start =
-            |power: i32| -> Vec<f64> { (0..=STEPS).map(|k| (step * k as f64 / length_m).powi(power)).collect() };
+        let start = |power: i32| -> Vec<f64> {
+            (0..=STEPS)
+                .map(|k| (step * k as f64 / length_m).powi(power))
+                .collect()
+        };
         let mut first = start(2);
         for _ in 0..ITERATIONS {
             first = answer(&first).0;
@@ -69,7 +81,10 @@ impl Truth {
         let (mut second, mut curvature) = (start(3), vec![]);
         for _ in 0..ITERATIONS {
             let of_first = dot(&first, &second, &mass);
-            second.iter_mut().zip(&first).for_each(|(w, f)| *w -= of_first * f);
+            second
+                .iter_mut()
+                .zip(&first)
+                .for_each(|(w, f)| *w -= of_first * f);
             (second, curvature) = answer(&second);
             let tip = second[STEPS];
             second.iter_mut().for_each(|w| *w /= tip);
@@ -88,9 +103,14 @@ impl Truth {
     ) -> Vec<Vector3<f64>> {
         let scale = self.setup.thermal.map_or(1.0, |t| t.scale());
         let (mut curvature, factor) = self.load_curvature(tip_deflection_m, fuel);
-        curvature.iter_mut().zip(&mode.0).for_each(|(c, swing)| *c = factor * *c + second_m * swing);
+        curvature
+            .iter_mut()
+            .zip(&mode.0)
+            .for_each(|(c, swing)| *c = factor * *c + second_m * swing);
         let frame = self.setup.wing_frame();
-        let axis = self.wing.bend_in_space(&curvature, scale, self.wing.twist_at(tip_deflection_m));
+        let axis = self
+            .wing
+            .bend_in_space(&curvature, scale, self.wing.twist_at(tip_deflection_m));
         let carried = self.points_on(&axis, scale);
         carried.iter().map(|p| frame.survey_point(p)).collect()
     }

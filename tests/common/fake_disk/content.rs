@@ -48,7 +48,12 @@ impl FileContent {
     /// Makes the current bytes durable.
     pub fn sync(&mut self) {
         self.durable.clone_from(&self.current);
-        for byte in self.durable.iter_mut().take(self.dropped.end).skip(self.dropped.start) {
+        for byte in self
+            .durable
+            .iter_mut()
+            .take(self.dropped.end)
+            .skip(self.dropped.start)
+        {
             *byte = 0;
         }
         self.touched = None;
@@ -57,7 +62,11 @@ impl FileContent {
     /// Simulates a failed sync: the bytes written since the last one may be lost.
     pub fn fail_sync(&mut self) {
         let from = self.touched.unwrap_or(self.current.len());
-        let from = if self.dropped.is_empty() { from } else { from.min(self.dropped.start) };
+        let from = if self.dropped.is_empty() {
+            from
+        } else {
+            from.min(self.dropped.start)
+        };
         self.dropped = from..self.current.len();
     }
 
@@ -91,14 +100,26 @@ impl FileContent {
             }
             UnsyncedBytes::Sectors(seed) => {
                 let mut random = FaultRandom::new(seed);
-                let length = if random.next().is_multiple_of(2) { self.current.len() } else { longest };
+                let length = if random.next().is_multiple_of(2) {
+                    self.current.len()
+                } else {
+                    longest
+                };
                 let mut choice = 0;
                 for at in safe..length {
                     if at == safe || at.is_multiple_of(SECTOR_BYTES) {
                         choice = random.next() % 3;
                     }
-                    let source = [Some(&self.current), Some(&self.durable), None].get(choice as usize).copied();
-                    all.push(source.flatten().and_then(|bytes| bytes.get(at)).copied().unwrap_or(0));
+                    let source = [Some(&self.current), Some(&self.durable), None]
+                        .get(choice as usize)
+                        .copied();
+                    all.push(
+                        source
+                            .flatten()
+                            .and_then(|bytes| bytes.get(at))
+                            .copied()
+                            .unwrap_or(0),
+                    );
                 }
             }
         }
@@ -146,7 +167,10 @@ mod tests {
         assert_eq!(after(unsynced(), UnsyncedBytes::Lost), b"synced");
         assert_eq!(after(unsynced(), UnsyncedBytes::Whole), b"synced and not");
         assert_eq!(after(unsynced(), UnsyncedBytes::Half), b"synced and");
-        assert_eq!(after(unsynced(), UnsyncedBytes::Zeros), b"synced\0\0\0\0\0\0\0\0");
+        assert_eq!(
+            after(unsynced(), UnsyncedBytes::Zeros),
+            b"synced\0\0\0\0\0\0\0\0"
+        );
         for seed in 0..20 {
             let garbage = after(unsynced(), UnsyncedBytes::Garbage(seed));
             assert!(garbage.starts_with(b"synced") && garbage.len() == 14);
@@ -172,7 +196,10 @@ mod tests {
         content.write_at(None, b"!");
         content.sync();
         assert_eq!(content.current, b"synced and not!");
-        assert_eq!(after(content.clone(), UnsyncedBytes::Whole), b"synced\0\0\0\0\0\0\0\0!");
+        assert_eq!(
+            after(content.clone(), UnsyncedBytes::Whole),
+            b"synced\0\0\0\0\0\0\0\0!"
+        );
         content.write_at(Some(0), b"again");
         content.sync();
         assert_eq!(after(content, UnsyncedBytes::Lost), b"again");

@@ -35,7 +35,11 @@ pub struct Survival {
 impl Survival {
     /// Returns random remains.
     pub fn random(seed: u64) -> Self {
-        Self { names: FaultRandom::new(seed).next(), bytes: None, seed }
+        Self {
+            names: FaultRandom::new(seed).next(),
+            bytes: None,
+            seed,
+        }
     }
 
     fn bytes_for_file(self, index: usize) -> UnsyncedBytes {
@@ -70,7 +74,10 @@ impl FakeDisk {
 
     /// Creates an empty disk on which each call that makes something durable takes this time.
     pub fn slow(sync_time: Duration) -> Self {
-        Self { sync_time, ..Self::new(vec![]) }
+        Self {
+            sync_time,
+            ..Self::new(vec![])
+        }
     }
 
     /// Returns the number of steps so far.
@@ -95,13 +102,24 @@ impl FakeDisk {
 
     /// Returns a copy of the disk without faults; its steps count from 0.
     pub fn fork(&self) -> Self {
-        let state = DiskState { steps: 0, faults: Vec::new(), ..self.lock_state().clone() };
-        Self { state: Mutex::new(state), ..Self::default() }
+        let state = DiskState {
+            steps: 0,
+            faults: Vec::new(),
+            ..self.lock_state().clone()
+        };
+        Self {
+            state: Mutex::new(state),
+            ..Self::default()
+        }
     }
 
     /// Returns the disk as the next boot finds it: synced data, and the given remains of the rest.
     pub fn power_up(&self, left: Survival) -> Self {
-        let mut state = DiskState { steps: 0, faults: Vec::new(), ..self.lock_state().clone() };
+        let mut state = DiskState {
+            steps: 0,
+            faults: Vec::new(),
+            ..self.lock_state().clone()
+        };
         for (index, change) in std::mem::take(&mut state.pending).into_iter().enumerate() {
             if left.names >> (index % 64) & 1 == 1 {
                 change.apply(&mut state.nodes, |names| &mut names.durable);
@@ -113,7 +131,10 @@ impl FakeDisk {
                 DiskNode::File(content) => content.apply_power_cut(left.bytes_for_file(index)),
             }
         }
-        Self { state: Mutex::new(state), ..Self::default() }
+        Self {
+            state: Mutex::new(state),
+            ..Self::default()
+        }
     }
 
     fn lock_state(&self) -> MutexGuard<'_, DiskState> {
@@ -138,9 +159,19 @@ impl Disk for FakeDisk {
         let entry = |(name, id): (&String, &NodeId)| match state.nodes.get(*id) {
             Some(DiskNode::File(content)) => {
                 let length = content.current.len() as u64;
-                DirectoryEntry { name: name.clone(), is_dir: false, is_link: false, length }
+                DirectoryEntry {
+                    name: name.clone(),
+                    is_dir: false,
+                    is_link: false,
+                    length,
+                }
             }
-            _ => DirectoryEntry { name: name.clone(), is_dir: true, is_link: false, length: 0 },
+            _ => DirectoryEntry {
+                name: name.clone(),
+                is_dir: true,
+                is_link: false,
+                length: 0,
+            },
         };
         Ok(names.current.iter().map(entry).collect())
     }
@@ -184,7 +215,10 @@ impl Disk for FakeDisk {
         if matches!(target, Some(DiskNode::Directory(names)) if !names.current.is_empty()) {
             return Err(io::ErrorKind::DirectoryNotEmpty.into());
         }
-        state.apply_change(NameChange { from: Some(old), to: Some((new.0, new.1, id)) });
+        state.apply_change(NameChange {
+            from: Some(old),
+            to: Some((new.0, new.1, id)),
+        });
         late
     }
 
@@ -193,7 +227,10 @@ impl Disk for FakeDisk {
         let late = state.begin_step(false)?;
         state.find_node(path)?;
         let place = state.parent_and_name(path)?;
-        state.apply_change(NameChange { from: Some(place), to: None });
+        state.apply_change(NameChange {
+            from: Some(place),
+            to: None,
+        });
         late
     }
 
@@ -216,7 +253,8 @@ impl Disk for FakeDisk {
         for change in all {
             if change.touches(id) {
                 // An older change does not restore a name that was removed durably.
-                let undone = |old: &NameChange| change.from.is_some() && old.target_name() == change.from;
+                let undone =
+                    |old: &NameChange| change.from.is_some() && old.target_name() == change.from;
                 state.pending.retain(|old| !undone(old));
                 change.apply(&mut state.nodes, |names| &mut names.durable);
             } else {

@@ -79,11 +79,17 @@ impl NameChange {
 
     /// Directory and name of the new entry.
     pub fn target_name(&self) -> Option<(NodeId, String)> {
-        self.to.as_ref().map(|(directory, name, _)| (*directory, name.clone()))
+        self.to
+            .as_ref()
+            .map(|(directory, name, _)| (*directory, name.clone()))
     }
 
     /// Applies the change to the current or the durable entries, as selected by `side`.
-    pub fn apply(&self, nodes: &mut [DiskNode], side: fn(&mut DirectoryNames) -> &mut BTreeMap<String, NodeId>) {
+    pub fn apply(
+        &self,
+        nodes: &mut [DiskNode],
+        side: fn(&mut DirectoryNames) -> &mut BTreeMap<String, NodeId>,
+    ) {
         if let Some((directory, name)) = &self.from
             && let Some(DiskNode::Directory(names)) = nodes.get_mut(*directory)
         {
@@ -121,33 +127,49 @@ impl DiskState {
 
     /// Returns whether syncs have no effect at this step.
     pub fn ignores_syncs(&self) -> bool {
-        self.faults.iter().any(|fault| matches!(*fault, DiskFault::IgnoredSyncs(at) if self.steps >= at))
+        self.faults
+            .iter()
+            .any(|fault| matches!(*fault, DiskFault::IgnoredSyncs(at) if self.steps >= at))
     }
 
     /// Returns an error if the power is cut at this step.
     pub fn check_power(&self) -> io::Result<()> {
         let cut = |fault: &DiskFault| matches!(*fault, DiskFault::PowerCut(at) if self.steps >= at);
-        if self.faults.iter().any(cut) { Err(io::Error::other("the power is cut")) } else { Ok(()) }
+        if self.faults.iter().any(cut) {
+            Err(io::Error::other("the power is cut"))
+        } else {
+            Ok(())
+        }
     }
 
     /// Finds the node of a path.
     pub fn find_node(&self, path: &Path) -> io::Result<NodeId> {
         let mut id = 0;
         for part in path.components() {
-            let Component::Normal(name) = part else { continue };
+            let Component::Normal(name) = part else {
+                continue;
+            };
             let Some(DiskNode::Directory(names)) = self.nodes.get(id) else {
                 return Err(io::ErrorKind::NotADirectory.into());
             };
             let name = name.to_string_lossy();
-            id = *names.current.get(name.as_ref()).ok_or(io::Error::from(io::ErrorKind::NotFound))?;
+            id = *names
+                .current
+                .get(name.as_ref())
+                .ok_or(io::Error::from(io::ErrorKind::NotFound))?;
         }
         Ok(id)
     }
 
     /// Returns the parent directory of `path` and the name in it.
     pub fn parent_and_name(&self, path: &Path) -> io::Result<(NodeId, String)> {
-        let name = path.file_name().ok_or(io::Error::from(io::ErrorKind::InvalidInput))?;
-        Ok((self.find_node(path.parent().unwrap_or(Path::new("")))?, name.to_string_lossy().into_owned()))
+        let name = path
+            .file_name()
+            .ok_or(io::Error::from(io::ErrorKind::InvalidInput))?;
+        Ok((
+            self.find_node(path.parent().unwrap_or(Path::new("")))?,
+            name.to_string_lossy().into_owned(),
+        ))
     }
 
     /// Applies a change of names that is not yet durable.
@@ -161,7 +183,10 @@ impl DiskState {
         let (directory, name) = self.parent_and_name(path)?;
         self.nodes.push(node);
         let id = self.nodes.len() - 1;
-        self.apply_change(NameChange { from: None, to: Some((directory, name, id)) });
+        self.apply_change(NameChange {
+            from: None,
+            to: Some((directory, name, id)),
+        });
         Ok(id)
     }
 

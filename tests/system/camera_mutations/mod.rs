@@ -96,20 +96,29 @@ fn change(rng: &mut StdRng, format: Format) -> (String, Expected) {
         6 => (other_model(rng, pieces), Expected::NotOtherInSilence),
         7 => (other_unit(rng, pieces), Expected::NotOtherInSilence),
         8 => {
-            let words = ["nan", "inf", "-inf", "NCD", "1e400", "", "0x10", "1,5", "1_0", "[1]", "~", "'"];
+            let words = [
+                "nan", "inf", "-inf", "NCD", "1e400", "", "0x10", "1,5", "1_0", "[1]", "~", "'",
+            ];
             let word = (*words.choose(rng).unwrap()).to_owned();
             **cells(&mut pieces).choose_mut(rng).unwrap() = word;
             (pieces.text(), Expected::NotOtherInSilence)
         }
         9 => other_value(rng, pieces),
-        10 => (lines_moved(rng, &pieces.text()), Expected::NotOtherInSilence),
+        10 => (
+            lines_moved(rng, &pieces.text()),
+            Expected::NotOtherInSilence,
+        ),
         _ => (characters(rng, &pieces.text()), Expected::AsWritten),
     }
 }
 
 fn cells(pieces: &mut Pieces) -> Vec<&mut String> {
     let of_core = pieces.matrix.as_mut().unwrap_or(&mut pieces.core);
-    of_core.iter_mut().chain(&mut pieces.terms).chain(&mut pieces.size).collect()
+    of_core
+        .iter_mut()
+        .chain(&mut pieces.terms)
+        .chain(&mut pieces.size)
+        .collect()
 }
 
 /// Other blanks, quotes, line breaks in lists, comments behind lines.
@@ -119,14 +128,26 @@ fn layout(rng: &mut StdRng, pieces: &Pieces) -> String {
     match rng.random_range(0..4) {
         0 if !xml => text
             .lines()
-            .map(|l| if l.starts_with(['%', '-']) { format!("{l}\n") } else { format!("{l}  # x: 1\n") })
+            .map(|l| {
+                if l.starts_with(['%', '-']) {
+                    format!("{l}\n")
+                } else {
+                    format!("{l}  # x: 1\n")
+                }
+            })
             .collect(),
         1 if !xml => text.replace(", ", ",\n      "),
-        2 if !xml => text.replace("[ ", "[").replace('[', "[   ").replace(", ", " , "),
-        2 => text.replace(' ', "\n ").replace("<?xml\n ", "<?xml ").replace("\n type_id", " type_id"),
-        3 if pieces.format != Format::Mrcal && !xml => {
-            text.replace("image_width:", "\"image_width\":").replace("intrinsics:", "'intrinsics':")
-        }
+        2 if !xml => text
+            .replace("[ ", "[")
+            .replace('[', "[   ")
+            .replace(", ", " , "),
+        2 => text
+            .replace(' ', "\n ")
+            .replace("<?xml\n ", "<?xml ")
+            .replace("\n type_id", " type_id"),
+        3 if pieces.format != Format::Mrcal && !xml => text
+            .replace("image_width:", "\"image_width\":")
+            .replace("intrinsics:", "'intrinsics':"),
         _ => text.replace('\n', "\n\n"),
     }
 }
@@ -162,7 +183,11 @@ fn renamed(rng: &mut StdRng, pieces: &Pieces) -> String {
         2 => format!("{}x{}", &key[..at], &key[at..]),
         _ => format!("old_{key}"),
     };
-    if rng.random() { text.replace(key, &other) } else { text.replacen(key, &other, 1) }
+    if rng.random() {
+        text.replace(key, &other)
+    } else {
+        text.replacen(key, &other, 1)
+    }
 }
 
 /// A list transposed, reversed, cut or lengthened.
@@ -193,10 +218,25 @@ fn other_model(rng: &mut StdRng, mut pieces: Pieces) -> String {
     }
     if pieces.model.is_empty() {
         let mut blocks = pieces.blocks();
-        let flag = ["fisheye_model", "distortion_model", "camera_model", "model_type"].choose(rng).unwrap();
-        let value = if *flag == "fisheye_model" { "1".to_owned() } else { name };
+        let flag = [
+            "fisheye_model",
+            "distortion_model",
+            "camera_model",
+            "model_type",
+        ]
+        .choose(rng)
+        .unwrap();
+        let value = if *flag == "fisheye_model" {
+            "1".to_owned()
+        } else {
+            name
+        };
         let xml = pieces.format == Format::OpencvXml;
-        let block = if xml { format!("<{flag}>{value}</{flag}>\n") } else { format!("{flag}: {value}\n") };
+        let block = if xml {
+            format!("<{flag}>{value}</{flag}>\n")
+        } else {
+            format!("{flag}: {value}\n")
+        };
         blocks.insert(rng.random_range(0..=blocks.len()), block);
         return pieces.framed(&blocks);
     }
@@ -206,7 +246,9 @@ fn other_model(rng: &mut StdRng, mut pieces: Pieces) -> String {
 
 /// A length in another unit than px: of one element, of all camera constants, or of all that is px in the core.
 fn other_unit(rng: &mut StdRng, mut pieces: Pieces) -> String {
-    let factor = *[1e-3, 1e3, 25.4, 1.0 / 25.4, 0.3048, 0.1, 10.0, 1e-6].choose(rng).unwrap();
+    let factor = *[1e-3, 1e3, 25.4, 1.0 / 25.4, 0.3048, 0.1, 10.0, 1e-6]
+        .choose(rng)
+        .unwrap();
     let which = match rng.random_range(0..4) {
         0 => vec![rng.random_range(0..4)],
         1 => vec![0, 1],
@@ -226,13 +268,22 @@ fn other_value(rng: &mut StdRng, mut pieces: Pieces) -> (String, Expected) {
     let by = 1.0 + rng.random_range(-0.01..0.01);
     if rng.random() {
         let k = rng.random_range(0..4);
-        let parameter = [&mut lens.fx, &mut lens.fy, &mut lens.cx, &mut lens.cy].into_iter().nth(k).unwrap();
+        let parameter = [&mut lens.fx, &mut lens.fy, &mut lens.cx, &mut lens.cy]
+            .into_iter()
+            .nth(k)
+            .unwrap();
         *parameter *= by;
         pieces.core[k] = format!("{parameter:?}");
         pieces = pieces.with_core();
     } else {
         let k = rng.random_range(0..pieces.terms.len());
-        let all = [&mut lens.k1, &mut lens.k2, &mut lens.p1, &mut lens.p2, &mut lens.k3];
+        let all = [
+            &mut lens.k1,
+            &mut lens.k2,
+            &mut lens.p1,
+            &mut lens.p2,
+            &mut lens.k3,
+        ];
         let parameter = all.into_iter().nth(k).unwrap();
         *parameter *= by;
         pieces.terms[k] = format!("{parameter:?}");
@@ -263,7 +314,10 @@ fn characters(rng: &mut StdRng, text: &str) -> String {
         let at = rng.random_range(0..all.len());
         match rng.random_range(0..4) {
             0 => drop(all.remove(at)),
-            1 => all.insert(at, *b" \n:,[]{}'\"#-&*!|>%@`0.9eE\t".choose(rng).unwrap() as char),
+            1 => all.insert(
+                at,
+                *b" \n:,[]{}'\"#-&*!|>%@`0.9eE\t".choose(rng).unwrap() as char,
+            ),
             2 => all[at] = rng.random_range(' '..='~'),
             _ => all.truncate(at.max(1)),
         }
@@ -274,23 +328,36 @@ fn characters(rng: &mut StdRng, text: &str) -> String {
 fn values(lens: &Lens) -> Vec<f64> {
     let [k4, k5, k6] = lens.denominator;
     let size = [f64::from(lens.width), f64::from(lens.height)];
-    [&size[..], &[lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.p1, lens.p2, lens.k3, k4, k5, k6]].concat()
+    [
+        &size[..],
+        &[
+            lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.p1, lens.p2, lens.k3, k4,
+            k5, k6,
+        ],
+    ]
+    .concat()
 }
 
 /// The numbers in a text, as they are written.
 fn tokens(text: &str) -> Vec<f64> {
     let part = |c: char| c.is_ascii_digit() || "+-.eE".contains(c);
-    text.split(|c| !part(c)).filter_map(|token| token.parse().ok()).collect()
+    text.split(|c| !part(c))
+        .filter_map(|token| token.parse().ok())
+        .collect()
 }
 
 /// The error of a reading, if any.
 fn wrong(expected: &Expected, format: Format, text: &str, read: Option<&ReadCamera>) -> bool {
     let own = lens(format);
-    let Some(read) = read else { return matches!(expected, Expected::Same | Expected::Exactly(_)) };
+    let Some(read) = read else {
+        return matches!(expected, Expected::Same | Expected::Exactly(_));
+    };
     match expected {
         Expected::Same => read.lens != own,
         Expected::Exactly(lens) => read.lens != **lens,
-        Expected::NotOtherInSilence => read.lens != own && specific_remarks(read, format).is_empty(),
+        Expected::NotOtherInSilence => {
+            read.lens != own && specific_remarks(read, format).is_empty()
+        }
         Expected::AsWritten => {
             let (before, after) = (tokens(&Pieces::new(format).text()), tokens(text));
             let pairs = values(&read.lens).into_iter().zip(values(&own));
@@ -304,8 +371,14 @@ fn wrong(expected: &Expected, format: Format, text: &str, read: Option<&ReadCame
 
 /// Remarks except the one that every OpenCV file gets.
 fn specific_remarks(read: &ReadCamera, format: Format) -> Vec<&String> {
-    let opencv = matches!(format, Format::OpencvYaml | Format::OpencvXml | Format::OpencvJson);
-    read.remarks.iter().filter(|r| !(opencv && r.contains("no lens model is declared"))).collect()
+    let opencv = matches!(
+        format,
+        Format::OpencvYaml | Format::OpencvXml | Format::OpencvJson
+    );
+    read.remarks
+        .iter()
+        .filter(|r| !(opencv && r.contains("no lens model is declared")))
+        .collect()
 }
 
 #[test]
@@ -321,13 +394,18 @@ fn a_changed_camera_file_is_never_silently_another_camera() {
             std::fs::write(file, &text).unwrap();
             let read = read_exchange(file, None, None);
             refused += usize::from(read.is_err());
-            with_a_word += usize::from(read.as_ref().is_ok_and(|r| !specific_remarks(r, format).is_empty()));
+            with_a_word += usize::from(
+                read.as_ref()
+                    .is_ok_and(|r| !specific_remarks(r, format).is_empty()),
+            );
             if wrong(&expected, format, &text, read.as_ref().ok()) {
                 eprintln!("{format:?}, seed {seed}, {expected:?}:\n{text}\n{read:?}\n");
                 failures.push((format, seed));
             }
         }
-        eprintln!("{format:?}: {CHANGES} changes, {refused} refused, {with_a_word} read with a remark");
+        eprintln!(
+            "{format:?}: {CHANGES} changes, {refused} refused, {with_a_word} read with a remark"
+        );
     }
     assert!(failures.is_empty(), "{failures:?}");
 }
@@ -339,6 +417,10 @@ fn unchanged_files_are_read() {
         let pieces = Pieces::new(format);
         let file = directory.path().join(pieces.name());
         std::fs::write(&file, pieces.text()).unwrap();
-        assert_eq!(read_exchange(&file, None, None).unwrap().lens, lens(format), "{format:?}");
+        assert_eq!(
+            read_exchange(&file, None, None).unwrap().lens,
+            lens(format),
+            "{format:?}"
+        );
     }
 }

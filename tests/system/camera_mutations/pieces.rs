@@ -12,8 +12,14 @@ pub enum Format {
     Mrcal,
 }
 
-pub const FORMATS: [Format; 6] =
-    [Format::OpencvYaml, Format::OpencvXml, Format::OpencvJson, Format::Ros, Format::Kalibr, Format::Mrcal];
+pub const FORMATS: [Format; 6] = [
+    Format::OpencvYaml,
+    Format::OpencvXml,
+    Format::OpencvJson,
+    Format::Ros,
+    Format::Kalibr,
+    Format::Mrcal,
+];
 
 /// A camera as named lists of numbers and texts: the content of a file.
 #[derive(Clone, Debug)]
@@ -31,9 +37,21 @@ pub struct Pieces {
 }
 
 pub fn lens(format: Format) -> Lens {
-    let k3 = if format == Format::Kalibr { 0.0 } else { 0.0123 };
+    let k3 = if format == Format::Kalibr {
+        0.0
+    } else {
+        0.0123
+    };
     let pinhole = Lens::pinhole(1920, 1200, 2410.5, 955.25, 610.75);
-    Lens { fy: 2409.8, k1: -0.1123, k2: 0.0745, p1: 0.00031, p2: -0.00027, k3, ..pinhole }
+    Lens {
+        fy: 2409.8,
+        k1: -0.1123,
+        k2: 0.0745,
+        p1: 0.00031,
+        p2: -0.00027,
+        k3,
+        ..pinhole
+    }
 }
 
 impl Pieces {
@@ -41,7 +59,11 @@ impl Pieces {
         let l = lens(format);
         let texts = |values: &[f64]| values.iter().map(|v| format!("{v:?}")).collect::<Vec<_>>();
         let terms = [l.k1, l.k2, l.p1, l.p2, l.k3];
-        let terms = texts(if format == Format::Kalibr { &terms[..4] } else { &terms });
+        let terms = texts(if format == Format::Kalibr {
+            &terms[..4]
+        } else {
+            &terms
+        });
         let model = match format {
             Format::Ros => "plumb_bob",
             Format::Kalibr => "radtan",
@@ -52,7 +74,15 @@ impl Pieces {
         let matrix = matrix.then(|| texts(&[l.fx, 0.0, l.cx, 0.0, l.fy, l.cy, 0.0, 0.0, 1.0]));
         let size = vec!["1920".to_owned(), "1200".to_owned()];
         let core = texts(&[l.fx, l.fy, l.cx, l.cy]);
-        Self { format, size, core, stated: terms.len(), terms, model: model.into(), matrix }
+        Self {
+            format,
+            size,
+            core,
+            stated: terms.len(),
+            terms,
+            model: model.into(),
+            matrix,
+        }
     }
 
     pub fn name(&self) -> &'static str {
@@ -140,7 +170,10 @@ impl Pieces {
                 format!("<?xml version=\"1.0\"?>\n<opencv_storage>\n{body}</opencv_storage>\n")
             }
             Format::OpencvJson => {
-                let blocks: Vec<&str> = blocks.iter().map(|block| block.trim_end_matches('\n')).collect();
+                let blocks: Vec<&str> = blocks
+                    .iter()
+                    .map(|block| block.trim_end_matches('\n'))
+                    .collect();
                 format!("{{\n{}\n}}\n", blocks.join(",\n"))
             }
             Format::Ros => body,

@@ -14,27 +14,61 @@ const BY_OTHERS: [(&str, &str); 1] = [("docs/fleet.md", "fleet/tests/test_page.p
 /// First words of a line of a `console` block, and its test. No other line may occur in one.
 const CONSOLE: [(&str, &str); 13] = [
     ("make ", "a target of the Makefile, checked by `named`"),
-    ("cargo test ", "a test that `make test` runs, checked by `named`"),
-    ("cargo build --release --locked --features upload", "make fleet-test builds so"),
-    ("wingd mark ", "it serves until it is ended: tests/system/marking.rs, tests/browser/mark.mjs"),
-    ("wingd orient --installation installation --observations ", "manual marks: tests/system/marking.rs"),
-    ("python3.11 -m venv venv", "make fleet-test installs so, in a folder of its own"),
-    ("wingd time-check store ", "photographs of a clock: tests/detect/time_code.rs, tests/validation/time_check.py"),
+    (
+        "cargo test ",
+        "a test that `make test` runs, checked by `named`",
+    ),
+    (
+        "cargo build --release --locked --features upload",
+        "make fleet-test builds so",
+    ),
+    (
+        "wingd mark ",
+        "it serves until it is ended: tests/system/marking.rs, tests/browser/mark.mjs",
+    ),
+    (
+        "wingd orient --installation installation --observations ",
+        "manual marks: tests/system/marking.rs",
+    ),
+    (
+        "python3.11 -m venv venv",
+        "make fleet-test installs so, in a folder of its own",
+    ),
+    (
+        "wingd time-check store ",
+        "photographs of a clock: tests/detect/time_code.rs, tests/validation/time_check.py",
+    ),
     ("wingd-fleet modes ", "fleet/tests/test_modes.py"),
     ("rclone ", "not run: needs a remote of one's own"),
-    ("python3 tests/validation/rendered_sets.py ", "not run: minutes per set; `named` checks the file"),
-    ("python3 tests/validation/planned_wings.py ", "not run: minutes per wing; `named` checks the file"),
-    ("python3 tests/validation/detections.py ", "not run: its sets take an hour to render; `named` checks the file"),
-    ("python3 docs/validation/calibration/compare.py ", "not run: needs OpenCV and mrcal; `named` checks the file"),
+    (
+        "python3 tests/validation/rendered_sets.py ",
+        "not run: minutes per set; `named` checks the file",
+    ),
+    (
+        "python3 tests/validation/planned_wings.py ",
+        "not run: minutes per wing; `named` checks the file",
+    ),
+    (
+        "python3 tests/validation/detections.py ",
+        "not run: its sets take an hour to render; `named` checks the file",
+    ),
+    (
+        "python3 docs/validation/calibration/compare.py ",
+        "not run: needs OpenCV and mrcal; `named` checks the file",
+    ),
 ];
 
 /// Only numbers, so that a page's figures are of minutes and its test of seconds.
-const SHORTER: [(&str, &str, &str); 2] =
-    [("docs/live/figures.md", "--gusts 5 ", "--gusts 0.3 "), ("docs/live/figures.md", "--seconds 60 ", "--seconds 2 ")];
+const SHORTER: [(&str, &str, &str); 2] = [
+    ("docs/live/figures.md", "--gusts 5 ", "--gusts 0.3 "),
+    ("docs/live/figures.md", "--seconds 60 ", "--seconds 2 "),
+];
 
 /// Replaces the machine of the pages by this one, at a free port.
 fn localize(page: &str, text: &str, port: u16) -> String {
-    let mut text = text.replace("0.0.0.0:8080", "127.0.0.1:8080").replace("seat12a.local", "localhost");
+    let mut text = text
+        .replace("0.0.0.0:8080", "127.0.0.1:8080")
+        .replace("seat12a.local", "localhost");
     for (_, long, short) in SHORTER.iter().filter(|(of, _, _)| *of == page) {
         text = text.replace(long, short);
     }
@@ -43,15 +77,26 @@ fn localize(page: &str, text: &str, port: u16) -> String {
 
 /// Writes a file whose name is in the first line of the block.
 fn write_named(block: &Block, folder: &Path) {
-    let named = block.text.split_once('\n').and_then(|(first, rows)| Some((first.strip_prefix("# ")?, rows)));
-    if let Some((name, rows)) = named.filter(|(name, _)| ["toml", "csv"].iter().any(|e| name.ends_with(e))) {
+    let named = block
+        .text
+        .split_once('\n')
+        .and_then(|(first, rows)| Some((first.strip_prefix("# ")?, rows)));
+    if let Some((name, rows)) =
+        named.filter(|(name, _)| ["toml", "csv"].iter().any(|e| name.ends_with(e)))
+    {
         std::fs::write(folder.join(name), rows).unwrap();
     }
 }
 
 /// Runs the commands of a block of a page, and compares the output with the one shown directly below; `wingd serve` runs
 /// until the returned value is dropped.
-fn follow_block(page: &str, block: &Block, all: &[Block], folder: &Path, port: u16) -> Option<Running> {
+fn follow_block(
+    page: &str,
+    block: &Block,
+    all: &[Block],
+    folder: &Path,
+    port: u16,
+) -> Option<Running> {
     if block.language != "sh" {
         write_named(block, folder);
         return None;
@@ -62,10 +107,18 @@ fn follow_block(page: &str, block: &Block, all: &[Block], folder: &Path, port: u
     }
     let output = shell(folder, &text);
     let messages = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{page}:{}: {text}\n{messages}", block.line);
+    assert!(
+        output.status.success(),
+        "{page}:{}: {text}\n{messages}",
+        block.line
+    );
     let printed = format!("{}\n{messages}", String::from_utf8_lossy(&output.stdout));
     let missing = shown_output(block, all).map_or(vec![], |shown| missing_lines(shown, &printed));
-    assert!(missing.is_empty(), "{page}:{}: not printed: {missing:#?}\n{printed}", block.line);
+    assert!(
+        missing.is_empty(),
+        "{page}:{}: not printed: {missing:#?}\n{printed}",
+        block.line
+    );
     None
 }
 
@@ -73,8 +126,10 @@ fn follow_block(page: &str, block: &Block, all: &[Block], folder: &Path, port: u
 fn follow(page: &str, text: &str, folder: &Path) {
     let (blocks, port) = (blocks(text), free_port());
     blocks.iter().for_each(|block| write_named(block, folder));
-    let served: Vec<Running> =
-        blocks.iter().filter_map(|block| follow_block(page, block, &blocks, folder, port)).collect();
+    let served: Vec<Running> = blocks
+        .iter()
+        .filter_map(|block| follow_block(page, block, &blocks, folder, port))
+        .collect();
     drop(served);
 }
 
@@ -93,12 +148,18 @@ fn folder_like(first: &Path, folder: &Path) {
 fn run_all<'a>(lines: impl Iterator<Item = &'a str>, folder: &Path, port: u16) {
     for line in lines {
         let output = shell(folder, &localize("", line, port));
-        assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
+        assert!(
+            output.status.success(),
+            "{line}: {}",
+            String::from_utf8_lossy(&output.stderr)
+        );
     }
 }
 
 fn examples(wanted: impl Fn(&str) -> bool) -> impl Iterator<Item = &'static str> {
-    let of = wingd::cli::help::EXAMPLES.iter().filter(move |(name, _)| wanted(name));
+    let of = wingd::cli::help::EXAMPLES
+        .iter()
+        .filter(move |(name, _)| wanted(name));
     of.flat_map(|(_, lines)| lines.iter().copied())
 }
 
@@ -124,37 +185,88 @@ fn record(folder: &Path) {
 
 fn follow_examples(folder: &Path) {
     std::fs::create_dir(folder.join("look")).unwrap();
-    std::fs::write(folder.join("fem.csv"), "arc_length_m,displacement_z_m\n10,0.3\n20,1.2\n").unwrap();
+    std::fs::write(
+        folder.join("fem.csv"),
+        "arc_length_m,displacement_z_m\n10,0.3\n20,1.2\n",
+    )
+    .unwrap();
     let survey = std::fs::read_to_string(folder.join("installation/survey.csv")).unwrap();
-    let place = |line: &str| line.split(',').skip(3).take(3).collect::<Vec<_>>().join(",");
-    let places: Vec<String> = survey.lines().filter(|line| line.starts_with('M')).map(place).collect();
-    std::fs::write(folder.join("nodes.csv"), format!("x_m,y_m,z_m\n{}\n", places.join("\n"))).unwrap();
+    let place = |line: &str| {
+        line.split(',')
+            .skip(3)
+            .take(3)
+            .collect::<Vec<_>>()
+            .join(",")
+    };
+    let places: Vec<String> = survey
+        .lines()
+        .filter(|line| line.starts_with('M'))
+        .map(place)
+        .collect();
+    std::fs::write(
+        folder.join("nodes.csv"),
+        format!("x_m,y_m,z_m\n{}\n", places.join("\n")),
+    )
+    .unwrap();
     let port = free_port();
     let serve = examples(|name| name == "serve").next().unwrap();
     let served = Running::serving(folder, &format!("{serve} --listen 127.0.0.1:{port}"), port);
-    run_all(examples(|name| !RECORDER.contains(&name) && !BESIDE.contains(&name)), folder, port);
+    run_all(
+        examples(|name| !RECORDER.contains(&name) && !BESIDE.contains(&name)),
+        folder,
+        port,
+    );
     drop(served);
 }
 
 /// User entries stay, and commands that delete report it in JSON too.
 fn check_remaining(tutorial: &Path) {
-    let again = shell(tutorial, "wingd init && wingd check --config wingd.toml --json");
+    let again = shell(
+        tutorial,
+        "wingd init && wingd check --config wingd.toml --json",
+    );
     let messages = String::from_utf8(again.stdout).unwrap();
-    assert!(messages.contains("wingd.toml  exists, not changed"), "{messages}");
-    let checked: serde_json::Value = serde_json::from_str(messages.lines().last().unwrap()).unwrap();
-    assert_eq!((&checked["ok"], checked["faults"].as_array().unwrap().len()), (&true.into(), 0), "{messages}");
-    assert!(checked["found"]["installation"].as_str().unwrap().contains("24 markers"), "{messages}");
-    let copied_away =
-        "wingd copy store away --json && wingd prune store --verified-copy away --keep 0 --dry-run --json";
+    assert!(
+        messages.contains("wingd.toml  exists, not changed"),
+        "{messages}"
+    );
+    let checked: serde_json::Value =
+        serde_json::from_str(messages.lines().last().unwrap()).unwrap();
+    assert_eq!(
+        (&checked["ok"], checked["faults"].as_array().unwrap().len()),
+        (&true.into(), 0),
+        "{messages}"
+    );
+    assert!(
+        checked["found"]["installation"]
+            .as_str()
+            .unwrap()
+            .contains("24 markers"),
+        "{messages}"
+    );
+    let copied_away = "wingd copy store away --json && wingd prune store --verified-copy away --keep 0 --dry-run --json";
     let messages = String::from_utf8(shell(tutorial, copied_away).stdout).unwrap();
-    let objects: Vec<serde_json::Value> = messages.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
-    assert_eq!((&objects[0]["flights"], &objects[1]["flight"]), (&1.into(), &"f0001".into()), "{messages}");
-    assert_eq!((&objects[1]["deleted"], &objects[1]["reason"]), (&false.into(), &().into()), "{messages}");
+    let objects: Vec<serde_json::Value> = messages
+        .lines()
+        .map(|l| serde_json::from_str(l).unwrap())
+        .collect();
+    assert_eq!(
+        (&objects[0]["flights"], &objects[1]["flight"]),
+        (&1.into(), &"f0001".into()),
+        "{messages}"
+    );
+    assert_eq!(
+        (&objects[1]["deleted"], &objects[1]["reason"]),
+        (&false.into(), &().into()),
+        "{messages}"
+    );
 }
 
 /// The page of tables has each exported column, and every column that it names exists.
 fn check_tables(folder: &Path) {
-    let page = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/tables.md")).unwrap();
+    let page =
+        std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/tables.md"))
+            .unwrap();
     let messages: std::collections::BTreeSet<&str> = page.split('`').skip(1).step_by(2).collect();
     let mut written = std::collections::BTreeSet::new();
     for table in ["shots", "markers", "span", "parameters", "live"] {
@@ -164,12 +276,20 @@ fn check_tables(folder: &Path) {
     }
     for name in &written {
         let value = name.strip_prefix("sigma_").unwrap_or(name);
-        assert!(messages.contains(name.as_str()) || messages.contains(value), "docs/tables.md lacks {name}");
+        assert!(
+            messages.contains(name.as_str()) || messages.contains(value),
+            "docs/tables.md lacks {name}"
+        );
     }
-    let unit = |name: &&&str| ["_m", "_deg", "_px", "_s", "_ms", "_kg", "_hpa"].iter().any(|u| name.ends_with(u));
+    let unit = |name: &&&str| {
+        ["_m", "_deg", "_px", "_s", "_ms", "_kg", "_hpa"]
+            .iter()
+            .any(|u| name.ends_with(u))
+    };
     // In addition to columns the page has the unit suffixes, and version 1's names as examples.
-    let example =
-        |name: &&&str| name.starts_with('_') || ["deflection_31.00564147942904_m", "twist_tip_deg"].contains(name);
+    let example = |name: &&&str| {
+        name.starts_with('_') || ["deflection_31.00564147942904_m", "twist_tip_deg"].contains(name)
+    };
     for name in messages.iter().filter(unit).filter(|name| !example(name)) {
         assert!(written.contains(*name), "nothing writes {name}");
     }
@@ -178,8 +298,12 @@ fn check_tables(folder: &Path) {
 /// A column's name with a placeholder for the marker, station, pair or number.
 fn general(name: &str) -> String {
     let part = |part: &str| match part {
-        _ if part.len() == 3 && part.starts_with('s') && part[1..].parse::<u8>().is_ok() => "sNN".to_owned(),
-        _ if part.len() == 3 && part.starts_with('M') && part[1..].parse::<u8>().is_ok() => "ID".to_owned(),
+        _ if part.len() == 3 && part.starts_with('s') && part[1..].parse::<u8>().is_ok() => {
+            "sNN".to_owned()
+        }
+        _ if part.len() == 3 && part.starts_with('M') && part[1..].parse::<u8>().is_ok() => {
+            "ID".to_owned()
+        }
         _ if part.parse::<u8>().is_ok() => "N".to_owned(),
         _ => part.to_owned(),
     };
@@ -199,7 +323,9 @@ fn check_column(folder: &Path) {
     let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
     assert!(!rows.is_empty());
     for (column, exported) in [("since_boot", "since_boot_s"), ("number", "number")] {
-        let read = printed(&format!("python3 docs/store/column.py store/flights/f0001/live-000001.rows {column}"));
+        let read = printed(&format!(
+            "python3 docs/store/column.py store/flights/f0001/live-000001.rows {column}"
+        ));
         let read: Vec<f64> = read.lines().map(|value| value.parse().unwrap()).collect();
         let at = names.iter().position(|name| *name == exported).unwrap();
         let wanted: Vec<f64> = rows.iter().map(|row| row[at].parse().unwrap()).collect();
@@ -216,19 +342,29 @@ fn every_command_of_the_pages_runs_after_the_tutorial() {
     let is_tutorial = |page: &str| page == "docs/tutorial.md";
     let (page, text) = pages.iter().find(|(page, _)| is_tutorial(page)).unwrap();
     let steps = blocks(text);
-    steps.iter().for_each(|block| assert!(follow_block(page, block, &steps, &tutorial, 0).is_none()));
+    steps
+        .iter()
+        .for_each(|block| assert!(follow_block(page, block, &steps, &tutorial, 0).is_none()));
     assert!(tutorial.join("report.html").exists());
     check_remaining(&tutorial);
     record(&tutorial);
     let inputs = ["docs/stress.md", "docs/aircraft-data.md"];
     let examples = folder.path().join("examples");
     folder_like(&tutorial, &examples);
-    for (page, text) in pages.iter().filter(|(page, _)| inputs.contains(&page.as_str())) {
+    for (page, text) in pages
+        .iter()
+        .filter(|(page, _)| inputs.contains(&page.as_str()))
+    {
         follow(page, text, &examples);
     }
     follow_examples(&examples);
-    let elsewhere = |page: &str| is_tutorial(page) || BY_OTHERS.iter().any(|(other, _)| *other == page);
-    for (number, (page, text)) in pages.iter().enumerate().filter(|(_, (page, _))| !elsewhere(page)) {
+    let elsewhere =
+        |page: &str| is_tutorial(page) || BY_OTHERS.iter().any(|(other, _)| *other == page);
+    for (number, (page, text)) in pages
+        .iter()
+        .enumerate()
+        .filter(|(_, (page, _))| !elsewhere(page))
+    {
         if blocks(text).iter().any(|block| block.language == "sh") {
             let own = folder.path().join(number.to_string());
             folder_like(&tutorial, &own);
@@ -247,7 +383,10 @@ fn commands_that_do_not_run_here_have_another_named_test() {
     let pages = pages();
     for (page, file) in BY_OTHERS {
         let runner = std::fs::read_to_string(Path::new(ROOT).join(file)).unwrap();
-        assert!(runner.contains(page) && runner.contains("```sh"), "{file} does not read {page}");
+        assert!(
+            runner.contains(page) && runner.contains("```sh"),
+            "{file} does not read {page}"
+        );
     }
     let mut wrong = vec![];
     for (page, text) in &pages {
@@ -261,7 +400,10 @@ fn commands_that_do_not_run_here_have_another_named_test() {
                         .filter(|line| !CONSOLE.iter().any(|(begins, _)| line.starts_with(begins)))
                         .map(|line| format!("{page}:{}: nothing runs `{line}`", block.line)),
                 ),
-                other => wrong.push(format!("{page}:{}: unknown block type `{other}`", block.line)),
+                other => wrong.push(format!(
+                    "{page}:{}: unknown block type `{other}`",
+                    block.line
+                )),
             }
         }
     }

@@ -34,17 +34,30 @@ fn sections(page: &str, base: &Table) -> Vec<Section> {
     let parts = text.split("\n## ").skip(1).map(str::to_owned);
     let of = |part: String| {
         let (heading, body) = part.split_once('\n').unwrap();
-        let name = heading.split('`').nth(1).filter(|name| name.starts_with('['));
+        let name = heading
+            .split('`')
+            .nth(1)
+            .filter(|name| name.starts_with('['));
         let rows: Vec<(String, String)> = body.lines().filter_map(row).collect();
         if rows.is_empty() {
             return None;
         }
-        let path = name.map_or(vec![], |name| name.trim_matches(['[', ']']).split('.').map(str::to_owned).collect());
+        let path = name.map_or(vec![], |name| {
+            name.trim_matches(['[', ']'])
+                .split('.')
+                .map(str::to_owned)
+                .collect()
+        });
         let mut least = base.clone();
         for block in blocks(body).iter().filter(|block| block.language == "toml") {
             merge(&mut least, block.text.parse().unwrap());
         }
-        Some(Section { heading: heading.to_owned(), path, least, rows })
+        Some(Section {
+            heading: heading.to_owned(),
+            path,
+            least,
+            rows,
+        })
     };
     parts.filter_map(of).collect()
 }
@@ -60,7 +73,9 @@ fn row(line: &str) -> Option<(String, String)> {
 fn merge(into: &mut Table, from: Table) {
     for (key, value) in from {
         match (into.get_mut(&key), value) {
-            (Some(Value::Table(old)), Value::Table(new)) if !new.contains_key("kind") => merge(old, new),
+            (Some(Value::Table(old)), Value::Table(new)) if !new.contains_key("kind") => {
+                merge(old, new)
+            }
             (_, value) => drop(into.insert(key, value)),
         }
     }
@@ -69,7 +84,9 @@ fn merge(into: &mut Table, from: Table) {
 /// The table of a path, created if it is missing; of a list of tables the first.
 fn table_at<'a>(table: &'a mut Table, path: &[String]) -> &'a mut Table {
     path.iter().fold(table, |table, name| {
-        let value = table.entry(name.clone()).or_insert_with(|| Value::Table(Table::new()));
+        let value = table
+            .entry(name.clone())
+            .or_insert_with(|| Value::Table(Table::new()));
         match value {
             Value::Array(list) => list.first_mut().and_then(Value::as_table_mut).unwrap(),
             value => value.as_table_mut().unwrap(),
@@ -81,7 +98,14 @@ fn table_at<'a>(table: &'a mut Table, path: &[String]) -> &'a mut Table {
 fn expected(complaint: &str) -> Option<BTreeSet<String>> {
     let (_, names) = complaint.split_once(&format!("unknown field `{UNKNOWN}`, expected "))?;
     let names = names.split('\n').next()?;
-    Some(names.split('`').skip(1).step_by(2).map(str::to_owned).collect())
+    Some(
+        names
+            .split('`')
+            .skip(1)
+            .step_by(2)
+            .map(str::to_owned)
+            .collect(),
+    )
 }
 
 impl Section {
@@ -99,15 +123,26 @@ impl Section {
 
     /// Faults of the section.
     fn faults(&self, read: Read) -> Vec<String> {
-        let complaint = read(&self.table_with(UNKNOWN, Value::Integer(1))).err().unwrap_or_default();
-        let Some(mut known) = expected(&complaint) else { return vec![format!("no keys in: {complaint}")] };
+        let complaint = read(&self.table_with(UNKNOWN, Value::Integer(1)))
+            .err()
+            .unwrap_or_default();
+        let Some(mut known) = expected(&complaint) else {
+            return vec![format!("no keys in: {complaint}")];
+        };
         let listed: BTreeSet<String> = self.rows.iter().map(|(key, _)| key.clone()).collect();
         // The key that selects the kind of a table is no field of any kind.
         if table_at(&mut self.least.clone(), &self.path).contains_key("kind") {
             known.insert("kind".to_owned());
         }
-        let mut faults: Vec<String> = known.difference(&listed).map(|key| format!("does not list `{key}`")).collect();
-        faults.extend(listed.difference(&known).map(|key| format!("lists `{key}`, which is not known")));
+        let mut faults: Vec<String> = known
+            .difference(&listed)
+            .map(|key| format!("does not list `{key}`"))
+            .collect();
+        faults.extend(
+            listed
+                .difference(&known)
+                .map(|key| format!("lists `{key}`, which is not known")),
+        );
         let wrong = |(key, default): &(String, String)| self.wrong_default(key, default, read);
         faults.extend(self.rows.iter().filter_map(wrong));
         faults
@@ -115,19 +150,29 @@ impl Section {
 
     fn wrong_default(&self, key: &str, default: &str, read: Read) -> Option<String> {
         let without = read(&self.table_without(key));
-        let literal = default.strip_prefix('`').and_then(|rest| rest.strip_suffix('`'));
+        let literal = default
+            .strip_prefix('`')
+            .and_then(|rest| rest.strip_suffix('`'));
         match (default, literal) {
             (required, _) if required.starts_with("required") => {
-                let missing = [format!("missing field `{key}`"), format!(".{key}: is missing")];
-                let asked = without.as_ref().is_err_and(|printed| missing.iter().any(|m| printed.contains(m)));
+                let missing = [
+                    format!("missing field `{key}`"),
+                    format!(".{key}: is missing"),
+                ];
+                let asked = without
+                    .as_ref()
+                    .is_err_and(|printed| missing.iter().any(|m| printed.contains(m)));
                 (!asked).then(|| format!("`{key}` is not required: {without:?}"))
             }
             (_, Some(literal)) => {
                 let value: Table = format!("value = {literal}").parse().unwrap();
                 let with = read(&self.table_with(key, value.get("value").unwrap().clone()));
-                (with.is_err() || with != without).then(|| format!("the default of `{key}` is not {literal}: {with:?}"))
+                (with.is_err() || with != without)
+                    .then(|| format!("the default of `{key}` is not {literal}: {with:?}"))
             }
-            _ => without.err().map(|printed| format!("`{key}` cannot be omitted: {printed}")),
+            _ => without
+                .err()
+                .map(|printed| format!("`{key}` cannot be omitted: {printed}")),
         }
     }
 }
@@ -146,14 +191,23 @@ fn check(page: &str, base: &Table, least: usize, read: Read) {
 
 fn configuration(table: &Table) -> Result<String, String> {
     let config = toml::from_str::<wingd::config::Config>(&table.to_string());
-    config.map(|config| format!("{config:?}")).map_err(|error| error.message().to_owned())
+    config
+        .map(|config| format!("{config:?}"))
+        .map_err(|error| error.message().to_owned())
 }
 
 #[test]
 fn every_key_of_the_configuration_is_on_its_page() {
-    let base = "camera.kind = \"replay\"\nstore.path = \"store\"".parse().unwrap();
+    let base = "camera.kind = \"replay\"\nstore.path = \"store\""
+        .parse()
+        .unwrap();
     check("docs/reference/wingd-toml.md", &base, 50, &configuration);
-    check("docs/reference/wingd-toml-camera.md", &base, 30, &configuration);
+    check(
+        "docs/reference/wingd-toml-camera.md",
+        &base,
+        30,
+        &configuration,
+    );
 }
 
 #[test]
@@ -169,53 +223,114 @@ fn every_key_of_an_installation_is_on_its_page() {
     std::fs::write(folder.path().join("structure.csv"), beam).unwrap();
     let read = |table: &Table| {
         std::fs::write(folder.path().join("installation.toml"), table.to_string()).unwrap();
-        let printed = |faults: Vec<Fault>| faults.iter().map(Fault::to_string).collect::<Vec<_>>().join("\n");
+        let printed = |faults: Vec<Fault>| {
+            faults
+                .iter()
+                .map(Fault::to_string)
+                .collect::<Vec<_>>()
+                .join("\n")
+        };
         let found = wingd::installation::load(folder.path()).map_err(printed)?;
-        Ok(format!("{:?}", (found.setup, found.cad, found.cad_model, found.optics, found.structure)))
+        Ok(format!(
+            "{:?}",
+            (
+                found.setup,
+                found.cad,
+                found.cad_model,
+                found.optics,
+                found.structure
+            )
+        ))
     };
-    let base = std::fs::read_to_string(fixture.join("installation.toml")).unwrap().parse().unwrap();
+    let base = std::fs::read_to_string(fixture.join("installation.toml"))
+        .unwrap()
+        .parse()
+        .unwrap();
     check("docs/reference/installation-toml.md", &base, 50, &read);
 }
 
 /// Type and meaning in the row of each width are those of the registry; `every_key_of_an_installation_is_on_its_page` compares the default.
 #[test]
 fn the_rows_of_widths_are_those_of_the_registry() {
-    let page = std::fs::read_to_string(Path::new(ROOT).join("docs/reference/installation-toml.md")).unwrap();
+    let page = std::fs::read_to_string(Path::new(ROOT).join("docs/reference/installation-toml.md"))
+        .unwrap();
     for row in Width::ROWS {
-        let section = page.split("\n## ").find(|part| part.starts_with(&format!("`[{}]`", row.section))).unwrap();
-        let unit = if row.unit.name.is_empty() { String::new() } else { format!(" {},", row.unit.name) };
+        let section = page
+            .split("\n## ")
+            .find(|part| part.starts_with(&format!("`[{}]`", row.section)))
+            .unwrap();
+        let unit = if row.unit.name.is_empty() {
+            String::new()
+        } else {
+            format!(" {},", row.unit.name)
+        };
         let begin = format!("| `{}` | number,{unit} 0 to {} | ", row.key, row.max);
         let end = format!(" | {} |", row.meaning.trim());
-        let found = section.lines().any(|line| line.starts_with(&begin) && line.ends_with(&end));
-        assert!(found, "the page needs the row {begin}`{}`{end}", row.default);
+        let found = section
+            .lines()
+            .any(|line| line.starts_with(&begin) && line.ends_with(&end));
+        assert!(
+            found,
+            "the page needs the row {begin}`{}`{end}",
+            row.default
+        );
     }
 }
 
 /// Defaults in the page of priors are those of the registry.
 #[test]
 fn the_page_of_priors_has_the_defaults_of_the_registry() {
-    let page = std::fs::read_to_string(Path::new(ROOT).join("docs/adjustment/installation.md")).unwrap();
+    let page =
+        std::fs::read_to_string(Path::new(ROOT).join("docs/adjustment/installation.md")).unwrap();
     for row in Width::ROWS {
-        let unit = if row.unit.name.is_empty() { String::new() } else { format!(" {}", row.unit.name) };
+        let unit = if row.unit.name.is_empty() {
+            String::new()
+        } else {
+            format!(" {}", row.unit.name)
+        };
         let begin = format!("| `{}.{}` | {}{unit} | ", row.section, row.key, row.default);
-        assert!(page.lines().any(|line| line.starts_with(&begin)), "the page needs a row that begins: {begin}");
+        assert!(
+            page.lines().any(|line| line.starts_with(&begin)),
+            "the page needs a row that begins: {begin}"
+        );
     }
 }
 
 #[test]
 fn the_check_of_the_pages_detects_errors() {
-    let base: Table = "camera.kind = \"replay\"\nstore.path = \"store\"".parse().unwrap();
+    let base: Table = "camera.kind = \"replay\"\nstore.path = \"store\""
+        .parse()
+        .unwrap();
     let section = |rows: &[(&str, &str)]| Section {
         heading: String::new(),
         path: vec!["power".to_owned()],
         least: base.clone(),
-        rows: rows.iter().map(|(key, default)| ((*key).to_owned(), (*default).to_owned())).collect(),
+        rows: rows
+            .iter()
+            .map(|(key, default)| ((*key).to_owned(), (*default).to_owned()))
+            .collect(),
     };
-    let sound = [("stop_within", "`\"30s\"`"), ("hold_up", "`\"2s\"`"), ("file", "none"), ("line", "none")];
+    let sound = [
+        ("stop_within", "`\"30s\"`"),
+        ("hold_up", "`\"2s\"`"),
+        ("file", "none"),
+        ("line", "none"),
+    ];
     assert_eq!(section(&sound).faults(&configuration), [""; 0]);
-    assert_eq!(section(&sound[1..]).faults(&configuration), ["does not list `stop_within`"]);
-    let other = [("stop_within", "`\"31s\"`"), ("hold_up", "required"), ("file", "none"), ("line", "none")];
+    assert_eq!(
+        section(&sound[1..]).faults(&configuration),
+        ["does not list `stop_within`"]
+    );
+    let other = [
+        ("stop_within", "`\"31s\"`"),
+        ("hold_up", "required"),
+        ("file", "none"),
+        ("line", "none"),
+    ];
     assert_eq!(section(&other).faults(&configuration).len(), 2);
     let more = [&sound[..], &[("never", "none")]].concat();
-    assert_eq!(section(&more).faults(&configuration), ["lists `never`, which is not known"]);
+    assert_eq!(
+        section(&more).faults(&configuration),
+        ["lists `never`, which is not known"]
+    );
 }

@@ -23,7 +23,13 @@ impl Block {
     /// Its lines without comments, one for each command; a backslash continues a line.
     fn lines(&self) -> Vec<String> {
         let whole = self.text.replace("\\\n", " ");
-        let lines = whole.lines().map(|line| line.split(" #").next().unwrap_or_default().trim().to_owned());
+        let lines = whole.lines().map(|line| {
+            line.split(" #")
+                .next()
+                .unwrap_or_default()
+                .trim()
+                .to_owned()
+        });
         lines.filter(|line| !line.is_empty()).collect()
     }
 }
@@ -35,7 +41,11 @@ fn blocks(text: &str) -> Vec<Block> {
             (Some(_), Some(block)) => all.push(block),
             (Some(language), None) => {
                 let language = language.trim().to_owned();
-                open = Some(Block { language, line: number + 1, text: String::new() });
+                open = Some(Block {
+                    language,
+                    line: number + 1,
+                    text: String::new(),
+                });
             }
             (None, Some(mut block)) => {
                 block.text.push_str(line);
@@ -80,7 +90,13 @@ fn code(text: &str) -> Vec<String> {
         if line.trim_start().starts_with("```") {
             inside = !inside;
         } else if inside {
-            all.push(line.split(" #").next().unwrap_or_default().trim().to_owned());
+            all.push(
+                line.split(" #")
+                    .next()
+                    .unwrap_or_default()
+                    .trim()
+                    .to_owned(),
+            );
         } else {
             all.extend(line.split('`').skip(1).step_by(2).map(str::to_owned));
         }

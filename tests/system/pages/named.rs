@@ -8,8 +8,14 @@ use super::{ROOT, code, pages};
 
 /// Help text of a command; `None` if there is no such command.
 fn help_of(command: &str) -> Option<String> {
-    let output = Command::new(env!("CARGO_BIN_EXE_wingd")).args([command, "--help"]).output().unwrap();
-    output.status.success().then(|| String::from_utf8(output.stdout).unwrap())
+    let output = Command::new(env!("CARGO_BIN_EXE_wingd"))
+        .args([command, "--help"])
+        .output()
+        .unwrap();
+    output
+        .status
+        .success()
+        .then(|| String::from_utf8(output.stdout).unwrap())
 }
 
 /// Commands of optional features.
@@ -17,24 +23,41 @@ const OPTIONAL: [&str; 1] = ["upload"];
 
 #[test]
 fn commands_and_options_that_the_pages_name_exist() {
-    let (mut helps, mut wrong): (BTreeMap<String, Option<String>>, Vec<String>) = (BTreeMap::new(), vec![]);
-    for (page, text) in pages().iter().filter(|(page, _)| !page.starts_with("docs/decisions/")) {
+    let (mut helps, mut wrong): (BTreeMap<String, Option<String>>, Vec<String>) =
+        (BTreeMap::new(), vec![]);
+    for (page, text) in pages()
+        .iter()
+        .filter(|(page, _)| !page.starts_with("docs/decisions/"))
+    {
         for line in code(text) {
-            let Some(rest) = line.strip_prefix("wingd ") else { continue };
+            let Some(rest) = line.strip_prefix("wingd ") else {
+                continue;
+            };
             let words: Vec<&str> = rest.split_whitespace().collect();
-            let Some(command) = words.first().filter(|w| w.chars().all(|c| c.is_ascii_lowercase() || c == '-')) else {
+            let Some(command) = words
+                .first()
+                .filter(|w| w.chars().all(|c| c.is_ascii_lowercase() || c == '-'))
+            else {
                 continue;
             };
             // Code that ends in a space is no command line but the beginning of a text.
-            if OPTIONAL.contains(command) || command.starts_with('-') || *command == "help" || line.ends_with(' ') {
+            if OPTIONAL.contains(command)
+                || command.starts_with('-')
+                || *command == "help"
+                || line.ends_with(' ')
+            {
                 continue;
             }
-            let help = helps.entry((*command).to_owned()).or_insert_with(|| help_of(command));
+            let help = helps
+                .entry((*command).to_owned())
+                .or_insert_with(|| help_of(command));
             let Some(help) = help else {
                 wrong.push(format!("{page}: `{line}`: no such command"));
                 continue;
             };
-            let options = words.iter().map(|w| w.trim_start_matches('[').trim_end_matches(']'));
+            let options = words
+                .iter()
+                .map(|w| w.trim_start_matches('[').trim_end_matches(']'));
             for option in options.filter(|w| w.starts_with("--")) {
                 let name = option.split('=').next().unwrap_or_default();
                 if !help.contains(name) {
@@ -48,11 +71,16 @@ fn commands_and_options_that_the_pages_name_exist() {
 
 /// Names of the figures between markers, and whether each marker has its end in the same line.
 fn figures(text: &str) -> Vec<(String, bool)> {
-    let begun = text.lines().flat_map(|line| line.split("<!--figure:").skip(1));
+    let begun = text
+        .lines()
+        .flat_map(|line| line.split("<!--figure:").skip(1));
     begun
         .map(|rest| {
             let (name, content) = rest.split_once("-->").unwrap_or((rest, ""));
-            (name.to_owned(), content.contains("<!--end-->") && !content.starts_with('?'))
+            (
+                name.to_owned(),
+                content.contains("<!--end-->") && !content.starts_with('?'),
+            )
         })
         .collect()
 }
@@ -60,18 +88,38 @@ fn figures(text: &str) -> Vec<(String, bool)> {
 #[test]
 fn every_figure_of_the_pages_has_a_command() {
     let script = Path::new(ROOT).join("tests/validation/figures.py");
-    let names = Command::new("python3").arg(script).arg("--names").output().unwrap();
-    let names: Vec<String> = String::from_utf8(names.stdout).unwrap().lines().map(str::to_owned).collect();
+    let names = Command::new("python3")
+        .arg(script)
+        .arg("--names")
+        .output()
+        .unwrap();
+    let names: Vec<String> = String::from_utf8(names.stdout)
+        .unwrap()
+        .lines()
+        .map(str::to_owned)
+        .collect();
     let pages = pages();
-    let all: Vec<_> = pages.iter().flat_map(|(page, text)| figures(text).into_iter().map(move |f| (page, f))).collect();
+    let all: Vec<_> = pages
+        .iter()
+        .flat_map(|(page, text)| figures(text).into_iter().map(move |f| (page, f)))
+        .collect();
     let wrong: Vec<String> = all
         .iter()
         .filter(|(_, (name, ended))| !ended || !names.contains(name))
-        .map(|(page, (name, _))| format!("{page}: {name} is not written, or no figure of tests/validation/figures.py"))
+        .map(|(page, (name, _))| {
+            format!("{page}: {name} is not written, or no figure of tests/validation/figures.py")
+        })
         .collect();
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
-    let unused: Vec<&String> = names.iter().filter(|name| !all.iter().any(|(_, (used, _))| used == *name)).collect();
-    assert!(unused.is_empty() && names.len() > 50, "figures that no page shows: {unused:?} of {}", names.len());
+    let unused: Vec<&String> = names
+        .iter()
+        .filter(|name| !all.iter().any(|(_, (used, _))| used == *name))
+        .collect();
+    assert!(
+        unused.is_empty() && names.len() > 50,
+        "figures that no page shows: {unused:?} of {}",
+        names.len()
+    );
     assert_eq!(
         figures("| <!--figure:a-->1<!--end--> | <!--figure:b-->?<!--end--> |"),
         [("a".to_owned(), true), ("b".to_owned(), false)]
@@ -91,7 +139,10 @@ fn names_of_tests(binary: Option<&str>) -> String {
             if path.is_dir() {
                 folders.push(path);
             } else if path.extension().is_some_and(|e| e == "rs") {
-                text.push_str(&format!("mod {}\n", path.file_stem().unwrap().to_string_lossy()));
+                text.push_str(&format!(
+                    "mod {}\n",
+                    path.file_stem().unwrap().to_string_lossy()
+                ));
                 text.push_str(&std::fs::read_to_string(path).unwrap());
             }
         }
@@ -104,7 +155,9 @@ fn missing(line: &str, makefile: &str) -> Option<String> {
     let words: Vec<&str> = line.split_whitespace().collect();
     match words.as_slice() {
         ["make", target, ..] if target.chars().all(|c| c.is_ascii_lowercase() || c == '-') => {
-            let known = makefile.lines().any(|l| l.starts_with(&format!("{target}:")));
+            let known = makefile
+                .lines()
+                .any(|l| l.starts_with(&format!("{target}:")));
             (!known).then(|| "no such target".to_owned())
         }
         ["cargo", "test", rest @ ..] => {
@@ -116,10 +169,14 @@ fn missing(line: &str, makefile: &str) -> Option<String> {
                 let mut heads = names.lines().map(str::trim_start);
                 heads.any(|l| (l.starts_with("fn ") || l.starts_with("mod ")) && l.contains(part))
             };
-            let unknown = filter.split("::").find(|part| !part.is_empty() && !known(part));
+            let unknown = filter
+                .split("::")
+                .find(|part| !part.is_empty() && !known(part));
             unknown.map(|part| format!("no test is called {part}"))
         }
-        ["python3", script, ..] | [script, ..] if script.ends_with(".py") && script.contains('/') => {
+        ["python3", script, ..] | [script, ..]
+            if script.ends_with(".py") && script.contains('/') =>
+        {
             (!Path::new(ROOT).join(script).exists()).then(|| "no such file".to_owned())
         }
         _ => None,
@@ -132,7 +189,11 @@ fn tests_and_targets_that_the_pages_name_exist() {
     let mut wrong = vec![];
     for (page, text) in pages() {
         let lines = code(&text).into_iter();
-        wrong.extend(lines.filter_map(|l| missing(&l, &makefile).map(|what| format!("{page}: `{l}`: {what}"))));
+        wrong.extend(
+            lines.filter_map(|l| {
+                missing(&l, &makefile).map(|what| format!("{page}: `{l}`: {what}"))
+            }),
+        );
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }

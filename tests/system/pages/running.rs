@@ -10,15 +10,27 @@ const COMMAND: &str = "120";
 const ANSWER: Duration = Duration::from_secs(60);
 
 fn in_shell(folder: &Path, program: &str, arguments: &[&str]) -> Command {
-    let binaries = Path::new(env!("CARGO_BIN_EXE_wingd")).parent().unwrap().to_owned();
+    let binaries = Path::new(env!("CARGO_BIN_EXE_wingd"))
+        .parent()
+        .unwrap()
+        .to_owned();
     let path = format!("{}:{}", binaries.display(), std::env::var("PATH").unwrap());
     let mut command = Command::new(program);
-    command.args(arguments).current_dir(folder).env("PATH", path);
+    command
+        .args(arguments)
+        .current_dir(folder)
+        .env("PATH", path);
     command
 }
 
 pub fn shell(folder: &Path, script: &str) -> Output {
-    in_shell(folder, "timeout", &[COMMAND, "sh", "-e", "-u", "-c", script]).output().unwrap()
+    in_shell(
+        folder,
+        "timeout",
+        &[COMMAND, "sh", "-e", "-u", "-c", script],
+    )
+    .output()
+    .unwrap()
 }
 
 /// A background program that runs until it is dropped.
@@ -26,7 +38,11 @@ pub struct Running(Child);
 
 impl Running {
     pub fn start(folder: &Path, line: &str) -> Self {
-        Self(in_shell(folder, "sh", &["-c", &format!("exec {line}")]).spawn().unwrap())
+        Self(
+            in_shell(folder, "sh", &["-c", &format!("exec {line}")])
+                .spawn()
+                .unwrap(),
+        )
     }
 
     /// Started, and a program listens at the port.
@@ -38,8 +54,14 @@ impl Running {
 
     /// As `systemctl stop` does.
     pub fn stop(mut self) {
-        let killed = Command::new("kill").arg(self.0.id().to_string()).status().unwrap();
-        assert!(killed.success() && self.0.wait().unwrap().success(), "ends with success on a signal");
+        let killed = Command::new("kill")
+            .arg(self.0.id().to_string())
+            .status()
+            .unwrap();
+        assert!(
+            killed.success() && self.0.wait().unwrap().success(),
+            "ends with success on a signal"
+        );
     }
 }
 
@@ -60,7 +82,11 @@ pub fn wait(what: &str, done: impl Fn() -> bool) {
 
 /// A port of the loopback interface that was free a moment ago.
 pub fn free_port() -> u16 {
-    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+    TcpListener::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap()
+        .port()
 }
 
 pub fn copied(from: &Path, to: &Path) {

@@ -59,11 +59,21 @@ fn change(rng: &mut StdRng, kind: Kind) -> (String, Meaning) {
                 *cell = format!("\"{cell}\"");
             }
         }),
-        2 => table.iter_mut().flatten().for_each(|cell| *cell = format!(" {cell} ")),
+        2 => table
+            .iter_mut()
+            .flatten()
+            .for_each(|cell| *cell = format!(" {cell} ")),
         // If columns have no names, an extra one cannot be detected.
         3 if kind != Kind::Iwg1 => {
             for (k, row) in table.iter_mut().enumerate() {
-                row.insert(column, if k == 0 { "other".into() } else { "\"a, \"\"b\"\"\"".into() });
+                row.insert(
+                    column,
+                    if k == 0 {
+                        "other".into()
+                    } else {
+                        "\"a, \"\"b\"\"\"".into()
+                    },
+                );
             }
         }
         4 => table[0][column].push('x'),
@@ -76,8 +86,12 @@ fn change(rng: &mut StdRng, kind: Kind) -> (String, Meaning) {
         8 => drop(table[row].remove(column)),
         9 => table[row].insert(column, ["", "1.5", "x"].choose(rng).unwrap().to_string()),
         10 => {
-            table[row][column] =
-                ["nan", "inf", "NCD", "", "1,5", "1e400", "-", "\"1\"2", "\"1"].choose(rng).unwrap().to_string()
+            table[row][column] = [
+                "nan", "inf", "NCD", "", "1,5", "1e400", "-", "\"1\"2", "\"1",
+            ]
+            .choose(rng)
+            .unwrap()
+            .to_string()
         }
         11 => {
             let factor = *[1e3, 1e-3, 0.3048, 25.4].choose(rng).unwrap();
@@ -110,7 +124,11 @@ fn change(rng: &mut StdRng, kind: Kind) -> (String, Meaning) {
 fn change_text(rng: &mut StdRng, kind: Kind, kind_of_change: i32, mut text: String) -> String {
     match kind_of_change {
         14 if !kind.is_aircraft() => {
-            let at = text.match_indices('\n').map(|(at, _)| at + 1).choose(rng).unwrap();
+            let at = text
+                .match_indices('\n')
+                .map(|(at, _)| at + 1)
+                .choose(rng)
+                .unwrap();
             text.insert_str(at, "# id,x_m: before the survey was repeated\n\n");
         }
         14 => text = text.replace('\n', "\r\n"),
@@ -130,46 +148,78 @@ fn change_text(rng: &mut StdRng, kind: Kind, kind_of_change: i32, mut text: Stri
 }
 
 /// The program's reading.
-fn program(kind: Kind, directory: &Path, text: &str, installation: &Installation) -> Result<Rows, String> {
-    let printed =
-        |faults: Vec<wingd::installation::Fault>| faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
+fn program(
+    kind: Kind,
+    directory: &Path,
+    text: &str,
+    installation: &Installation,
+) -> Result<Rows, String> {
+    let printed = |faults: Vec<wingd::installation::Fault>| {
+        faults
+            .iter()
+            .map(ToString::to_string)
+            .collect::<Vec<_>>()
+            .join("\n")
+    };
     let file = directory.join("table.csv");
     std::fs::write(&file, text).unwrap();
     let number = |v: f64| Read::Number(v);
     match kind {
         Kind::Survey | Kind::Ties => {
-            let name = if kind == Kind::Survey { "survey.csv" } else { "ties.csv" };
+            let name = if kind == Kind::Survey {
+                "survey.csv"
+            } else {
+                "ties.csv"
+            };
             let sound = std::fs::read(fixture("dev/installation/survey.csv")).unwrap();
             std::fs::write(directory.join("survey.csv"), sound).unwrap();
             std::fs::write(directory.join(name), text).unwrap();
-            let Installation { setup, cad_model, .. } = load(directory).map_err(printed)?;
+            let Installation {
+                setup, cad_model, ..
+            } = load(directory).map_err(printed)?;
             Ok(if kind == Kind::Survey {
                 let marker = |m: &wingd::measure::setup::SurveyMarker| {
                     let p = m.position_m;
-                    [m.diameter_m, p.x, p.y, p.z, m.sigma_m].map(number).into_iter()
+                    [m.diameter_m, p.x, p.y, p.z, m.sigma_m]
+                        .map(number)
+                        .into_iter()
                 };
                 setup
                     .markers
                     .iter()
-                    .map(|m| [Read::Text(m.id.clone())].into_iter().chain(marker(m)).collect())
+                    .map(|m| {
+                        [Read::Text(m.id.clone())]
+                            .into_iter()
+                            .chain(marker(m))
+                            .collect()
+                    })
                     .collect()
             } else {
                 let ties = cad_model.unwrap();
                 let tie = |(id, t): (&String, &wingd::measure::geometry::PointPair)| {
-                    let all = t.source_m.iter().chain(t.target_m.iter()).copied().map(number);
+                    let all = t
+                        .source_m
+                        .iter()
+                        .chain(t.target_m.iter())
+                        .copied()
+                        .map(number);
                     [Read::Text(id.clone())].into_iter().chain(all).collect()
                 };
                 ties.ids.iter().zip(&ties.points).map(tie).collect()
             })
         }
         Kind::Stiffness => {
-            let row =
-                |s: &wingd::measure::setup::StiffnessSection| [s.s_m, s.ei_n_m2, s.sigma_ei_n_m2].map(number).to_vec();
-            read_stiffness(&file).map(|all| all.iter().map(row).collect()).map_err(printed)
+            let row = |s: &wingd::measure::setup::StiffnessSection| {
+                [s.s_m, s.ei_n_m2, s.sigma_ei_n_m2].map(number).to_vec()
+            };
+            read_stiffness(&file)
+                .map(|all| all.iter().map(row).collect())
+                .map_err(printed)
         }
-        Kind::Mountings => {
-            Ok(mountings(&read_mountings(&file).map_err(printed)?, read_strictly(kind, text).unwrap_or_default()))
-        }
+        Kind::Mountings => Ok(mountings(
+            &read_mountings(&file).map_err(printed)?,
+            read_strictly(kind, text).unwrap_or_default(),
+        )),
         Kind::Observations => {
             let setup = &installation.setup;
             let row = |o: &wingd::installation::ManualObservation| {
@@ -179,15 +229,23 @@ fn program(kind: Kind, directory: &Path, text: &str, installation: &Installation
                 let sigma = o.place.map(|p| p.covariance_px2[(0, 0)].sqrt());
                 vec![id, cell(u), cell(v), cell(sigma)]
             };
-            read_observations(&file, setup).map(|all| all.iter().map(row).collect()).map_err(printed)
+            read_observations(&file, setup)
+                .map(|all| all.iter().map(row).collect())
+                .map_err(printed)
         }
         Kind::Corners => {
             let pictures = read_corners(&file).map_err(printed)?;
             let row = |image: &str, p: &wingd::measure::calibrate::BoardPoint| {
                 let values = [p.board_m.x, p.board_m.y, p.pixel.x, p.pixel.y].map(number);
-                [Read::Text(image.into())].into_iter().chain(values).collect::<Vec<Read>>()
+                [Read::Text(image.into())]
+                    .into_iter()
+                    .chain(values)
+                    .collect::<Vec<Read>>()
             };
-            Ok(pictures.iter().flat_map(|c| c.view.iter().map(|p| row(&c.image, p))).collect())
+            Ok(pictures
+                .iter()
+                .flat_map(|c| c.view.iter().map(|p| row(&c.image, p)))
+                .collect())
         }
         Kind::Aircraft | Kind::Units | Kind::Iwg1 => aircraft(kind, text),
     }
@@ -198,13 +256,21 @@ fn mountings(found: &wingd::installation::Mountings, rows: Rows) -> Rows {
     let mut numbers: Vec<String> = vec![];
     // The program numbers mountings; their names are those of the strict reading at equal numbers.
     let named = |row: Vec<Read>| {
-        let [Read::Text(image), Read::Text(name)] = &row[..] else { return row };
+        let [Read::Text(image), Read::Text(name)] = &row[..] else {
+            return row;
+        };
         if !numbers.contains(name) && name != "ground" {
             numbers.push(name.clone());
         }
-        let expected = numbers.iter().position(|n| n == name).map_or(Mounting::Ground, Mounting::Numbered);
+        let expected = numbers
+            .iter()
+            .position(|n| n == name)
+            .map_or(Mounting::Ground, Mounting::Numbered);
         let same = found.find(image) == Some(expected);
-        vec![Read::Text(image.clone()), Read::Text(if same { name.clone() } else { "another".into() })]
+        vec![
+            Read::Text(image.clone()),
+            Read::Text(if same { name.clone() } else { "another".into() }),
+        ]
     };
     rows.into_iter().map(named).collect()
 }
@@ -217,17 +283,25 @@ fn aircraft(kind: Kind, text: &str) -> Result<Rows, String> {
          [[column]]\nname = 'MACH'\nquantity = 'mach'\n"
     })
     .unwrap();
-    let table = AircraftTable::parse(&mapping, &text.replace("\r\n", "\n")).map_err(|e| e.to_string())?;
-    if let Some(word) = table.remarks.iter().find(|remark| remark.contains("before the header")) {
+    let table =
+        AircraftTable::parse(&mapping, &text.replace("\r\n", "\n")).map_err(|e| e.to_string())?;
+    if let Some(word) = table
+        .remarks
+        .iter()
+        .find(|remark| remark.contains("before the header"))
+    {
         return Err(word.clone());
     }
-    let places =
-        [Quantity::PressureAltitudeM, Quantity::Mach].map(|q| Quantity::ALL.iter().position(|a| *a == q).unwrap());
+    let places = [Quantity::PressureAltitudeM, Quantity::Mach]
+        .map(|q| Quantity::ALL.iter().position(|a| *a == q).unwrap());
     let row = |line: &str| {
         let sample = table.layout.read(line);
         let cell = |value: Option<f64>| value.map_or(Read::Text(String::new()), Read::Number);
         let values = places.map(|k| cell(sample.and_then(|s| s.values[k])));
-        [cell(sample.map(|s| s.time_s))].into_iter().chain(values).collect()
+        [cell(sample.map(|s| s.time_s))]
+            .into_iter()
+            .chain(values)
+            .collect()
     };
     Ok(table.lines.iter().map(|(_, line)| row(line)).collect())
 }
@@ -247,7 +321,12 @@ fn agrees(kind: Kind, read: &Rows, strict: &Rows) -> bool {
         return read == strict;
     }
     // Lines without a time contain nothing, and a row of units is omitted: both are reported.
-    let timed = |rows: &Rows| rows.iter().filter(|row| matches!(row[0], Read::Number(_))).cloned().collect::<Rows>();
+    let timed = |rows: &Rows| {
+        rows.iter()
+            .filter(|row| matches!(row[0], Read::Number(_)))
+            .cloned()
+            .collect::<Rows>()
+    };
     timed(read) == timed(strict)
 }
 
@@ -259,7 +338,11 @@ fn installation(directory: &Path) -> Installation {
     let text = std::fs::read_to_string(&main).unwrap();
     assert!(!text.contains("[cad]"));
     std::fs::write(&main, format!("{text}\n[cad]\ntie_points = \"ties.csv\"\n")).unwrap();
-    let ties: String = Kind::Ties.sound_rows().iter().map(|row| row.join(",") + "\n").collect();
+    let ties: String = Kind::Ties
+        .sound_rows()
+        .iter()
+        .map(|row| row.join(",") + "\n")
+        .collect();
     std::fs::write(directory.join("ties.csv"), ties).unwrap();
     load(directory).unwrap()
 }
@@ -271,7 +354,11 @@ fn a_changed_table_never_silently_gives_another_value() {
     let mut failures = vec![];
     for kind in KINDS {
         let (mut refused, mut same_as_before) = (0, 0);
-        let sound: String = kind.sound_rows().iter().map(|row| row.join(",") + "\n").collect();
+        let sound: String = kind
+            .sound_rows()
+            .iter()
+            .map(|row| row.join(",") + "\n")
+            .collect();
         let before = read_strictly(kind, &sound).unwrap();
         for seed in first_seed()..first_seed() + CHANGES {
             let mut rng = StdRng::seed_from_u64(seed);
@@ -279,7 +366,8 @@ fn a_changed_table_never_silently_gives_another_value() {
             let read = program(kind, directory.path(), &text, &installation);
             let (read, expected) = (&read, read_strictly(kind, &text));
             refused += usize::from(read.is_err());
-            same_as_before += usize::from(read.as_ref().is_ok_and(|rows| agrees(kind, rows, &before)));
+            same_as_before +=
+                usize::from(read.as_ref().is_ok_and(|rows| agrees(kind, rows, &before)));
             let wrong = match (read, &expected, meaning) {
                 (Err(_), ..) => meaning == Meaning::None,
                 (Ok(_), _, Meaning::Contradiction) => true,
@@ -293,11 +381,17 @@ fn a_changed_table_never_silently_gives_another_value() {
                 failures.push((kind, seed));
             }
         }
-        let undo: String = kind.sound_rows().iter().map(|row| row.join(",") + "\n").collect();
+        let undo: String = kind
+            .sound_rows()
+            .iter()
+            .map(|row| row.join(",") + "\n")
+            .collect();
         if kind == Kind::Ties {
             std::fs::write(directory.path().join("ties.csv"), undo).unwrap();
         }
-        eprintln!("{kind:?}: {CHANGES} changes, {refused} refused, {same_as_before} read as before");
+        eprintln!(
+            "{kind:?}: {CHANGES} changes, {refused} refused, {same_as_before} read as before"
+        );
     }
     assert!(failures.is_empty(), "{failures:?}");
 }

@@ -42,9 +42,14 @@ impl Kind {
     /// Columns that are read, numbers marked.
     pub fn columns(self) -> &'static [(&'static str, bool)] {
         match self {
-            Self::Survey => {
-                &[("id", false), ("diameter_m", true), ("x_m", true), ("y_m", true), ("z_m", true), ("sigma_m", true)]
-            }
+            Self::Survey => &[
+                ("id", false),
+                ("diameter_m", true),
+                ("x_m", true),
+                ("y_m", true),
+                ("z_m", true),
+                ("sigma_m", true),
+            ],
             Self::Ties => &[
                 ("id", false),
                 ("x_m", true),
@@ -56,11 +61,22 @@ impl Kind {
             ],
             Self::Stiffness => &[("s_m", true), ("ei_n_m2", true), ("sigma_ei_n_m2", true)],
             Self::Mountings => &[("image", false), ("mounting", false)],
-            Self::Observations => &[("id", false), ("u_px", true), ("v_px", true), ("sigma_px", true)],
-            Self::Corners => {
-                &[("image", false), ("board_x_m", true), ("board_y_m", true), ("u_px", true), ("v_px", true)]
+            Self::Observations => &[
+                ("id", false),
+                ("u_px", true),
+                ("v_px", true),
+                ("sigma_px", true),
+            ],
+            Self::Corners => &[
+                ("image", false),
+                ("board_x_m", true),
+                ("board_y_m", true),
+                ("u_px", true),
+                ("v_px", true),
+            ],
+            Self::Aircraft | Self::Units | Self::Iwg1 => {
+                &[("UTC", true), ("FL", true), ("MACH", true)]
             }
-            Self::Aircraft | Self::Units | Self::Iwg1 => &[("UTC", true), ("FL", true), ("MACH", true)],
         }
     }
 
@@ -74,19 +90,37 @@ impl Kind {
         let rows: Vec<String> = match self {
             Self::Survey => {
                 let text = std::fs::read_to_string(fixture("dev/installation/survey.csv")).unwrap();
-                text.lines().filter(|l| !l.starts_with('#')).map(str::to_owned).collect()
+                text.lines()
+                    .filter(|l| !l.starts_with('#'))
+                    .map(str::to_owned)
+                    .collect()
             }
             Self::Ties => (0..5)
                 .map(|k| (k, k * k, 1.125 + f64::from(k * k % 4)))
-                .map(|(k, s, z)| format!("T{k},{k}.5,{s}.25,{z},{}.5,{}.25,{}", 7 + k, 11 + s, z - 3.0))
+                .map(|(k, s, z)| {
+                    format!(
+                        "T{k},{k}.5,{s}.25,{z},{}.5,{}.25,{}",
+                        7 + k,
+                        11 + s,
+                        z - 3.0
+                    )
+                })
                 .collect(),
-            Self::Stiffness => (0..6).map(|k| format!("{k}.5,{}e8,{}e7", 9 - k, 9 - k)).collect(),
+            Self::Stiffness => (0..6)
+                .map(|k| format!("{k}.5,{}e8,{}e7", 9 - k, 9 - k))
+                .collect(),
             Self::Mountings => (0..6).map(|k| format!("f{k}.jpg,m{}", k / 2)).collect(),
-            Self::Observations => {
-                (1..9).map(|k| format!("M0{k},{}.5,{}.25,0.2{k}", 1000 + 100 * k, 800 + 50 * k)).collect()
-            }
+            Self::Observations => (1..9)
+                .map(|k| format!("M0{k},{}.5,{}.25,0.2{k}", 1000 + 100 * k, 800 + 50 * k))
+                .collect(),
             Self::Corners => (0..8)
-                .map(|k| format!("a.png,1280,960,0.{k},0.2{k},{}.5,{}.25,0.01,0.02,0.1,yes", 100 + 9 * k, 200 + 7 * k))
+                .map(|k| {
+                    format!(
+                        "a.png,1280,960,0.{k},0.2{k},{}.5,{}.25,0.01,0.02,0.1,yes",
+                        100 + 9 * k,
+                        200 + 7 * k
+                    )
+                })
                 .collect(),
             Self::Aircraft | Self::Units => {
                 let units = (self == Self::Units).then(|| "-,FL,-,".to_owned());
@@ -115,14 +149,20 @@ impl Kind {
             Self::Iwg1 => "",
         };
         let header = (!header.is_empty()).then(|| header.to_owned());
-        header.into_iter().chain(rows).map(|line| line.split(',').map(str::to_owned).collect()).collect()
+        header
+            .into_iter()
+            .chain(rows)
+            .map(|line| line.split(',').map(str::to_owned).collect())
+            .collect()
     }
 }
 
 /// Strict RFC 4180, except for blanks around cells; `None` for invalid text.
 fn cells(text: &str, comments: bool) -> Option<Vec<Vec<String>>> {
     let text = text.replace("\r\n", "\n");
-    let kept = text.lines().filter(|line| !(comments && line.trim_start().starts_with('#')));
+    let kept = text
+        .lines()
+        .filter(|line| !(comments && line.trim_start().starts_with('#')));
     let text: String = kept.map(|line| format!("{line}\n")).collect();
     let (mut rows, mut row, mut cell) = (vec![], vec![], String::new());
     let (mut quoted, mut ended) = (false, false);
@@ -159,46 +199,82 @@ pub fn read_strictly(kind: Kind, text: &str) -> Option<Rows> {
     let rows = cells(text, !kind.is_aircraft())?;
     let (header, rows) = rows.split_first()?;
     let place = |name: &str| {
-        let mut found = header.iter().enumerate().filter(|(_, cell)| *cell == name).map(|(k, _)| k);
+        let mut found = header
+            .iter()
+            .enumerate()
+            .filter(|(_, cell)| *cell == name)
+            .map(|(k, _)| k);
         found.next().filter(|_| found.next().is_none())
     };
-    let places: Option<Vec<(usize, bool)>> =
-        kind.columns().iter().map(|(name, number)| Some((place(name)?, *number))).collect();
+    let places: Option<Vec<(usize, bool)>> = kind
+        .columns()
+        .iter()
+        .map(|(name, number)| Some((place(name)?, *number)))
+        .collect();
     let places = places?;
     let one = |row: &Vec<String>| {
-        let many = row.iter().skip(header.len()).any(|cell| !cell.is_empty()) || row.len() < header.len();
+        let many =
+            row.iter().skip(header.len()).any(|cell| !cell.is_empty()) || row.len() < header.len();
         let read = |(k, number): &(usize, bool)| {
             let cell = row.get(*k)?;
             match (number, kind) {
                 (false, _) => Some(Read::Text(cell.clone())),
                 (true, _) if kind.is_aircraft() => Some(aircraft_cell(&header[*k], cell)),
-                (true, _) => cell.parse::<f64>().ok().filter(|v| v.is_finite()).map(Read::Number),
+                (true, _) => cell
+                    .parse::<f64>()
+                    .ok()
+                    .filter(|v| v.is_finite())
+                    .map(Read::Number),
             }
         };
-        if many { None } else { places.iter().map(read).collect::<Option<Vec<Read>>>() }
+        if many {
+            None
+        } else {
+            places.iter().map(read).collect::<Option<Vec<Read>>>()
+        }
     };
     // Truncated lines of aircraft data are omitted.
-    rows.iter().filter(|row| !kind.is_aircraft() || row.len() >= header.len()).map(one).collect()
+    rows.iter()
+        .filter(|row| !kind.is_aircraft() || row.len() >= header.len())
+        .map(one)
+        .collect()
 }
 
 fn is_record(line: &str) -> bool {
-    line.trim_start().trim_start_matches('"').starts_with("IWG1")
+    line.trim_start()
+        .trim_start_matches('"')
+        .starts_with("IWG1")
 }
 
 /// Lines of IWG1 by the positions of its fields, each from its keyword on; lines with another number of fields are omitted.
 fn iwg1(text: &str) -> Rows {
     let width = Kind::Iwg1.sound_rows()[0].len();
-    let quoted = |cell: &'_ str| cell.strip_prefix('"').and_then(|c| c.strip_suffix('"')).map(str::to_owned);
+    let quoted = |cell: &'_ str| {
+        cell.strip_prefix('"')
+            .and_then(|c| c.strip_suffix('"'))
+            .map(str::to_owned)
+    };
     let row = |line: &str| {
-        let cells: Vec<String> =
-            line.split(',').map(|c| quoted(c.trim()).unwrap_or_else(|| c.into()).trim().to_owned()).collect();
+        let cells: Vec<String> = line
+            .split(',')
+            .map(|c| {
+                quoted(c.trim())
+                    .unwrap_or_else(|| c.into())
+                    .trim()
+                    .to_owned()
+            })
+            .collect();
         let sound = cells.len() == width && cells[0] == "IWG1";
         let read = |(k, name): (usize, &str)| aircraft_cell(name, &cells[k]);
         sound.then(|| [(1, "UTC"), (6, "ft"), (11, "MACH")].map(read).to_vec())
     };
     let glued = |line: &str| {
         let (first, rest) = line.split_at(line.len().min(1));
-        if is_record(line) { format!("{first}{}", rest.replace("IWG1,", "\nIWG1,")) } else { line.to_owned() }
+        if is_record(line) {
+            format!("{first}{}", rest.replace("IWG1,", "\nIWG1,"))
+        } else {
+            line.to_owned()
+        }
     };
     let parted: Vec<String> = text.lines().map(glued).collect();
     parted.join("\n").lines().filter_map(row).collect()
@@ -207,7 +283,12 @@ fn iwg1(text: &str) -> Rows {
 /// A cell of the aircraft table: a time, or a value; an invalid one is a text.
 fn aircraft_cell(name: &str, cell: &str) -> Read {
     let utc = |civil: jiff::civil::DateTime| civil.to_zoned(jiff::tz::TimeZone::UTC).ok();
-    let civil = || cell.parse().ok().and_then(utc).map(|zoned| zoned.timestamp());
+    let civil = || {
+        cell.parse()
+            .ok()
+            .and_then(utc)
+            .map(|zoned| zoned.timestamp())
+    };
     let stamp = || {
         let stamp = cell.parse::<jiff::Timestamp>().ok().or_else(civil);
         stamp.map(|t| t.as_microsecond() as f64 * 1e-6)

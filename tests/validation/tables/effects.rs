@@ -22,10 +22,15 @@ fn word(name: &str) -> String {
 impl TableOptions {
     fn new() -> Self {
         let number = |name: &str, usual: f64| word(name).parse().unwrap_or(usual);
-        let frames = Some(word("FRAMES")).filter(|f| !f.is_empty()).unwrap_or("1,5".into());
+        let frames = Some(word("FRAMES"))
+            .filter(|f| !f.is_empty())
+            .unwrap_or("1,5".into());
         Self {
             wings: number("WINGS", 8.0) as usize,
-            frames: frames.split(',').map(|f| f.parse().expect("a number of frames")).collect(),
+            frames: frames
+                .split(',')
+                .map(|f| f.parse().expect("a number of frames"))
+                .collect(),
             times: number("TIMES", 1.0),
             seed: number("SEED", 4000.0) as u64,
         }
@@ -33,7 +38,8 @@ impl TableOptions {
 
     fn set_ups(&self) -> Vec<SetUp> {
         let names = word("SET_UP");
-        let is_selected = |s: &SetUp| names.is_empty() || names.split(',').any(|w| w == format!("{s:?}"));
+        let is_selected =
+            |s: &SetUp| names.is_empty() || names.split(',').any(|w| w == format!("{s:?}"));
         SET_UPS.into_iter().filter(is_selected).collect()
     }
 
@@ -41,7 +47,12 @@ impl TableOptions {
     fn rows(&self) -> impl Iterator<Item = (usize, SetUp, &'static Kind, u64)> + '_ {
         let (set_ups, kinds) = (self.set_ups(), word("KIND"));
         let all = move |set_up| {
-            KINDS.iter().chain(&BUILDS).chain(&CLAIMS).enumerate().map(move |(k, kind)| (set_up, k, kind))
+            KINDS
+                .iter()
+                .chain(&BUILDS)
+                .chain(&CLAIMS)
+                .enumerate()
+                .map(move |(k, kind)| (set_up, k, kind))
         };
         let of = move |frames: usize| {
             let rows = set_ups.clone().into_iter().flat_map(all);
@@ -50,12 +61,17 @@ impl TableOptions {
         let applies = |set_up: SetUp, kind: &Kind| match kind.name {
             name if name.starts_with("fixed targets") => set_up == SetUp::Fixed,
             name if name.starts_with("stayed") => set_up == SetUp::Stayed,
-            name if name.starts_with("1 px stated") || name.starts_with("remounted") => set_up != SetUp::Stayed,
+            name if name.starts_with("1 px stated") || name.starts_with("remounted") => {
+                set_up != SetUp::Stayed
+            }
             _ => true,
         };
-        self.frames.iter().flat_map(move |frames| of(*frames)).filter(move |(_, set_up, kind, _)| {
-            kinds.split('|').any(|k| kind.name.contains(k)) && applies(*set_up, kind)
-        })
+        self.frames
+            .iter()
+            .flat_map(move |frames| of(*frames))
+            .filter(move |(_, set_up, kind, _)| {
+                kinds.split('|').any(|k| kind.name.contains(k)) && applies(*set_up, kind)
+            })
     }
 }
 
@@ -63,15 +79,27 @@ impl TableOptions {
 pub fn print_effects() {
     let asked = TableOptions::new();
     for (frames, set_up, kind, seed) in asked.rows() {
-        let shown = sample_errors(seed, set_up, frames, asked.wings, |rng| (kind.draw)(rng, asked.times)).all;
+        let shown = sample_errors(seed, set_up, frames, asked.wings, |rng| {
+            (kind.draw)(rng, asked.times)
+        })
+        .all;
         println!(
             "{frames:3} {set_up:?}: {}: deflections {:.2?}, twist {:.2}, moment {:.2}, sigmas of the tip {:.1?} mm, errors {:.1?} mm, passed {:.0} %; {}",
             kind.name,
-            shown.deflections.each_ref().map(|deflections| rms(deflections)),
+            shown
+                .deflections
+                .each_ref()
+                .map(|deflections| rms(deflections)),
             rms(&shown.twist),
             rms(&shown.moments),
-            shown.tip_sigmas_m.each_ref().map(|sigmas| 1e3 * median(sigmas)),
-            shown.tip_errors_m.each_ref().map(|errors| 1e3 * rms(errors)),
+            shown
+                .tip_sigmas_m
+                .each_ref()
+                .map(|sigmas| 1e3 * median(sigmas)),
+            shown
+                .tip_errors_m
+                .each_ref()
+                .map(|errors| 1e3 * rms(errors)),
             100.0 * shown.passed.iter().sum::<f64>() / shown.passed.len() as f64,
             shown.budget()
         );
@@ -84,20 +112,38 @@ pub fn print_kinds() {
     let asked = TableOptions::new();
     let mark = |fails: bool| if fails { " !" } else { "" };
     for (frames, set_up, kind, seed) in asked.rows() {
-        let at = |times: f64| sample_errors(seed, set_up, frames, asked.wings, |rng| (kind.draw)(rng, times));
+        let at = |times: f64| {
+            sample_errors(seed, set_up, frames, asked.wings, |rng| {
+                (kind.draw)(rng, times)
+            })
+        };
         let holds = (kind.holds > 0.0).then(|| {
-            let SampledErrors { all, reported_fraction, .. } = at(kind.holds);
+            let SampledErrors {
+                all,
+                reported_fraction,
+                ..
+            } = at(kind.holds);
             let [deflection, twist, moment] = figures(&all);
             let fails = deflection > 1.3 || twist > 1.5 || moment > 1.5;
             let reported_fraction = 100.0 * reported_fraction;
-            format!("{deflection:.2} | {twist:.2} | {moment:.2} | {reported_fraction:.0} %{}", mark(fails))
+            format!(
+                "{deflection:.2} | {twist:.2} | {moment:.2} | {reported_fraction:.0} %{}",
+                mark(fails)
+            )
         });
         let named = (kind.named > 0.0).then(|| {
-            let SampledErrors { unreported, reported_fraction, .. } = at(kind.named);
+            let SampledErrors {
+                unreported,
+                reported_fraction,
+                ..
+            } = at(kind.named);
             let [deflection, twist, moment] = figures(&unreported);
             let fails = [deflection, twist, moment].iter().any(|f| *f > 2.0);
             let reported_fraction = 100.0 * reported_fraction;
-            format!("{deflection:.2} | {twist:.2} | {moment:.2} | {reported_fraction:.0} %{}", mark(fails))
+            format!(
+                "{deflection:.2} | {twist:.2} | {moment:.2} | {reported_fraction:.0} %{}",
+                mark(fails)
+            )
         });
         let none = || " | | | ".to_string();
         println!(
@@ -114,9 +160,16 @@ pub fn print_kinds() {
 pub fn print_live() {
     let asked = TableOptions::new();
     for set_up in asked.set_ups() {
-        for (frame, errors) in CHECKED.iter().zip(&sample_live_errors(asked.seed, set_up, asked.wings)) {
+        for (frame, errors) in
+            CHECKED
+                .iter()
+                .zip(&sample_live_errors(asked.seed, set_up, asked.wings))
+        {
             let [deflection, twist, moment] = figures(errors);
-            println!("| {} | {set_up:?} | {deflection:.2} | {twist:.2} | {moment:.2} |", frame + 1);
+            println!(
+                "| {} | {set_up:?} | {deflection:.2} | {twist:.2} | {moment:.2} |",
+                frame + 1
+            );
         }
     }
 }

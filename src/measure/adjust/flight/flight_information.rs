@@ -25,14 +25,34 @@ pub fn learn_from_flight(
     options: &Options,
 ) -> AdjustResult<FlightContribution> {
     let scene = crate::adjust::scene::WingScene::new(setup, orientation)?;
-    let input = crate::adjust::input::AdjustmentInput { setup, orientation, scene: &scene, options };
+    let input = crate::adjust::input::AdjustmentInput {
+        setup,
+        orientation,
+        scene: &scene,
+        options,
+    };
     let JointSolution { flight, solved, .. } = JointSolution::new(input, frames)?;
-    let SolvedFlight { flight_problem, fit, tested_sum } = &solved;
-    let (omega, redundancy) = tested_sum.map_or((fit.omega, fit.redundancy), |j| (j.omega, j.redundancy));
+    let SolvedFlight {
+        flight_problem,
+        fit,
+        tested_sum,
+    } = &solved;
+    let (omega, redundancy) =
+        tested_sum.map_or((fit.omega, fit.redundancy), |j| (j.omega, j.redundancy));
     let is_other = options.flight_prior.is_some() && !flight.widened.is_empty();
-    if global_test(omega, redundancy, options.global_alpha) == Some(GlobalTest::Rejected) || is_other {
-        let test = if is_other { "the flight contradicts stated widths" } else { "the global test rejects the flight" };
-        let given = if options.flight_prior.is_some() { " given the prior from other flights" } else { "" };
+    if global_test(omega, redundancy, options.global_alpha) == Some(GlobalTest::Rejected)
+        || is_other
+    {
+        let test = if is_other {
+            "the flight contradicts stated widths"
+        } else {
+            "the global test rejects the flight"
+        };
+        let given = if options.flight_prior.is_some() {
+            " given the prior from other flights"
+        } else {
+            ""
+        };
         return Err(AdjustError::Input(format!(
             "{test}{given} (variance factor {:.1}): it contradicts the model or was flown with a changed installation, and \
              was not used",
@@ -45,23 +65,49 @@ pub fn learn_from_flight(
         value: fit.global[*column] - flight_problem.nominal[*column],
         sigma: Some(fit.covariance[(*column, *column)].max(0.0).sqrt()),
     };
-    Ok(FlightContribution { normals, posterior: flight_problem.invariant.iter().map(known).collect() })
+    Ok(FlightContribution {
+        normals,
+        posterior: flight_problem.invariant.iter().map(known).collect(),
+    })
 }
 
-fn reduce_to_invariant_parameters(flight_problem: &FlightProblem, fit: &Fit) -> Option<ReducedNormals> {
+fn reduce_to_invariant_parameters(
+    flight_problem: &FlightProblem,
+    fit: &Fit,
+) -> Option<ReducedNormals> {
     let p = fit.global.len();
     let (mut normal, mut gradient) = (DMatrix::zeros(p, p), DVector::zeros(p));
-    let frames = flight_problem.problem.groups.iter().zip(&fit.groups).take(flight_problem.layouts.len());
+    let frames = flight_problem
+        .problem
+        .groups
+        .iter()
+        .zip(&fit.groups)
+        .take(flight_problem.layouts.len());
     for (group, solved) in frames {
         add_frame_normals(group, solved, &mut normal, &mut gradient)?;
     }
-    let invariant: Vec<usize> = flight_problem.invariant.iter().map(|(_, column)| *column).collect();
-    let flight_own: Vec<usize> = (0..p).filter(|column| !invariant.contains(column)).collect();
-    let is_own = |prior: &&Prior| prior.columns.iter().all(|column| flight_own.contains(column));
+    let invariant: Vec<usize> = flight_problem
+        .invariant
+        .iter()
+        .map(|(_, column)| *column)
+        .collect();
+    let flight_own: Vec<usize> = (0..p)
+        .filter(|column| !invariant.contains(column))
+        .collect();
+    let is_own = |prior: &&Prior| {
+        prior
+            .columns
+            .iter()
+            .all(|column| flight_own.contains(column))
+    };
     for prior in flight_problem.problem.priors.iter().filter(is_own) {
         let weight = prior.covariance.clone().cholesky()?.inverse();
         for (i, row) in prior.columns.iter().enumerate() {
-            prior.columns.iter().enumerate().for_each(|(j, c)| normal[(*row, *c)] += weight[(i, j)]);
+            prior
+                .columns
+                .iter()
+                .enumerate()
+                .for_each(|(j, c)| normal[(*row, *c)] += weight[(i, j)]);
         }
     }
     let of_own = normal.select_columns(&flight_own);
@@ -73,19 +119,36 @@ fn reduce_to_invariant_parameters(flight_problem: &FlightProblem, fit: &Fit) -> 
     // The gradient with respect to the flight's own unknowns is 0 at the solution.
     let value = fit.global.select_rows(&invariant) - flight_problem.nominal.select_rows(&invariant);
     let right = &normal * value - gradient.select_rows(&invariant);
-    let unknowns: Vec<InvariantParameter> = flight_problem.invariant.iter().map(|(invariant, _)| *invariant).collect();
-    Some(ReducedNormals { unknowns, normal, right, sigmas: invariant_sigmas(flight_problem, fit) })
+    let unknowns: Vec<InvariantParameter> = flight_problem
+        .invariant
+        .iter()
+        .map(|(invariant, _)| *invariant)
+        .collect();
+    Some(ReducedNormals {
+        unknowns,
+        normal,
+        right,
+        sigmas: invariant_sigmas(flight_problem, fit),
+    })
 }
 
 /// Standard deviations of the invariant parameters without the flight's images: prior values; for the rotation on the
 /// ground, which only the ground frames determine, the solved values.
 fn invariant_sigmas(flight_problem: &FlightProblem, fit: &Fit) -> DVector<f64> {
-    let mut sigmas = fit.covariance.diagonal().map(|variance| variance.max(f64::MIN_POSITIVE).sqrt());
+    let mut sigmas = fit
+        .covariance
+        .diagonal()
+        .map(|variance| variance.max(f64::MIN_POSITIVE).sqrt());
     for prior in &flight_problem.problem.priors {
         let flight_own = prior.columns.iter().enumerate();
         flight_own.for_each(|(k, column)| sigmas[*column] = prior.covariance[(k, k)].sqrt());
     }
-    let ground = flight_problem.problem.groups.last().into_iter().flat_map(|group| &group.blocks);
+    let ground = flight_problem
+        .problem
+        .groups
+        .last()
+        .into_iter()
+        .flat_map(|group| &group.blocks);
     for (member, block) in flight_problem.ground_members.iter().zip(ground) {
         let of_marker = |(invariant, _): &&(InvariantParameter, usize)| {
             invariant.unknown == Unknown::Survey && invariant.marker == Some(member.marker)
@@ -94,7 +157,11 @@ fn invariant_sigmas(flight_problem: &FlightProblem, fit: &Fit) -> DVector<f64> {
             sigmas[*column] = block.covariance[(invariant.index, invariant.index)].sqrt();
         }
     }
-    let invariant: Vec<usize> = flight_problem.invariant.iter().map(|(_, column)| *column).collect();
+    let invariant: Vec<usize> = flight_problem
+        .invariant
+        .iter()
+        .map(|(_, column)| *column)
+        .collect();
     sigmas.select_rows(&invariant)
 }
 
@@ -115,7 +182,11 @@ pub(super) fn add_frame_normals(
     for prior in &group.priors {
         let weight = prior.covariance.clone().cholesky()?.inverse();
         for (i, row) in prior.columns.iter().enumerate() {
-            prior.columns.iter().enumerate().for_each(|(j, c)| all[(p + row, p + c)] += weight[(i, j)]);
+            prior
+                .columns
+                .iter()
+                .enumerate()
+                .for_each(|(j, c)| all[(p + row, p + c)] += weight[(i, j)]);
         }
     }
     let coupling = all.view((0, p), (p, q)).into_owned();
@@ -136,5 +207,8 @@ fn whiten_block(block: &Block, fit: &BlockFit, p: usize) -> Option<(DMatrix<f64>
     }
     rows.columns_mut(p, lin.local.ncols()).copy_from(&lin.local);
     let open = &lin.misclosure - &lin.observations * &fit.residuals;
-    Some((lower.solve_lower_triangular(&rows)?, lower.solve_lower_triangular(&open)?))
+    Some((
+        lower.solve_lower_triangular(&rows)?,
+        lower.solve_lower_triangular(&open)?,
+    ))
 }

@@ -11,12 +11,16 @@ use crate::adjust::beam::{Bending, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
 use crate::adjust::budget::BlockMembers;
 use crate::adjust::flight_prior::InvariantParameter;
 use crate::adjust::input::AdjustmentInput;
-use crate::adjust::layout::{BlockMember, GroundPositions, MarkerMotions, MountingColumns, ParameterLayout};
+use crate::adjust::layout::{
+    BlockMember, GroundPositions, MarkerMotions, MountingColumns, ParameterLayout,
+};
 use crate::adjust::marker_state::DimensionDerivatives;
 use crate::adjust::scene::WingScene;
 use crate::adjust::term::{ColumnAllocator, ParameterScope, PlacedTerm};
 use crate::adjust::terms::{self, SharedTerms};
-use crate::estimation::{EstimationResult, Fit, GroupPoint, Linearised, Problem, SolveOptions, solve_groups};
+use crate::estimation::{
+    EstimationResult, Fit, GroupPoint, Linearised, Problem, SolveOptions, solve_groups,
+};
 use crate::setup::Thermal;
 use crate::widths::{Unknown, Width};
 
@@ -55,9 +59,22 @@ struct MountingTerms {
 impl MountingTerms {
     fn allocate(input: &AdjustmentInput, stayed: bool, columns: &mut ColumnAllocator) -> Self {
         let first = columns.missing.len();
-        let terms = [vec![terms::mounting_rotation(input, stayed)], terms::mounting_terms(input, stayed)].concat();
-        let placed = terms.into_iter().map(|term| columns.allocate_term(term)).collect();
-        Self { placed, columns: MountingColumns { first, count: columns.missing.len() - first } }
+        let terms = [
+            vec![terms::mounting_rotation(input, stayed)],
+            terms::mounting_terms(input, stayed),
+        ]
+        .concat();
+        let placed = terms
+            .into_iter()
+            .map(|term| columns.allocate_term(term))
+            .collect();
+        Self {
+            placed,
+            columns: MountingColumns {
+                first,
+                count: columns.missing.len() - first,
+            },
+        }
     }
 }
 
@@ -65,18 +82,32 @@ impl MountingTerms {
 /// and not once per frame.
 fn frame_rotation_covariance(flight: &Flight) -> Matrix3<f64> {
     match flight.hyperparameters.mountings.are_assigned() {
-        false => terms::mounting_rotation_prior(&flight.input).covariance.fixed_view::<3, 3>(0, 0).into_owned(),
-        true => flight.hyperparameters.drift_covariance(&flight.input.scene.camera_from_wing),
+        false => terms::mounting_rotation_prior(&flight.input)
+            .covariance
+            .fixed_view::<3, 3>(0, 0)
+            .into_owned(),
+        true => flight
+            .hyperparameters
+            .drift_covariance(&flight.input.scene.camera_from_wing),
     }
 }
 
 /// Derivatives of a frame's marker positions with respect to the estimated dimensions, if other frames help to determine
 /// its twist; see
 /// [`FlightHyperparameters::smoothed_bending`](super::hyperparameters::FlightHyperparameters::smoothed_bending).
-fn dimension_derivatives(flight: &Flight, frame: usize, scale: f64) -> Option<Arc<DimensionDerivatives>> {
+fn dimension_derivatives(
+    flight: &Flight,
+    frame: usize,
+    scale: f64,
+) -> Option<Arc<DimensionDerivatives>> {
     let smoothed = flight.hyperparameters.smoothed_bending(frame)?;
     let (curvature_per_m, twist_rad) = (&smoothed.curvature_per_m[..], &smoothed.twist_rad[..]);
-    let bending = Bending { curvature_per_m, twist_rad, scale, ..Bending::UNBENT };
+    let bending = Bending {
+        curvature_per_m,
+        twist_rad,
+        scale,
+        ..Bending::UNBENT
+    };
     Some(Arc::new(flight.input.scene.dimension_derivatives(&bending)))
 }
 
@@ -96,24 +127,38 @@ struct FlightUnknowns {
 impl FlightUnknowns {
     fn allocate(flight: &Flight) -> Self {
         let (input, mountings) = (&flight.input, &flight.hyperparameters.mountings);
-        let curvature_terms =
-            input.options.curvature_terms.map_or(DEFAULT_CURVATURE_TERMS, |t| t.clamp(2, MAX_CURVATURE_TERMS));
+        let curvature_terms = input
+            .options
+            .curvature_terms
+            .map_or(DEFAULT_CURVATURE_TERMS, |t| t.clamp(2, MAX_CURVATURE_TERMS));
         let mut columns = ColumnAllocator::global(&flight.widened);
         let mut shared = terms::allocate_shared_terms(input, &mut columns);
-        shared.placed.extend(terms::flight_terms(input).into_iter().map(|term| columns.allocate_term(term)));
+        shared.placed.extend(
+            terms::flight_terms(input)
+                .into_iter()
+                .map(|term| columns.allocate_term(term)),
+        );
         let displacement = flight.common_displacement.as_ref().map(|displacement| {
             let first = columns.missing.len();
-            shared.placed.push(columns.allocate_term(displacement.term(input)));
+            shared
+                .placed
+                .push(columns.allocate_term(displacement.term(input)));
             first
         });
         let head = columns.missing.len();
         let constant_m = input.setup.uncertainty[Width::ConstantBend];
         let constant_per_m = constant_m / input.scene.ground.axis.length_m.powi(2);
         let shape = ShapeColumns::allocate(&mut columns, curvature_terms, constant_per_m);
-        let allocate = |mounting| MountingTerms::allocate(input, mountings.is_ground_mounting(mounting), &mut columns);
+        let allocate = |mounting| {
+            MountingTerms::allocate(input, mountings.is_ground_mounting(mounting), &mut columns)
+        };
         let mountings = (0..mountings.count()).map(allocate).collect();
         let survey = columns.allocate(3 * input.setup.markers.len(), MISSING_GROUND);
-        let motions = Arc::new(MarkerMotions::allocate(input, &flight.prior_scales, &mut columns));
+        let motions = Arc::new(MarkerMotions::allocate(
+            input,
+            &flight.prior_scales,
+            &mut columns,
+        ));
         Self {
             columns,
             shared,
@@ -137,21 +182,32 @@ impl FlightUnknowns {
         ];
         let others = terms::frame_terms(input, &flight.frames[frame], &flight.prior_scales, true);
         let mut local = ColumnAllocator::local();
-        own.into_iter().chain(others).map(|term| local.allocate_term(term)).collect()
+        own.into_iter()
+            .chain(others)
+            .map(|term| local.allocate_term(term))
+            .collect()
     }
 
     fn frame_layout(&self, flight: &Flight, frame: usize) -> ParameterLayout {
         let mounting = &self.mountings[flight.hyperparameters.mountings.mounting_of_frame(frame)];
         let own = self.frame_terms(flight, frame);
         let [curvature, twist, rotation] = [0, 1, 2].map(|k| &own[k]);
-        let expected_scale = flight.input.setup.thermal.as_ref().map_or(1.0, Thermal::scale);
+        let expected_scale = flight
+            .input
+            .setup
+            .thermal
+            .as_ref()
+            .map_or(1.0, Thermal::scale);
         ParameterLayout {
             terms: [&own[..], &mounting.placed, &self.shared.placed].concat(),
             curvature: curvature.scope,
             curvature_terms: curvature.term.size,
             twist: twist.scope,
             twist_terms: twist.term.size,
-            rotation: vec![rotation.scope, ParameterScope::Global(mounting.columns.first)],
+            rotation: vec![
+                rotation.scope,
+                ParameterScope::Global(mounting.columns.first),
+            ],
             axis_height: self.shared.axis_height,
             expected_scale,
             ground_positions: GroundPositions::Global(self.survey),
@@ -168,7 +224,16 @@ impl FlightUnknowns {
     fn invariant_parameters(&self, input: &AdjustmentInput) -> Vec<(InvariantParameter, usize)> {
         let mut all = vec![];
         let mut add = |unknown: Unknown, marker, first: usize, count: usize| {
-            all.extend((0..count).map(|index| (InvariantParameter { unknown, index, marker }, first + index)));
+            all.extend((0..count).map(|index| {
+                (
+                    InvariantParameter {
+                        unknown,
+                        index,
+                        marker,
+                    },
+                    first + index,
+                )
+            }));
         };
         for PlacedTerm { term, scope } in &self.shared.placed {
             if let ParameterScope::Global(first) = scope
@@ -177,11 +242,20 @@ impl FlightUnknowns {
                 add(term.unknown, None, *first, term.size);
             }
         }
-        add(Unknown::Shape, None, self.shape.ratios, self.shape.changes - self.shape.ratios);
+        add(
+            Unknown::Shape,
+            None,
+            self.shape.ratios,
+            self.shape.changes - self.shape.ratios,
+        );
         for (marker, surveyed) in input.setup.markers.iter().enumerate() {
             let moves = self.motions.columns(marker);
             add(Unknown::Survey, Some(marker), self.survey + 3 * marker, 3);
-            let motion = if surveyed.fixed { Unknown::FixedTargetMotion } else { Unknown::SkinMotion };
+            let motion = if surveyed.fixed {
+                Unknown::FixedTargetMotion
+            } else {
+                Unknown::SkinMotion
+            };
             add(motion, Some(marker), moves.start, moves.len());
         }
         all
@@ -192,7 +266,9 @@ impl FlightUnknowns {
         let mut nominal = DVector::zeros(self.columns.missing.len());
         self.shape.set_start(&mut nominal);
         for (k, station) in input.scene.ground.stations.iter().enumerate() {
-            nominal.rows_mut(self.survey + 3 * k, 3).copy_from(&station.surveyed_m);
+            nominal
+                .rows_mut(self.survey + 3 * k, 3)
+                .copy_from(&station.surveyed_m);
         }
         nominal
     }
@@ -202,11 +278,15 @@ impl FlightUnknowns {
         let mut start = self.nominal_values(&flight.input);
         let Some(fit) = from else { return start };
         let (shared, surveyed) = (self.shape.end_column(), start.len() - self.survey);
-        start.rows_mut(0, shared).copy_from(&fit.global.rows(0, shared));
+        start
+            .rows_mut(0, shared)
+            .copy_from(&fit.global.rows(0, shared));
         for (mounting, MountingTerms { columns, .. }) in self.mountings.iter().enumerate() {
             let mean = flight.hyperparameters.mounting_mean(mounting);
             let known = columns.count.min(mean.len());
-            start.rows_mut(columns.first, known).copy_from(&mean.rows(0, known));
+            start
+                .rows_mut(columns.first, known)
+                .copy_from(&mean.rows(0, known));
         }
         let old = fit.global.rows(fit.global.len() - surveyed, surveyed);
         start.rows_mut(self.survey, surveyed).copy_from(&old);
@@ -218,20 +298,43 @@ impl FlightProblem {
     /// Prepares a flight, starting from an earlier solution if there is one.
     pub fn new(flight: &Flight, from: Option<&Fit>) -> Self {
         let unknowns = FlightUnknowns::allocate(flight);
-        let layouts: Vec<_> = (0..flight.frames.len()).map(|f| unknowns.frame_layout(flight, f)).collect();
-        let frames = layouts.iter().enumerate().map(|(frame, layout)| flight.frame_group(frame, layout, from));
+        let layouts: Vec<_> = (0..flight.frames.len())
+            .map(|f| unknowns.frame_layout(flight, f))
+            .collect();
+        let frames = layouts
+            .iter()
+            .enumerate()
+            .map(|(frame, layout)| flight.frame_group(frame, layout, from));
         let (mut groups, members): (Vec<_>, Vec<_>) = frames.unzip();
         let (ground, ground_members) = flight.ground_group();
         groups.push(ground);
         let start = unknowns.start_values(flight, from);
-        let (invariant, nominal) =
-            (unknowns.invariant_parameters(&flight.input), unknowns.nominal_values(&flight.input));
-        let (displacement, prior) = (unknowns.displacement_column, flight.input.options.flight_prior.as_deref());
+        let (invariant, nominal) = (
+            unknowns.invariant_parameters(&flight.input),
+            unknowns.nominal_values(&flight.input),
+        );
+        let (displacement, prior) = (
+            unknowns.displacement_column,
+            flight.input.options.flight_prior.as_deref(),
+        );
         let known = prior.and_then(|prior| prior.information_prior(&invariant, &nominal));
         let axis = &flight.input.scene.ground.axis;
-        let shape = SharedShape::new(unknowns.shape, &flight.hyperparameters, axis, from.is_none());
-        let ColumnAllocator { missing, priors, .. } = unknowns.columns;
-        let problem = Problem { start, missing, priors, known, groups };
+        let shape = SharedShape::new(
+            unknowns.shape,
+            &flight.hyperparameters,
+            axis,
+            from.is_none(),
+        );
+        let ColumnAllocator {
+            missing, priors, ..
+        } = unknowns.columns;
+        let problem = Problem {
+            start,
+            missing,
+            priors,
+            known,
+            groups,
+        };
         let ground = layouts.first().map(ParameterLayout::ground_layout);
         Self {
             layouts,
@@ -248,21 +351,34 @@ impl FlightProblem {
 
     /// Members of the blocks.
     pub fn block_members(&self) -> BlockMembers<'_> {
-        BlockMembers { members: &self.members, ground: &self.ground_members }
+        BlockMembers {
+            members: &self.members,
+            ground: &self.ground_members,
+        }
     }
 
-    fn linearise(&self, scene: &WingScene, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> EstimationResult<()> {
+    fn linearise(
+        &self,
+        scene: &WingScene,
+        at: &GroupPoint,
+        blocks: &mut Vec<Linearised>,
+    ) -> EstimationResult<()> {
         let (layout, members) = match (self.layouts.get(at.group), &self.ground) {
             (Some(layout), _) => (layout, &self.members[at.group]),
-            (None, Some(layout)) => return layout.linearise(scene, &self.ground_members, at, blocks),
+            (None, Some(layout)) => {
+                return layout.linearise(scene, &self.ground_members, at, blocks);
+            }
             (None, None) => return Ok(()),
         };
         layout.linearise(scene, members, at, blocks)?;
-        let Some(departure) = at.observed.last() else { return Ok(()) };
+        let Some(departure) = at.observed.last() else {
+            return Ok(());
+        };
         if blocks.len() == members.len() {
             blocks.push(self.shape.empty_conditions(layout));
         }
-        self.shape.linearise(layout, at, departure, &mut blocks[members.len()]);
+        self.shape
+            .linearise(layout, at, departure, &mut blocks[members.len()]);
         Ok(())
     }
 
@@ -271,6 +387,8 @@ impl FlightProblem {
     /// # Errors
     /// Returns an error if the conditions cannot be evaluated or the normal equations are singular.
     pub fn solve(&self, scene: &WingScene, solve_options: &SolveOptions) -> EstimationResult<Fit> {
-        solve_groups(&self.problem, solve_options, |at, blocks| self.linearise(scene, at, blocks))
+        solve_groups(&self.problem, solve_options, |at, blocks| {
+            self.linearise(scene, at, blocks)
+        })
     }
 }

@@ -26,46 +26,95 @@ pub fn frame_solution(
     mut remarks: Vec<String>,
     sources: &VarianceSources,
 ) -> Solution {
-    let SolvedFlight { flight_problem, fit, .. } = solved;
+    let SolvedFlight {
+        flight_problem,
+        fit,
+        ..
+    } = solved;
     let outcome = solved.frame_outcome(&flight.input, frame);
-    let of_frame = removed.iter().filter(|r| r.group == frame || r.suspect.target == SuspectTarget::Survey);
+    let of_frame = removed
+        .iter()
+        .filter(|r| r.group == frame || r.suspect.target == SuspectTarget::Survey);
     let mut solution = outcome.solution(of_frame.map(|r| &r.suspect), sources);
     if of_flight {
-        let unmeasured = |name, value| Parameter { name, values: vec![Estimate { value, sigma: None }] };
-        solution.parameters.push(unmeasured("shape_departure", flight.hyperparameters.departure));
-        solution.parameters.push(unmeasured("mount_drift_rad", flight.hyperparameters.drift_rad));
+        let unmeasured = |name, value| Parameter {
+            name,
+            values: vec![Estimate { value, sigma: None }],
+        };
+        solution.parameters.push(unmeasured(
+            "shape_departure",
+            flight.hyperparameters.departure,
+        ));
+        solution.parameters.push(unmeasured(
+            "mount_drift_rad",
+            flight.hyperparameters.drift_rad,
+        ));
     }
     remarks.extend(solution.remarks);
     let stayed = flight.hyperparameters.mountings.is_ground_mounting(0);
-    remarks.extend(decisive_width_remarks(&outcome, solution.budget.as_ref(), stayed, &flight.widened));
-    remarks.extend(contradiction_remark(flight.input.setup, stayed, (&flight_problem.problem, fit), &flight.widened));
+    remarks.extend(decisive_width_remarks(
+        &outcome,
+        solution.budget.as_ref(),
+        stayed,
+        &flight.widened,
+    ));
+    remarks.extend(contradiction_remark(
+        flight.input.setup,
+        stayed,
+        (&flight_problem.problem, fit),
+        &flight.widened,
+    ));
     remarks.extend(fixed_target_remark(flight.prior_scales.fixed_targets));
-    let displacement = flight.common_displacement.as_ref().zip(flight_problem.displacement_column);
-    remarks.extend(displacement.map(|(displacement, column)| displacement.remark(fit.global[column])));
+    let displacement = flight
+        .common_displacement
+        .as_ref()
+        .zip(flight_problem.displacement_column);
+    remarks
+        .extend(displacement.map(|(displacement, column)| displacement.remark(fit.global[column])));
     remarks.extend(flight.exceedance_remarks());
-    Solution { remarks, ..solution }
+    Solution {
+        remarks,
+        ..solution
+    }
 }
 
 /// Calls `with` with the error sources of a flight's solution.
 pub fn with_flight_sources<T>(
-    SolvedFlight { flight_problem, fit, .. }: &SolvedFlight,
+    SolvedFlight {
+        flight_problem,
+        fit,
+        ..
+    }: &SolvedFlight,
     attributed: Option<&AttributedInformation>,
     with: impl FnOnce(&VarianceSources) -> T,
 ) -> T {
-    budget::with_variance_sources(flight_problem.block_members(), &flight_problem.problem, fit, attributed, with)
+    budget::with_variance_sources(
+        flight_problem.block_members(),
+        &flight_problem.problem,
+        fit,
+        attributed,
+        with,
+    )
 }
 
 /// Remarks about the prior from earlier flights.
 pub fn prior_remarks(flight: &Flight, solved: &SolvedFlight) -> Vec<String> {
     let prior = flight.input.options.flight_prior.as_deref();
-    prior.map(|prior| prior.remark(solved.flight_problem.problem.known.is_some())).into_iter().collect()
+    prior
+        .map(|prior| prior.remark(solved.flight_problem.problem.known.is_some()))
+        .into_iter()
+        .collect()
 }
 
 /// Remarks about a frame in relation to the flight.
 pub fn flight_remarks(flight: &Flight, frame: usize) -> Vec<String> {
     let hyperparameters = &flight.hyperparameters;
     let mountings = &hyperparameters.mountings;
-    let origin = if mountings.are_specified() { "as specified" } else { "detected from the frames" };
+    let origin = if mountings.are_specified() {
+        "as specified"
+    } else {
+        "detected from the frames"
+    };
     let mut remarks = vec![format!(
         "adjusted jointly: {} frames in {} mounting(s) ({origin}), this one in mounting {}; shapes differ from the shared one by {:.1} % of the prior spread",
         flight.frames.len(),

@@ -7,7 +7,9 @@ use super::shape::SharedShape;
 use super::usage::FlightUsage;
 use crate::adjust::blocks::{image_block, survey_block};
 use crate::adjust::common_displacement::{CommonDisplacement, candidate_displacements};
-use crate::adjust::input::{AdjustmentInput, FrameObservations, count_wing_markers, order_by_marker};
+use crate::adjust::input::{
+    AdjustmentInput, FrameObservations, count_wing_markers, order_by_marker,
+};
 use crate::adjust::layout::{BlockMember, ParameterLayout};
 use crate::adjust::prior_scales::PriorScales;
 use crate::adjust::snooping::ResidualSum;
@@ -50,11 +52,17 @@ impl<'a> Flight<'a> {
         hyperparameters: FlightHyperparameters<'a>,
     ) -> AdjustResult<Self> {
         let setup = input.setup;
-        let frames = observations.iter().map(|o| order_by_marker(setup, o)).collect::<Result<Vec<_>, _>>()?;
+        let frames = observations
+            .iter()
+            .map(|o| order_by_marker(setup, o))
+            .collect::<Result<Vec<_>, _>>()?;
         for frame in &frames {
             let found = count_wing_markers(setup, frame);
             if found < MIN_MARKERS {
-                return Err(AdjustError::TooFewMarkers { found, needed: MIN_MARKERS });
+                return Err(AdjustError::TooFewMarkers {
+                    found,
+                    needed: MIN_MARKERS,
+                });
             }
         }
         if !hyperparameters.mountings.match_frame_count(frames.len()) {
@@ -78,40 +86,78 @@ impl<'a> Flight<'a> {
     /// Candidates for a common displacement, from the markers of all frames.
     pub fn common_displacements(&self) -> Vec<CommonDisplacement> {
         let seen = |marker: usize| self.frames.iter().find_map(|frame| frame[marker]);
-        let frame_observations: FrameObservations = (0..self.input.setup.markers.len()).map(seen).collect();
+        let frame_observations: FrameObservations =
+            (0..self.input.setup.markers.len()).map(seen).collect();
         candidate_displacements(&self.input, &frame_observations)
     }
 
     /// Builds the group of one frame: its images and, last, the condition that ties its curvature to the shared shape.
-    pub fn frame_group(&self, frame: usize, layout: &ParameterLayout, from: Option<&Fit>) -> (Group, Vec<BlockMember>) {
+    pub fn frame_group(
+        &self,
+        frame: usize,
+        layout: &ParameterLayout,
+        from: Option<&Fit>,
+    ) -> (Group, Vec<BlockMember>) {
         let mut members = vec![];
         let mut blocks = vec![];
         for (marker, seen) in self.frames[frame].iter().enumerate() {
             if let Some(seen) = seen.filter(|_| self.usage.frames[frame][marker]) {
-                members.push(BlockMember { marker, flight: Some(0), ground: None });
+                members.push(BlockMember {
+                    marker,
+                    flight: Some(0),
+                    ground: None,
+                });
                 blocks.push(image_block(seen));
             }
         }
-        blocks.push(SharedShape::departure_block(layout.curvature_terms, &self.hyperparameters, frame));
+        blocks.push(SharedShape::departure_block(
+            layout.curvature_terms,
+            &self.hyperparameters,
+            frame,
+        ));
         let mut local = DVector::zeros(layout.local);
         if let Some(fit) = from {
             local.copy_from(&fit.groups[frame].local);
             if let Some(first) = frame_rotation_column(layout) {
-                local.rows_mut(first, 3).copy_from(&self.hyperparameters.frame_rotation_rad(frame));
+                local
+                    .rows_mut(first, 3)
+                    .copy_from(&self.hyperparameters.frame_rotation_rad(frame));
             }
         }
-        (Group { local, priors: layout.local_priors(), blocks }, members)
+        (
+            Group {
+                local,
+                priors: layout.local_priors(),
+                blocks,
+            },
+            members,
+        )
     }
 
     /// Builds the group of survey and ground frame.
     pub fn ground_group(&self) -> (Group, Vec<BlockMember>) {
         let one = |marker: usize| {
-            let observation =
-                self.input.scene.ground_observations[marker].as_ref().filter(|_| self.usage.ground[marker]);
-            let member = BlockMember { marker, flight: None, ground: observation.map(|_| 3) };
-            (survey_block(&self.input, marker, observation.into_iter()), member)
+            let observation = self.input.scene.ground_observations[marker]
+                .as_ref()
+                .filter(|_| self.usage.ground[marker]);
+            let member = BlockMember {
+                marker,
+                flight: None,
+                ground: observation.map(|_| 3),
+            };
+            (
+                survey_block(&self.input, marker, observation.into_iter()),
+                member,
+            )
         };
         let (blocks, members) = (0..self.input.setup.markers.len()).map(one).unzip();
-        (Group { local: DVector::zeros(0), priors: vec![], blocks }, members)
+        (
+            Group {
+                local: DVector::zeros(0),
+                priors: vec![],
+                blocks,
+            },
+            members,
+        )
     }
 }

@@ -70,34 +70,53 @@ impl<'a> FlightHyperparameters<'a> {
     pub fn update_from_frame(&mut self, frame: usize, layout: &ParameterLayout, fit: &Fit) {
         let local = &fit.groups[frame].local;
         self.amplitudes_per_m[frame] = bounded_amplitude(local[0]);
-        let mut own = fit.global.rows(layout.mounting.first, layout.mounting.count).into_owned();
+        let mut own = fit
+            .global
+            .rows(layout.mounting.first, layout.mounting.count)
+            .into_owned();
         if let Some(first) = frame_rotation_column(layout) {
             let mut rotation = own.rows_mut(0, 3);
             rotation += local.rows(first, 3);
         }
         self.mounting_values[frame] = own;
-        let UnknownValues { curvature_per_m, twist_rad, .. } = layout.values(&fit.global, local);
-        self.bendings[frame] = FrameBending { curvature_per_m, twist_rad };
+        let UnknownValues {
+            curvature_per_m,
+            twist_rad,
+            ..
+        } = layout.values(&fit.global, local);
+        self.bendings[frame] = FrameBending {
+            curvature_per_m,
+            twist_rad,
+        };
     }
 
     /// Bending of a frame, with the twist that all frames together show at its amplitude; `None` before the first solution
     /// and for a single frame. Derivatives with respect to the estimated dimensions depend on the twist. With each frame's
     /// own twist, its noise would be counted as information if there are many frames.
     pub fn smoothed_bending(&self, frame: usize) -> Option<FrameBending> {
-        let bending =
-            self.bendings.get(frame).filter(|bending| self.bendings.len() > 1 && !bending.twist_rad.is_empty())?;
+        let bending = self
+            .bendings
+            .get(frame)
+            .filter(|bending| self.bendings.len() > 1 && !bending.twist_rad.is_empty())?;
         let at = self.amplitudes_per_m[frame];
         let one = |k: usize| {
             let all = self.amplitudes_per_m.iter().zip(&self.bendings);
-            value_on_line(all.map(|(a, other)| (*a, other.twist_rad.get(k).copied().unwrap_or(0.0))), at)
+            value_on_line(
+                all.map(|(a, other)| (*a, other.twist_rad.get(k).copied().unwrap_or(0.0))),
+                at,
+            )
         };
         let twist_rad = (0..bending.twist_rad.len()).map(one).collect();
-        Some(FrameBending { twist_rad, ..bending.clone() })
+        Some(FrameBending {
+            twist_rad,
+            ..bending.clone()
+        })
     }
 
     /// Mean of a mounting's unknowns over its frames.
     pub fn mounting_mean(&self, mounting: usize) -> DVector<f64> {
-        let frames = (0..self.mounting_values.len()).filter(|f| self.mountings.mounting_of_frame(*f) == mounting);
+        let frames = (0..self.mounting_values.len())
+            .filter(|f| self.mountings.mounting_of_frame(*f) == mounting);
         let own: Vec<_> = frames.map(|f| &self.mounting_values[f]).collect();
         let mut sum = DVector::zeros(own.first().map_or(0, |o| o.len()));
         own.iter().for_each(|o| sum += *o);
@@ -107,13 +126,17 @@ impl<'a> FlightHyperparameters<'a> {
     /// Rotation of a frame about its mounting's, camera frame, rad.
     pub fn frame_rotation_rad(&self, frame: usize) -> Vector3<f64> {
         let mean = self.mounting_mean(self.mountings.mounting_of_frame(frame));
-        (self.mounting_values[frame].rows(0, 3) - mean.rows(0, 3)).fixed_rows::<3>(0).into_owned()
+        (self.mounting_values[frame].rows(0, 3) - mean.rows(0, 3))
+            .fixed_rows::<3>(0)
+            .into_owned()
     }
 
     /// Root mean square of the frames' rotations about their mountings' means, per axis, rad.
     pub fn rotations_rms_rad(&self) -> f64 {
         let frames = self.mounting_values.len();
-        let sum: f64 = (0..frames).map(|f| self.frame_rotation_rad(f).norm_squared()).sum();
+        let sum: f64 = (0..frames)
+            .map(|f| self.frame_rotation_rad(f).norm_squared())
+            .sum();
         (sum / (3 * frames.max(1)) as f64).sqrt()
     }
 
@@ -134,11 +157,18 @@ impl<'a> FlightHyperparameters<'a> {
 /// Value at a position on the least-squares line through the points.
 fn value_on_line(points: impl Iterator<Item = (f64, f64)> + Clone, at: f64) -> f64 {
     let count = points.clone().count().max(1) as f64;
-    let (x, y) = points.clone().fold((0.0, 0.0), |(sx, sy), (x, y)| (sx + x, sy + y));
+    let (x, y) = points
+        .clone()
+        .fold((0.0, 0.0), |(sx, sy), (x, y)| (sx + x, sy + y));
     let (x, y) = (x / count, y / count);
-    let (square, both) =
-        points.fold((0.0, 0.0), |(xx, xy), (px, py)| (xx + (px - x).powi(2), xy + (px - x) * (py - y)));
-    y + if square > 0.0 { both / square * (at - x) } else { 0.0 }
+    let (square, both) = points.fold((0.0, 0.0), |(xx, xy), (px, py)| {
+        (xx + (px - x).powi(2), xy + (px - x) * (py - y))
+    });
+    y + if square > 0.0 {
+        both / square * (at - x)
+    } else {
+        0.0
+    }
 }
 
 /// First local column of a frame's rotation about its mounting's.

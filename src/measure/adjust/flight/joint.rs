@@ -28,7 +28,11 @@ impl<'a> JointSolution<'a> {
     /// Returns an error if the flight has no solution.
     pub fn new(input: AdjustmentInput<'a>, frames: &'a [Vec<Observation>]) -> AdjustResult<Self> {
         let mountings = FrameMountings::undetermined(input.options.mountings.as_deref());
-        let mut flight = Flight::new(input, frames, FlightHyperparameters::initial(&input, frames.len(), mountings))?;
+        let mut flight = Flight::new(
+            input,
+            frames,
+            FlightHyperparameters::initial(&input, frames.len(), mountings),
+        )?;
         let (solved, mut removed) = flight.remove_or_explain_outliers()?;
         let solved = flight.tune_variances(solved, 1)?;
         flight.find_mountings(&solved);
@@ -38,7 +42,11 @@ impl<'a> JointSolution<'a> {
         let rough = flight.tune_variances(solved, DEPARTURE_ROUNDS)?;
         let rough = flight.explain_by_image_shifts(rough, &mut removed)?;
         let solved = flight.solve_converged(&rough.fit)?;
-        Ok(Self { flight, solved, removed })
+        Ok(Self {
+            flight,
+            solved,
+            removed,
+        })
     }
 
     /// Solves one frame, which does not determine mountings, drift or departures.
@@ -50,15 +58,24 @@ impl<'a> JointSolution<'a> {
         let solved = flight.widen_refuted_priors(solved, &mut removed);
         let rough = flight.readmit_observations(solved, &mut removed)?;
         let solved = flight.solve_converged(&rough.fit)?;
-        Ok(Self { flight, solved, removed })
+        Ok(Self {
+            flight,
+            solved,
+            removed,
+        })
     }
 
     /// Results of all frames.
     pub fn frame_solutions(&self) -> Vec<Solution> {
-        let Self { flight, solved, removed } = self;
+        let Self {
+            flight,
+            solved,
+            removed,
+        } = self;
         with_flight_sources(solved, None, |sources| {
             let one = |frame: usize| {
-                let remarks = [prior_remarks(flight, solved), flight_remarks(flight, frame)].concat();
+                let remarks =
+                    [prior_remarks(flight, solved), flight_remarks(flight, frame)].concat();
                 frame_solution(flight, solved, removed, frame, true, remarks, sources)
             };
             (0..flight.frames.len()).map(one).collect()
@@ -67,9 +84,21 @@ impl<'a> JointSolution<'a> {
 
     /// Result of the first frame. `of_flight` adds the parameters that only several frames determine.
     pub fn first_solution(&self, of_flight: bool) -> Solution {
-        let Self { flight, solved, removed } = self;
+        let Self {
+            flight,
+            solved,
+            removed,
+        } = self;
         with_flight_sources(solved, None, |sources| {
-            frame_solution(flight, solved, removed, 0, of_flight, prior_remarks(flight, solved), sources)
+            frame_solution(
+                flight,
+                solved,
+                removed,
+                0,
+                of_flight,
+                prior_remarks(flight, solved),
+                sources,
+            )
         })
     }
 }

@@ -5,7 +5,9 @@ use nalgebra::{DMatrix, DVector};
 use super::flight_information::add_frame_normals;
 use super::joint::JointSolution;
 use crate::adjust::flight_prior::{InvariantParameter, RepeatingParameters};
-use crate::adjust::joint_shape::{FrameShape, JointShape, ShapeFunctions, StationChoice, empty_shape, reduce_factors};
+use crate::adjust::joint_shape::{
+    FrameShape, JointShape, ShapeFunctions, StationChoice, empty_shape, reduce_factors,
+};
 use crate::adjust::outcome::FrameOutcome;
 use crate::adjust::{AdjustError, AdjustResult, Solution};
 use crate::estimation::{Prior, symmetric_root};
@@ -16,28 +18,52 @@ impl JointSolution<'_> {
     }
 
     /// Stations of the flight and the shape of each frame, without the frames' results.
-    pub fn joint_shape(&self, stations: &StationChoice) -> AdjustResult<(JointShape, Vec<FrameShape>)> {
+    pub fn joint_shape(
+        &self,
+        stations: &StationChoice,
+    ) -> AdjustResult<(JointShape, Vec<FrameShape>)> {
         let fit = &self.solved.fit;
         let shape = empty_shape(&self.outcome(0), stations)?;
-        let functions: Vec<ShapeFunctions> =
-            (0..self.flight.frames.len()).map(|frame| self.outcome(frame).shape_functions(&shape)).collect();
+        let functions: Vec<ShapeFunctions> = (0..self.flight.frames.len())
+            .map(|frame| self.outcome(frame).shape_functions(&shape))
+            .collect();
         let singular = || AdjustError::Input("the flight's normal equations are singular".into());
         let (columns, common) = self.lasting_information().ok_or_else(singular)?;
         let mut rest = fit.information.clone();
         for (i, row) in columns.iter().enumerate() {
-            columns.iter().enumerate().for_each(|(j, column)| rest[(*row, *column)] -= common[(i, j)]);
+            columns
+                .iter()
+                .enumerate()
+                .for_each(|(j, column)| rest[(*row, *column)] -= common[(i, j)]);
         }
         // Error of the parameters: covariance times the errors of the right side of the normal equations.
         let by_lasting = fit.covariance.select_columns(&columns) * symmetric_root(&common);
         let by_shared = &fit.covariance * symmetric_root(&rest);
-        let mut shared = reduce_factors(functions.iter().map(|f| &f.by_global * &by_shared).collect()).into_iter();
-        let frames = functions.into_iter().map(|ShapeFunctions { values, by_global, own }| FrameShape {
-            lasting: by_global * &by_lasting,
-            shared: shared.next().unwrap_or_else(|| DMatrix::zeros(values.len(), 0)),
-            own: reduce_factors(vec![own]).into_iter().next().unwrap_or_else(|| DMatrix::zeros(values.len(), 0)),
-            values,
-            solution: Solution::default(),
-        });
+        let mut shared = reduce_factors(
+            functions
+                .iter()
+                .map(|f| &f.by_global * &by_shared)
+                .collect(),
+        )
+        .into_iter();
+        let frames = functions.into_iter().map(
+            |ShapeFunctions {
+                 values,
+                 by_global,
+                 own,
+             }| FrameShape {
+                lasting: by_global * &by_lasting,
+                shared: shared
+                    .next()
+                    .unwrap_or_else(|| DMatrix::zeros(values.len(), 0)),
+                own: reduce_factors(vec![own])
+                    .into_iter()
+                    .next()
+                    .unwrap_or_else(|| DMatrix::zeros(values.len(), 0)),
+                values,
+                solution: Solution::default(),
+            },
+        );
         Ok((shape, frames.collect()))
     }
 
@@ -48,21 +74,37 @@ impl JointSolution<'_> {
         let (problem, fit) = (&self.solved.flight_problem, &self.solved.fit);
         let p = fit.global.len();
         let (mut normal, mut gradient) = (DMatrix::zeros(p, p), DVector::zeros(p));
-        let ground = problem.problem.groups.iter().zip(&fit.groups).skip(problem.layouts.len());
+        let ground = problem
+            .problem
+            .groups
+            .iter()
+            .zip(&fit.groups)
+            .skip(problem.layouts.len());
         for (group, solved) in ground {
             add_frame_normals(group, solved, &mut normal, &mut gradient)?;
         }
-        let (unknowns, columns): (Vec<InvariantParameter>, Vec<usize>) = problem.invariant.iter().copied().unzip();
+        let (unknowns, columns): (Vec<InvariantParameter>, Vec<usize>) =
+            problem.invariant.iter().copied().unzip();
         let repeating = RepeatingParameters::new(&unknowns, self.flight.input.setup).ok()?;
-        for Prior { columns: own, covariance, .. } in &problem.problem.priors {
-            let at: Option<Vec<usize>> = own.iter().map(|c| columns.iter().position(|column| column == c)).collect();
+        for Prior {
+            columns: own,
+            covariance,
+            ..
+        } in &problem.problem.priors
+        {
+            let at: Option<Vec<usize>> = own
+                .iter()
+                .map(|c| columns.iter().position(|column| column == c))
+                .collect();
             let Some(at) = at else { continue };
             let weight = covariance.clone().cholesky()?.inverse();
             let repeated = &weight - &weight * repeating.flight_covariance(&at) * &weight;
             let root = symmetric_root(&((&repeated + repeated.transpose()) * 0.5));
             let repeated = &root * &root;
             for (i, row) in own.iter().enumerate() {
-                own.iter().enumerate().for_each(|(j, column)| normal[(*row, *column)] += repeated[(i, j)]);
+                own.iter()
+                    .enumerate()
+                    .for_each(|(j, column)| normal[(*row, *column)] += repeated[(i, j)]);
             }
         }
         if let Some(known) = &problem.problem.known {

@@ -56,9 +56,24 @@ impl LiveAdjustment {
     /// Returns an error if the installation cannot be prepared.
     pub fn new(setup: Setup, orientation: Orientation, options: Options) -> AdjustResult<Self> {
         let scene = WingScene::new(&setup, &orientation)?;
-        let first = options.mountings.as_ref().map(|list| list.iter().take(1).copied().collect());
-        let options = Options { mountings: first, variance_components: false, ..options };
-        Ok(Self { setup, orientation, options, scene, state: None, unsound_starts: 0, mounting_count: 0 })
+        let first = options
+            .mountings
+            .as_ref()
+            .map(|list| list.iter().take(1).copied().collect());
+        let options = Options {
+            mountings: first,
+            variance_components: false,
+            ..options
+        };
+        Ok(Self {
+            setup,
+            orientation,
+            options,
+            scene,
+            state: None,
+            unsound_starts: 0,
+            mounting_count: 0,
+        })
     }
 
     /// Adjusts the next frame, `elapsed_s` after the last one. On an error the state is unchanged, and the time does not
@@ -71,19 +86,28 @@ impl LiveAdjustment {
     ///
     /// # Errors
     /// Returns an error if the frame cannot be adjusted.
-    pub fn adjust_frame(&mut self, observations: &[Observation], elapsed_s: f64) -> AdjustResult<Solution> {
+    pub fn adjust_frame(
+        &mut self,
+        observations: &[Observation],
+        elapsed_s: f64,
+    ) -> AdjustResult<Solution> {
         let frames = [observations.to_vec()];
         let (state, solution) = match &self.state {
             None => {
-                let InitialState { state, solution, is_sound } =
-                    start_state(&self.single_frame_flight(&frames, None)?)?;
+                let InitialState {
+                    state,
+                    solution,
+                    is_sound,
+                } = start_state(&self.single_frame_flight(&frames, None)?)?;
                 if !is_sound && self.unsound_starts + 1 < MAX_REJECTED_FRAMES {
                     self.unsound_starts += 1;
                     return Ok(solution);
                 }
                 (state, solution)
             }
-            Some(state) => self.adjust_frame_with_state(state, &frames, elapsed_s.max(MIN_ELAPSED_S))?,
+            Some(state) => {
+                self.adjust_frame_with_state(state, &frames, elapsed_s.max(MIN_ELAPSED_S))?
+            }
         };
         self.mounting_count += usize::from(state.frames == 1 && state.rejected_frames == 0);
         self.state = Some(state);
@@ -96,8 +120,19 @@ impl LiveAdjustment {
         frames: &'a [Vec<Observation>],
         after: Option<&LiveState>,
     ) -> AdjustResult<Flight<'a>> {
-        let Self { setup, orientation, scene, options, .. } = self;
-        let input = AdjustmentInput { setup, orientation, scene, options };
+        let Self {
+            setup,
+            orientation,
+            scene,
+            options,
+            ..
+        } = self;
+        let input = AdjustmentInput {
+            setup,
+            orientation,
+            scene,
+            options,
+        };
         let mountings = FrameMountings::for_single_frame(options.mountings.as_deref());
         let mut hyperparameters = FlightHyperparameters::initial(&input, frames.len(), mountings);
         if let Some(state) = after {
@@ -120,7 +155,14 @@ impl LiveAdjustment {
         let step = match step {
             Ok(step) if step.attempt.is_explained(state.factor) => {
                 let next = state.updated(&step, &flight, elapsed_s)?;
-                let LiveStep { attempt: FrameAttempt { solved, removed, .. }, mount_disturbed, .. } = &step;
+                let LiveStep {
+                    attempt:
+                        FrameAttempt {
+                            solved, removed, ..
+                        },
+                    mount_disturbed,
+                    ..
+                } = &step;
                 let remarks = accepted_remarks(
                     next.frames,
                     self.mounting_count + usize::from(*mount_disturbed),
@@ -133,16 +175,30 @@ impl LiveAdjustment {
             }
             other => other.ok(),
         };
-        let factor = state.next_factor(step.and_then(|step| step.attempt.solved.fit.variance_factor()));
+        let factor =
+            state.next_factor(step.and_then(|step| step.attempt.solved.fit.variance_factor()));
         let rejected_frames = state.rejected_frames + 1;
-        let InitialState { state: new_state, mut solution, is_sound } =
-            start_state(&self.single_frame_flight(frames, None)?)?;
-        let is_restarted =
-            rejected_frames >= MAX_REJECTED_FRAMES || rejected_frames >= state.accepted_frames && is_sound;
-        solution.remarks.insert(0, rejection_remark(is_restarted, self.mounting_count + 1));
+        let InitialState {
+            state: new_state,
+            mut solution,
+            is_sound,
+        } = start_state(&self.single_frame_flight(frames, None)?)?;
+        let is_restarted = rejected_frames >= MAX_REJECTED_FRAMES
+            || rejected_frames >= state.accepted_frames && is_sound;
+        solution
+            .remarks
+            .insert(0, rejection_remark(is_restarted, self.mounting_count + 1));
         let next = match is_restarted {
-            true => LiveState { factor, ..new_state },
-            false => LiveState { rejected_frames, rejected_s: elapsed_s, factor, ..state.clone() },
+            true => LiveState {
+                factor,
+                ..new_state
+            },
+            false => LiveState {
+                rejected_frames,
+                rejected_s: elapsed_s,
+                factor,
+                ..state.clone()
+            },
         };
         Ok((next, solution))
     }

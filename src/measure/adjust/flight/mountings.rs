@@ -14,17 +14,29 @@ pub struct FrameMountings<'a> {
 impl<'a> FrameMountings<'a> {
     /// Creates the state before the mountings are determined.
     pub fn undetermined(specified: Option<&'a [Mounting]>) -> Self {
-        Self { numbers: None, specified }
+        Self {
+            numbers: None,
+            specified,
+        }
     }
 
     /// Creates the mounting of a single frame.
     pub fn for_single_frame(specified: Option<&'a [Mounting]>) -> Self {
-        Self { numbers: Some(vec![0]), specified }
+        Self {
+            numbers: Some(vec![0]),
+            specified,
+        }
     }
 
     /// Sets the mounting numbers: the specified ones if there are any, otherwise those determined from the frames.
     pub fn with_numbers(&self, by_evidence: impl FnOnce() -> Vec<usize>) -> Self {
-        Self { numbers: Some(self.specified_mounting_numbers().unwrap_or_else(by_evidence)), ..*self }
+        Self {
+            numbers: Some(
+                self.specified_mounting_numbers()
+                    .unwrap_or_else(by_evidence),
+            ),
+            ..*self
+        }
     }
 
     fn specified_mounting_numbers(&self) -> Option<Vec<usize>> {
@@ -67,7 +79,10 @@ impl<'a> FrameMountings<'a> {
     pub fn is_ground_mounting(&self, mounting: usize) -> bool {
         let known = self.specified.zip(self.numbers.as_deref());
         known.is_some_and(|(specified, numbers)| {
-            specified.iter().zip(numbers).any(|(s, n)| *n == mounting && *s == Mounting::Ground)
+            specified
+                .iter()
+                .zip(numbers)
+                .any(|(s, n)| *n == mounting && *s == Mounting::Ground)
         })
     }
 }

@@ -20,19 +20,29 @@ impl Flight<'_> {
     ///
     /// # Errors
     /// Returns an error if the flight has no solution.
-    pub fn remove_or_explain_outliers(&mut self) -> AdjustResult<(SolvedFlight, Vec<RemovedObservation>)> {
+    pub fn remove_or_explain_outliers(
+        &mut self,
+    ) -> AdjustResult<(SolvedFlight, Vec<RemovedObservation>)> {
         let all = self.clone();
         let found = self.remove_outliers()?;
         if self.tested_sum.is_none() {
             return Ok(found);
         }
         // Compared before any observation is removed.
-        let tried = all.common_displacements().into_iter().filter_map(|displacement| {
-            let mut with = Flight { common_displacement: Some(displacement), ..all.clone() };
-            let omega = with.solve_rough(None).ok()?.fit.omega;
-            Some((omega, with))
-        });
-        let Some((_, mut with)) = tried.min_by(|a, b| a.0.total_cmp(&b.0)) else { return Ok(found) };
+        let tried = all
+            .common_displacements()
+            .into_iter()
+            .filter_map(|displacement| {
+                let mut with = Flight {
+                    common_displacement: Some(displacement),
+                    ..all.clone()
+                };
+                let omega = with.solve_rough(None).ok()?.fit.omega;
+                Some((omega, with))
+            });
+        let Some((_, mut with)) = tried.min_by(|a, b| a.0.total_cmp(&b.0)) else {
+            return Ok(found);
+        };
         match with.remove_outliers() {
             Ok(explained) if with.tested_sum.is_none() => {
                 *self = with;
@@ -48,7 +58,9 @@ impl Flight<'_> {
     /// Returns an error if the flight has no solution.
     pub fn remove_outliers(&mut self) -> AdjustResult<(SolvedFlight, Vec<RemovedObservation>)> {
         let mut solved = self.solve_rough(None)?;
-        while self.prior_scales.fixed_targets < MAX_FIXED_TARGET_SCALE && self.fixed_targets_conflict(&solved) {
+        while self.prior_scales.fixed_targets < MAX_FIXED_TARGET_SCALE
+            && self.fixed_targets_conflict(&solved)
+        {
             self.prior_scales.fixed_targets *= 2.0;
             solved = self.solve_rough(Some(&solved.fit))?;
         }
@@ -70,11 +82,18 @@ impl Flight<'_> {
 
     fn fixed_targets_conflict(&self, solved: &SolvedFlight) -> bool {
         let frames = self.frames.len();
-        (0..frames).any(|frame| solved.group(&self.input, frame).fixed_targets_conflict(frames))
+        (0..frames).any(|frame| {
+            solved
+                .group(&self.input, frame)
+                .fixed_targets_conflict(frames)
+        })
     }
 
     /// Removes at most one observation per frame and round; returns the removed observations.
-    fn run_data_snooping(&mut self, mut last: SolvedFlight) -> AdjustResult<(SolvedFlight, Vec<RemovedObservation>)> {
+    fn run_data_snooping(
+        &mut self,
+        mut last: SolvedFlight,
+    ) -> AdjustResult<(SolvedFlight, Vec<RemovedObservation>)> {
         let mut removed: Vec<RemovedObservation> = vec![];
         let mut with_all = ResidualSum::from_fit(&last.fit);
         for _ in 0..SNOOPING_ROUNDS {
@@ -92,8 +111,14 @@ impl Flight<'_> {
             }
         }
         // The group of one frame, or of survey and ground frame.
-        let suspects_in = |group: usize| removed.iter().filter(move |r| r.group == group).map(|r| &r.suspect);
-        self.tested_sum = (0..=self.frames.len()).find_map(|group| with_all.if_many_removed(suspects_in(group)));
+        let suspects_in = |group: usize| {
+            removed
+                .iter()
+                .filter(move |r| r.group == group)
+                .map(|r| &r.suspect)
+        };
+        self.tested_sum =
+            (0..=self.frames.len()).find_map(|group| with_all.if_many_removed(suspects_in(group)));
         Ok((last, removed))
     }
 
@@ -102,7 +127,14 @@ impl Flight<'_> {
         let ground = self.frames.len();
         let groups = (0..=ground).map(|group| solved.group(&self.input, group));
         let tested = groups.filter(|g| g.group == ground || g.members.len() > MIN_MARKERS + 1);
-        tested.filter_map(|g| Some(RemovedObservation { group: g.group, suspect: g.worst_suspect()? })).collect()
+        tested
+            .filter_map(|g| {
+                Some(RemovedObservation {
+                    group: g.group,
+                    suspect: g.worst_suspect()?,
+                })
+            })
+            .collect()
     }
 
     /// Tests each marker that was removed from all frames again, the least suspect first: it is added with all others
@@ -116,14 +148,26 @@ impl Flight<'_> {
         removed: &mut Vec<RemovedObservation>,
     ) -> AdjustResult<SolvedFlight> {
         let ground = self.frames.len();
-        let mut queue: Vec<_> = removed.iter().filter(|r| r.suspect.target != SuspectTarget::Flight).copied().collect();
+        let mut queue: Vec<_> = removed
+            .iter()
+            .filter(|r| r.suspect.target != SuspectTarget::Flight)
+            .copied()
+            .collect();
         sort_by_value(&mut queue, |one| one.suspect.w.abs());
         for candidate in queue {
-            let others: Vec<_> = removed.iter().filter(|r| **r != candidate).copied().collect();
+            let others: Vec<_> = removed
+                .iter()
+                .filter(|r| **r != candidate)
+                .copied()
+                .collect();
             self.usage.reset_except(&others);
             let with = self.solve_rough(Some(&last.fit))?;
             let is_own = |m: &BlockMember| m.marker == candidate.suspect.marker;
-            if with.group(&self.input, ground).worst_suspect_among(is_own).is_some() {
+            if with
+                .group(&self.input, ground)
+                .worst_suspect_among(is_own)
+                .is_some()
+            {
                 self.usage.reset_except(removed);
             } else {
                 *removed = others;

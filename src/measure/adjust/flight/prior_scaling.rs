@@ -24,16 +24,25 @@ fn tuned_prior_scale(before: f64, evidence: VarianceEvidence) -> f64 {
 }
 
 fn sum_evidence(all: impl Iterator<Item = VarianceEvidence>) -> VarianceEvidence {
-    all.fold(VarianceEvidence { square: 0.0, redundancy: 0.0 }, |a, b| VarianceEvidence {
-        square: a.square + b.square,
-        redundancy: a.redundancy + b.redundancy,
-    })
+    all.fold(
+        VarianceEvidence {
+            square: 0.0,
+            redundancy: 0.0,
+        },
+        |a, b| VarianceEvidence {
+            square: a.square + b.square,
+            redundancy: a.redundancy + b.redundancy,
+        },
+    )
 }
 
 /// Evidence from an unknown with mean 0 and the prior standard deviation `sigma`.
 fn parameter_evidence(value: f64, variance: f64, sigma: f64) -> VarianceEvidence {
     let weight = 1.0 / (sigma * sigma);
-    VarianceEvidence { square: value * value * weight, redundancy: 1.0 - variance * weight }
+    VarianceEvidence {
+        square: value * value * weight,
+        redundancy: 1.0 - variance * weight,
+    }
 }
 
 impl SolvedFlight {
@@ -42,9 +51,14 @@ impl SolvedFlight {
         let Some(layout) = self.flight_problem.layouts.first() else {
             return sum_evidence(std::iter::empty());
         };
-        let on_the_wing = (0..flight.input.setup.markers.len()).filter(|k| !flight.input.scene.is_fixed(*k));
+        let on_the_wing =
+            (0..flight.input.setup.markers.len()).filter(|k| !flight.input.scene.is_fixed(*k));
         let columns = on_the_wing.flat_map(|marker| layout.motions.columns(marker));
-        sum_evidence(columns.map(|c| parameter_evidence(self.fit.global[c], self.fit.covariance[(c, c)], sigma_m)))
+        sum_evidence(
+            columns.map(|c| {
+                parameter_evidence(self.fit.global[c], self.fit.covariance[(c, c)], sigma_m)
+            }),
+        )
     }
 
     /// Evidence from an unknown of each frame.
@@ -53,7 +67,11 @@ impl SolvedFlight {
         sum_evidence(frames.flat_map(|(layout, group)| {
             let own = layout.frame_columns(unknown);
             own.map(|(column, sigma)| {
-                parameter_evidence(group.local[column], group.covariance[(column, column)], sigma)
+                parameter_evidence(
+                    group.local[column],
+                    group.covariance[(column, column)],
+                    sigma,
+                )
             })
         }))
     }
@@ -70,26 +88,45 @@ impl Flight<'_> {
         let skin_motion_m = priors[Width::SkinMotion];
         let before = self.prior_scales;
         if priors.skin_scaled_by_frames && skin_motion_m > 0.0 {
-            self.prior_scales.skin =
-                tuned_prior_scale(before.skin, solved.skin_evidence(self, before.skin * skin_motion_m));
+            self.prior_scales.skin = tuned_prior_scale(
+                before.skin,
+                solved.skin_evidence(self, before.skin * skin_motion_m),
+            );
         }
         if priors.vibration.scaled_by_frames {
-            self.prior_scales.vibration =
-                tuned_prior_scale(before.vibration, solved.unknown_evidence(Unknown::WingVibration));
+            self.prior_scales.vibration = tuned_prior_scale(
+                before.vibration,
+                solved.unknown_evidence(Unknown::WingVibration),
+            );
         }
         if priors.shake.scaled_by_frames {
-            self.prior_scales.shake = tuned_prior_scale(before.shake, solved.unknown_evidence(Unknown::CameraShake));
+            self.prior_scales.shake =
+                tuned_prior_scale(before.shake, solved.unknown_evidence(Unknown::CameraShake));
         }
-        let PriorScales { skin, vibration, shake, .. } = self.prior_scales;
-        is_settled(before.skin, skin) && is_settled(before.vibration, vibration) && is_settled(before.shake, shake)
+        let PriorScales {
+            skin,
+            vibration,
+            shake,
+            ..
+        } = self.prior_scales;
+        is_settled(before.skin, skin)
+            && is_settled(before.vibration, vibration)
+            && is_settled(before.shake, shake)
     }
 
     /// Remarks about motions that are much larger than the default.
     pub fn exceedance_remarks(&self) -> impl Iterator<Item = String> {
         let priors = &self.input.setup.uncertainty;
-        let SetupUncertainty { vibration, shake, .. } = *priors;
+        let SetupUncertainty {
+            vibration, shake, ..
+        } = *priors;
         let skin_motion_m = priors[Width::SkinMotion];
-        let PriorScales { skin, vibration: wing, shake: camera, .. } = self.prior_scales;
+        let PriorScales {
+            skin,
+            vibration: wing,
+            shake: camera,
+            ..
+        } = self.prior_scales;
         let skin = (skin > REMARKED_SCALE).then(|| {
             format!(
                 "the skin moved by about {:.1} mm at each marker in flight (default {:.1} mm, wing.skin_motion_m); standard \

@@ -11,14 +11,16 @@ use super::hyperparameters::FlightHyperparameters;
 use crate::adjust::ground::BendingAxis;
 use crate::adjust::layout::ParameterLayout;
 use crate::adjust::shapes::{
-    CURVATURE_RATIOS, CurvatureTermValues, MAX_CURVATURE_TERMS, TYPICAL_CURVATURE_PER_M, beyond_fleet_covariance,
-    burning_covariance, constant_bend_covariance, first_mode_amplitudes, shape_covariance, shortening_effect,
+    CURVATURE_RATIOS, CurvatureTermValues, MAX_CURVATURE_TERMS, TYPICAL_CURVATURE_PER_M,
+    beyond_fleet_covariance, burning_covariance, constant_bend_covariance, first_mode_amplitudes,
+    shape_covariance, shortening_effect,
 };
 use crate::adjust::term::ColumnAllocator;
 use crate::estimation::{Block, GroupPoint, Linearised, Prior};
 use crate::widths::Unknown;
 
-const MISSING_RATIO: &str = "the shape of bending cannot be determined; markers along the whole span are needed";
+const MISSING_RATIO: &str =
+    "the shape of bending cannot be determined; markers along the whole span are needed";
 
 /// Range of amplitudes, relative to the largest, below which fuel burn is negligible.
 const MIN_AMPLITUDE_RANGE: f64 = 0.1;
@@ -66,19 +68,34 @@ impl ShapeColumns {
         let lever = columns.allocate(1, MISSING_RATIO);
         if let Some(first) = constant {
             let covariance = constant_bend_covariance(terms) * constant_per_m.powi(2);
-            columns.priors.push(Prior::centred(Unknown::ConstantBend, first, covariance));
+            columns
+                .priors
+                .push(Prior::centred(Unknown::ConstantBend, first, covariance));
         }
         if terms > 1 {
-            columns.priors.push(Prior::centred(Unknown::Shape, ratios, shape_covariance(terms)));
+            columns.priors.push(Prior::centred(
+                Unknown::Shape,
+                ratios,
+                shape_covariance(terms),
+            ));
         }
-        columns.priors.push(Prior::centred(Unknown::FuelBurn, changes, burning_covariance(terms)));
+        columns.priors.push(Prior::centred(
+            Unknown::FuelBurn,
+            changes,
+            burning_covariance(terms),
+        ));
         columns.priors.push(Prior::scalar(
             Unknown::VerticalLoad,
             lever,
             VERTICAL_LOAD_FRACTION,
             VERTICAL_LOAD_FRACTION_SIGMA,
         ));
-        Self { ratios, changes, constant_bend: constant, vertical_load: lever }
+        Self {
+            ratios,
+            changes,
+            constant_bend: constant,
+            vertical_load: lever,
+        }
     }
 
     /// Sets the start value of the vertical load's fraction.
@@ -120,25 +137,54 @@ impl SharedShape {
             false => shortening_effect(axis.length_m, |eta| axis.slope_rad(eta * axis.length_m)),
         };
         let amplitudes = &hyperparameters.amplitudes_per_m;
-        let (low, high) = amplitudes.iter().fold((f64::INFINITY, 0.0_f64), |(low, high), &a| (low.min(a), high.max(a)));
+        let (low, high) = amplitudes
+            .iter()
+            .fold((f64::INFINITY, 0.0_f64), |(low, high), &a| {
+                (low.min(a), high.max(a))
+            });
         // The lift decreases as fuel is burnt, so the effect on the shape follows the amplitude. Only the prior of beam
         // shapes separates it from another shape with another pitch.
         let range = (high - low).max(MIN_AMPLITUDE_RANGE * high);
         let middle_per_m = 0.5 * (low + high);
-        let progress = ShapeProgress::PerFrame(amplitudes.iter().map(|a| (a - middle_per_m) / range).collect());
-        let amplitude = if hyperparameters.oscillation > 0.0 { *first_mode_amplitudes() } else { FIRST_COEFFICIENT };
-        Self { columns, shortening, middle_per_m, progress, amplitude }
+        let progress = ShapeProgress::PerFrame(
+            amplitudes
+                .iter()
+                .map(|a| (a - middle_per_m) / range)
+                .collect(),
+        );
+        let amplitude = if hyperparameters.oscillation > 0.0 {
+            *first_mode_amplitudes()
+        } else {
+            FIRST_COEFFICIENT
+        };
+        Self {
+            columns,
+            shortening,
+            middle_per_m,
+            progress,
+            amplitude,
+        }
     }
 
     /// Returns the shape for frames whose amplitude is not known in advance.
     pub fn with_amplitude_range(self, range_per_m: f64) -> Self {
-        Self { progress: ShapeProgress::ByAmplitude(range_per_m), ..self }
+        Self {
+            progress: ShapeProgress::ByAmplitude(range_per_m),
+            ..self
+        }
     }
 
     /// Builds the block of a frame's departures, as observations.
-    pub fn departure_block(terms: usize, hyperparameters: &FlightHyperparameters, frame: usize) -> Block {
+    pub fn departure_block(
+        terms: usize,
+        hyperparameters: &FlightHyperparameters,
+        frame: usize,
+    ) -> Block {
         let [loads, oscillations] = Self::departure_covariances(terms, hyperparameters, frame);
-        Block { observed: DVector::zeros(terms - 1), covariance: loads + oscillations }
+        Block {
+            observed: DVector::zeros(terms - 1),
+            covariance: loads + oscillations,
+        }
     }
 
     /// Covariances of a frame's departures due to other loads and to vibration.
@@ -147,32 +193,66 @@ impl SharedShape {
         hyperparameters: &FlightHyperparameters,
         frame: usize,
     ) -> [DMatrix<f64>; 2] {
-        let FlightHyperparameters { departure, oscillation, .. } = hyperparameters;
+        let FlightHyperparameters {
+            departure,
+            oscillation,
+            ..
+        } = hyperparameters;
         let loads = (departure * hyperparameters.amplitudes_per_m[frame]).powi(2);
         let oscillations = (oscillation * TYPICAL_CURVATURE_PER_M).powi(2);
-        [shape_covariance(terms) * loads, beyond_fleet_covariance(terms) * oscillations]
+        [
+            shape_covariance(terms) * loads,
+            beyond_fleet_covariance(terms) * oscillations,
+        ]
     }
 
     /// Creates the conditions of the departures without the derivatives that change.
     pub fn empty_conditions(&self, layout: &ParameterLayout) -> Linearised {
         let n = layout.curvature_terms - 1;
-        let ShapeColumns { ratios, changes, constant_bend: constant, vertical_load: lever } = self.columns;
+        let ShapeColumns {
+            ratios,
+            changes,
+            constant_bend: constant,
+            vertical_load: lever,
+        } = self.columns;
         let constant = constant.map_or(0..0, |first| first..first + n);
-        let columns = (ratios..ratios + n).chain(changes..changes + n).chain([lever]).chain(constant).collect();
+        let columns = (ratios..ratios + n)
+            .chain(changes..changes + n)
+            .chain([lever])
+            .chain(constant)
+            .collect();
         let mut empty = Linearised::empty(n, columns, layout.local, n);
         empty.observations = -DMatrix::identity(n, n);
         if self.columns.constant_bend.is_some() {
-            empty.global.columns_mut(2 * n + 1, n).copy_from(&empty.observations);
+            empty
+                .global
+                .columns_mut(2 * n + 1, n)
+                .copy_from(&empty.observations);
         }
         empty
     }
 
     /// Evaluates the conditions at a point.
-    pub fn linearise(&self, layout: &ParameterLayout, at: &GroupPoint, departure: &DVector<f64>, out: &mut Linearised) {
+    pub fn linearise(
+        &self,
+        layout: &ParameterLayout,
+        at: &GroupPoint,
+        departure: &DVector<f64>,
+        out: &mut Linearised,
+    ) {
         let n = layout.curvature_terms - 1;
-        let ShapeColumns { ratios, changes, constant_bend: constant, vertical_load: lever } = self.columns;
+        let ShapeColumns {
+            ratios,
+            changes,
+            constant_bend: constant,
+            vertical_load: lever,
+        } = self.columns;
         let weights: Vec<f64> = self.amplitude.iter().take(n + 1).copied().collect();
-        let amplitude: f64 = weights.iter().zip(at.local.iter()).map(|(weight, c)| weight * c).sum();
+        let amplitude: f64 = weights
+            .iter()
+            .zip(at.local.iter())
+            .map(|(weight, c)| weight * c)
+            .sum();
         let lever = at.global[lever];
         let off = amplitude - self.middle_per_m;
         let (progress, grows) = match &self.progress {
@@ -187,7 +267,10 @@ impl SharedShape {
             let constant = constant.map_or(0.0, |first| at.global[first + k]);
             out.misclosure[k] = at.local[k + 1] - ratio * amplitude - constant - departure[k];
             let by_all = -ratio - (grows * change + lever * by_amplitude) * amplitude;
-            weights.iter().enumerate().for_each(|(j, weight)| out.local[(k, j)] = by_all * weight);
+            weights
+                .iter()
+                .enumerate()
+                .for_each(|(j, weight)| out.local[(k, j)] = by_all * weight);
             out.local[(k, k + 1)] += 1.0;
             out.global[(k, k)] = -amplitude;
             out.global[(k, n + k)] = -amplitude * progress;

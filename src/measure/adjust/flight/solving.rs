@@ -22,14 +22,37 @@ pub struct SolvedFlight {
 impl SolvedFlight {
     /// Returns the group of a frame or, after the last one, of survey and ground frame.
     pub fn group<'a>(&'a self, input: &'a AdjustmentInput, group: usize) -> SolvedGroup<'a> {
-        let Self { flight_problem: FlightProblem { problem, members, ground_members, .. }, fit, .. } = self;
-        SolvedGroup { input, problem, fit, group, members: members.get(group).unwrap_or(ground_members) }
+        let Self {
+            flight_problem:
+                FlightProblem {
+                    problem,
+                    members,
+                    ground_members,
+                    ..
+                },
+            fit,
+            ..
+        } = self;
+        SolvedGroup {
+            input,
+            problem,
+            fit,
+            group,
+            members: members.get(group).unwrap_or(ground_members),
+        }
     }
 
     /// Evaluates a frame's part of the solution.
-    pub fn frame_outcome<'a>(&'a self, input: &'a AdjustmentInput, frame: usize) -> FrameOutcome<'a> {
-        FrameOutcome::new(self.group(input, frame), &self.flight_problem.layouts[frame])
-            .judged_before_removal(self.tested_sum)
+    pub fn frame_outcome<'a>(
+        &'a self,
+        input: &'a AdjustmentInput,
+        frame: usize,
+    ) -> FrameOutcome<'a> {
+        FrameOutcome::new(
+            self.group(input, frame),
+            &self.flight_problem.layouts[frame],
+        )
+        .judged_before_removal(self.tested_sum)
     }
 }
 
@@ -39,9 +62,13 @@ impl Flight<'_> {
     /// # Errors
     /// Returns an error if the flight has no solution.
     pub fn solve_rough(&mut self, from: Option<&Fit>) -> AdjustResult<SolvedFlight> {
-        let solved = self.solve_with_options(&SolveOptions { rough: true, residuals: from })?;
+        let solved = self.solve_with_options(&SolveOptions {
+            rough: true,
+            residuals: from,
+        })?;
         for (frame, layout) in solved.flight_problem.layouts.iter().enumerate() {
-            self.hyperparameters.update_from_frame(frame, layout, &solved.fit);
+            self.hyperparameters
+                .update_from_frame(frame, layout, &solved.fit);
         }
         Ok(solved)
     }
@@ -54,14 +81,20 @@ impl Flight<'_> {
         removed: &mut Vec<RemovedObservation>,
     ) -> SolvedFlight {
         for _ in 0..WIDENING_PASSES {
-            let widened = widen_refuted_priors(&solved.flight_problem.problem, &solved.fit, &self.widened);
+            let widened =
+                widen_refuted_priors(&solved.flight_problem.problem, &solved.fit, &self.widened);
             // Level 0: nothing is tested.
             if self.input.options.global_alpha <= 0.0 || !widened.differs_from(&self.widened) {
                 break;
             }
-            let mut wider = Self { widened, ..self.clone() };
+            let mut wider = Self {
+                widened,
+                ..self.clone()
+            };
             wider.usage.reset_except(&[]);
-            let Ok((found, outliers)) = wider.remove_outliers() else { break };
+            let Ok((found, outliers)) = wider.remove_outliers() else {
+                break;
+            };
             if wider.solve_converged(&found.fit).is_err() {
                 break;
             }
@@ -75,12 +108,19 @@ impl Flight<'_> {
     /// # Errors
     /// Returns an error if the flight has no solution.
     pub fn solve_converged(&self, rough: &Fit) -> AdjustResult<SolvedFlight> {
-        self.solve_with_options(&SolveOptions { rough: false, residuals: Some(rough) })
+        self.solve_with_options(&SolveOptions {
+            rough: false,
+            residuals: Some(rough),
+        })
     }
 
     fn solve_with_options(&self, solve_options: &SolveOptions) -> AdjustResult<SolvedFlight> {
         let flight_problem = FlightProblem::new(self, solve_options.residuals);
         let fit = flight_problem.solve(self.input.scene, solve_options)?;
-        Ok(SolvedFlight { flight_problem, fit, tested_sum: self.tested_sum })
+        Ok(SolvedFlight {
+            flight_problem,
+            fit,
+            tested_sum: self.tested_sum,
+        })
     }
 }

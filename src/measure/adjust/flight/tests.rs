@@ -8,20 +8,43 @@ use crate::widths::Unknown;
 
 /// Names of the unknowns that have a prior in a flight of one frame.
 fn unknowns_with_prior(uncertainty: SetupUncertainty) -> Vec<&'static str> {
-    let breaks = vec![WingBreak { span_m: 9.5, sweep_rad: Some(0.05) }];
-    let (setup, orientation) = (Setup { breaks, uncertainty, ..setup() }, orientation());
+    let breaks = vec![WingBreak {
+        span_m: 9.5,
+        sweep_rad: Some(0.05),
+    }];
+    let (setup, orientation) = (
+        Setup {
+            breaks,
+            uncertainty,
+            ..setup()
+        },
+        orientation(),
+    );
     let scene = WingScene::new(&setup, &orientation).unwrap();
     let options = Options::default();
-    let input = AdjustmentInput { setup: &setup, orientation: &orientation, scene: &scene, options: &options };
-    let observation =
-        |marker| Observation { marker, pixel: Vector2::new(1900.0, 1500.0), covariance_px2: Matrix2::identity() };
+    let input = AdjustmentInput {
+        setup: &setup,
+        orientation: &orientation,
+        scene: &scene,
+        options: &options,
+    };
+    let observation = |marker| Observation {
+        marker,
+        pixel: Vector2::new(1900.0, 1500.0),
+        covariance_px2: Matrix2::identity(),
+    };
     let frames = [(0..9).map(observation).collect()];
     let mountings = FrameMountings::undetermined(None);
     let hyperparameters = FlightHyperparameters::initial(&input, frames.len(), mountings);
     let flight = Flight::new(input, &frames, hyperparameters).unwrap();
     let problem = FlightProblem::new(&flight, None).problem;
     let of_frames = problem.groups.iter().flat_map(|group| &group.priors);
-    problem.priors.iter().chain(of_frames).map(|prior| prior.name.unknown).collect()
+    problem
+        .priors
+        .iter()
+        .chain(of_frames)
+        .map(|prior| prior.name.unknown)
+        .collect()
 }
 
 #[test]
@@ -34,11 +57,24 @@ fn each_width_is_the_prior_of_its_unknowns() {
     for row in Width::ROWS {
         let without = unknowns_with_prior(usual.with_width(row.width, 0.0));
         for unknown in row.unknowns {
-            assert!(defaults.contains(&unknown.name()), "{unknown:?} has no prior");
+            assert!(
+                defaults.contains(&unknown.name()),
+                "{unknown:?} has no prior"
+            );
             let gone = !without.contains(&unknown.name());
-            assert!(gone != always.contains(unknown), "{:?} {unknown:?}", row.width);
+            assert!(
+                gone != always.contains(unknown),
+                "{:?} {unknown:?}",
+                row.width
+            );
         }
-        let kept = defaults.iter().filter(|name| !row.unknowns.iter().any(|unknown| unknown.name() == **name));
-        assert!(kept.into_iter().all(|name| without.contains(name)), "{:?}", row.width);
+        let kept = defaults
+            .iter()
+            .filter(|name| !row.unknowns.iter().any(|unknown| unknown.name() == **name));
+        assert!(
+            kept.into_iter().all(|name| without.contains(name)),
+            "{:?}",
+            row.width
+        );
     }
 }

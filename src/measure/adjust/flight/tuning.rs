@@ -62,7 +62,11 @@ impl SolvedFlight {
         frame: usize,
         parts: [&DMatrix<f64>; N],
     ) -> Option<[VarianceEvidence; N]> {
-        let Self { flight_problem, fit, .. } = self;
+        let Self {
+            flight_problem,
+            fit,
+            ..
+        } = self;
         let block = flight_problem.members[frame].len();
         let covariance = self.departure_covariance(frame);
         let factor = covariance.clone().cholesky()?;
@@ -82,7 +86,13 @@ impl SolvedFlight {
         let first = frame_rotation_column(layout)?;
         let mut gradient = Gradient::empty(vec![], layout.local, 3);
         (0..3).for_each(|k| gradient.local[(first + k, k)] = 1.0);
-        Some((gradient, self.fit.groups[frame].local.fixed_rows::<3>(first).into_owned()))
+        Some((
+            gradient,
+            self.fit.groups[frame]
+                .local
+                .fixed_rows::<3>(first)
+                .into_owned(),
+        ))
     }
 
     /// Squared difference of two frames' rotations, in units of its standard deviations.
@@ -91,7 +101,9 @@ impl SolvedFlight {
             let (gradient, value) = self.frame_rotation(frame)?;
             Some((self.fit.propagate(frame, &gradient), value))
         };
-        let (Some((pa, va)), Some((pb, vb))) = (part(a), part(b)) else { return 0.0 };
+        let (Some((pa, va)), Some((pb, vb))) = (part(a), part(b)) else {
+            return 0.0;
+        };
         let total = &pa.total - &pb.total;
         let covariance = &total * &self.fit.covariance * total.transpose()
             + &pa.own
@@ -99,7 +111,9 @@ impl SolvedFlight {
             + DMatrix::identity(3, 3) * STEADY_ROTATION_RAD.powi(2);
         let difference: Vector3<f64> = va - vb;
         let difference = DVector::from_column_slice(difference.as_slice());
-        covariance.cholesky().map_or(0.0, |c| difference.dot(&c.solve(&difference)))
+        covariance
+            .cholesky()
+            .map_or(0.0, |c| difference.dot(&c.solve(&difference)))
     }
 }
 
@@ -114,10 +128,15 @@ impl Flight<'_> {
     ///
     /// # Errors
     /// Returns an error if the flight has no solution.
-    pub fn tune_variances(&mut self, mut last: SolvedFlight, rounds: usize) -> AdjustResult<SolvedFlight> {
+    pub fn tune_variances(
+        &mut self,
+        mut last: SolvedFlight,
+        rounds: usize,
+    ) -> AdjustResult<SolvedFlight> {
         for round in 1..=rounds {
             let (mut omega, mut redundancy) = (0.0, 0.0);
-            let evidence = |frame: usize| last.departure_evidence(frame, [last.departure_covariance(frame)]);
+            let evidence =
+                |frame: usize| last.departure_evidence(frame, [last.departure_covariance(frame)]);
             for [evidence] in (0..self.frames.len()).filter_map(evidence) {
                 omega += evidence.square;
                 redundancy += evidence.redundancy;
@@ -126,7 +145,8 @@ impl Flight<'_> {
                 break;
             }
             let before = self.hyperparameters.departure;
-            self.hyperparameters.departure = bounded_departure(before * (omega / redundancy).sqrt());
+            self.hyperparameters.departure =
+                bounded_departure(before * (omega / redundancy).sqrt());
             let others = [self.tune_drift(&last), self.tune_prior_scales(&last)];
             let settled = others == [true; 2] && is_settled(before, self.hyperparameters.departure);
             if settled || round == rounds {
@@ -144,13 +164,22 @@ impl Flight<'_> {
         if !self.hyperparameters.mountings.are_assigned() {
             return true;
         }
-        let (configured, before) = (mount_drift_rad(self.input.setup), self.hyperparameters.drift_rad);
+        let (configured, before) = (
+            mount_drift_rad(self.input.setup),
+            self.hyperparameters.drift_rad,
+        );
         let (mut omega, mut redundancy) = ((configured / before).powi(2), 1.0);
         for frame in 0..self.frames.len() {
-            let Some((gradient, value)) = solved.frame_rotation(frame) else { continue };
+            let Some((gradient, value)) = solved.frame_rotation(frame) else {
+                continue;
+            };
             let covariance = solved.fit.function_covariance(frame, &gradient);
-            let drift = self.hyperparameters.drift_covariance(&self.input.scene.camera_from_wing);
-            let Some(weight) = drift.try_inverse() else { continue };
+            let drift = self
+                .hyperparameters
+                .drift_covariance(&self.input.scene.camera_from_wing);
+            let Some(weight) = drift.try_inverse() else {
+                continue;
+            };
             omega += value.dot(&(weight * value));
             redundancy += 3.0 - (weight * covariance.fixed_view::<3, 3>(0, 0)).trace();
         }
@@ -163,7 +192,10 @@ impl Flight<'_> {
         }
         self.hyperparameters.drift_rad = next.clamp(configured, loosest);
         is_settled(before, self.hyperparameters.drift_rad)
-            && is_settled(pitch_before, 1.0 + self.hyperparameters.pitch_drift_increase)
+            && is_settled(
+                pitch_before,
+                1.0 + self.hyperparameters.pitch_drift_increase,
+            )
     }
 
     /// Relative increase of the pitch's drift variance that a trend through the flight makes likely, and the probability of so
@@ -171,9 +203,12 @@ impl Flight<'_> {
     fn pitch_trend(&self, solved: &SolvedFlight) -> Option<(f64, f64)> {
         let frames = self.frames.len();
         let pitch = self.input.scene.camera_from_wing * Vector3::z();
-        let drift = self.hyperparameters.drift_covariance(&self.input.scene.camera_from_wing);
+        let drift = self
+            .hyperparameters
+            .drift_covariance(&self.input.scene.camera_from_wing);
         let variance = pitch.dot(&(drift * pitch));
-        let (mut total, mut own, mut value, mut square) = (DMatrix::zeros(1, solved.fit.global.len()), 0.0, 0.0, 0.0);
+        let (mut total, mut own, mut value, mut square) =
+            (DMatrix::zeros(1, solved.fit.global.len()), 0.0, 0.0, 0.0);
         for frame in 0..frames {
             let (gradient, rotation) = solved.frame_rotation(frame)?;
             let part = solved.fit.propagate(frame, &gradient);
@@ -189,7 +224,10 @@ impl Flight<'_> {
         // The square of the whole trend: then the frames at both ends are off by half a standard deviation at most.
         let increase = WidthEvidence::new(vec![(score, information)], 0.0).likely_increase();
         let share = mount_drift_rad(self.input.setup).powi(2) / variance;
-        let stated = WidthEvidence::new(vec![(score * share, information * share)], (1.0 / share - 1.0) / square);
+        let stated = WidthEvidence::new(
+            vec![(score * share, information * share)],
+            (1.0 / share - 1.0) / square,
+        );
         Some((increase, stated.probability()))
     }
 
@@ -206,16 +244,26 @@ impl Flight<'_> {
     ) -> AdjustResult<SolvedFlight> {
         let configured = mount_drift_rad(self.input.setup);
         let is_known = self.input.setup.uncertainty[Width::Stabilisation] > 0.0;
-        if is_known || self.hyperparameters.drift_rad < SUSPECT_DRIFT_RATIO * configured.max(STEADY_ROTATION_RAD) {
+        if is_known
+            || self.hyperparameters.drift_rad
+                < SUSPECT_DRIFT_RATIO * configured.max(STEADY_ROTATION_RAD)
+        {
             return Ok(solved);
         }
         let mut shifted = self.clone();
         shifted.prior_scales.stabilised_px = STABILISED_PX;
-        (shifted.hyperparameters.drift_rad, shifted.hyperparameters.pitch_drift_increase) = (configured, 0.0);
+        (
+            shifted.hyperparameters.drift_rad,
+            shifted.hyperparameters.pitch_drift_increase,
+        ) = (configured, 0.0);
         shifted.hyperparameters.sags = false;
-        (shifted.usage, shifted.tested_sum) =
-            (FlightUsage::all_used(self.frames.len(), self.input.setup.markers.len()), None);
-        let Ok(again) = shifted.solve_rough(None) else { return Ok(solved) };
+        (shifted.usage, shifted.tested_sum) = (
+            FlightUsage::all_used(self.frames.len(), self.input.setup.markers.len()),
+            None,
+        );
+        let Ok(again) = shifted.solve_rough(None) else {
+            return Ok(solved);
+        };
         let omega = solved.tested_sum.map_or(solved.fit.omega, |sum| sum.omega);
         let gain = chi_square_limit(2.0 * self.frames.len() as f64, REMOUNT_ALPHA);
         if again.fit.omega + gain > omega {
@@ -234,8 +282,11 @@ impl Flight<'_> {
     pub fn find_mountings(&mut self, solved: &SolvedFlight) {
         let frames = self.frames.len();
         self.hyperparameters.mountings = self.hyperparameters.mountings.with_numbers(|| {
-            let steps: Vec<f64> = (1..frames).map(|f| solved.rotation_distance(f - 1, f)).collect();
-            let typical = (median(steps.clone()).unwrap_or(0.0) / chi_square_limit(3.0, 0.5)).max(1.0);
+            let steps: Vec<f64> = (1..frames)
+                .map(|f| solved.rotation_distance(f - 1, f))
+                .collect();
+            let typical =
+                (median(steps.clone()).unwrap_or(0.0) / chi_square_limit(3.0, 0.5)).max(1.0);
             let limit = typical * chi_square_limit(3.0, REMOUNT_ALPHA / frames as f64);
             let mut numbers = vec![0; frames];
             for frame in 1..frames {
@@ -243,6 +294,9 @@ impl Flight<'_> {
             }
             numbers
         });
-        self.hyperparameters.drift_rad = self.hyperparameters.drift_rad.max(self.hyperparameters.rotations_rms_rad());
+        self.hyperparameters.drift_rad = self
+            .hyperparameters
+            .drift_rad
+            .max(self.hyperparameters.rotations_rms_rad());
     }
 }

@@ -22,7 +22,10 @@ pub struct FlightUsage {
 impl FlightUsage {
     /// Uses all observations.
     pub fn all_used(frames: usize, markers: usize) -> Self {
-        Self { frames: vec![vec![true; markers]; frames], ground: vec![true; markers] }
+        Self {
+            frames: vec![vec![true; markers]; frames],
+            ground: vec![true; markers],
+        }
     }
 
     /// Uses all observations except the removed ones.
@@ -39,7 +42,9 @@ impl FlightUsage {
             None => self.ground[suspect.marker] = false,
         }
         if suspect.target == SuspectTarget::Survey {
-            self.frames.iter_mut().for_each(|frame| frame[suspect.marker] = false);
+            self.frames
+                .iter_mut()
+                .for_each(|frame| frame[suspect.marker] = false);
         }
     }
 }

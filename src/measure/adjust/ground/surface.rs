@@ -35,7 +35,12 @@ impl SurfaceFrame {
                 "the outermost marker is {reach:.2} m outboard of the bending root, more than {MIN_REACH_M} m are needed; check span_direction and root_offset_m"
             )));
         }
-        Ok(Self { axis_z, root_x, reach, breaks_x_m: setup.breaks.iter().map(|one| one.span_m).collect() })
+        Ok(Self {
+            axis_z,
+            root_x,
+            reach,
+            breaks_x_m: setup.breaks.iter().map(|one| one.span_m).collect(),
+        })
     }
 
     /// Row of the surface's design matrix for one point.
@@ -44,7 +49,10 @@ impl SurfaceFrame {
         let chord = 1.0 - (1.0 - TYPICAL_TAPER) * (x / self.reach).clamp(0.0, 1.0);
         let smooth = [1.0, x, x * x, x * x * x, z, z * x, z * z / chord];
         let broken = self.breaks_x_m.iter().map(|at| (p.x - at).max(0.0));
-        DVector::from_iterator(smooth.len() + self.breaks_x_m.len(), smooth.into_iter().chain(broken))
+        DVector::from_iterator(
+            smooth.len() + self.breaks_x_m.len(),
+            smooth.into_iter().chain(broken),
+        )
     }
 }
 
@@ -60,8 +68,15 @@ pub struct SurveySurface {
 /// Mean and standard deviation of the surface coefficients for typical wings, m over powers of m, and the power with which
 /// both decrease with [`TYPICAL_REACH_M`] over the wing's: wings of all sizes have these shapes. They decide only what the
 /// markers leave undetermined, such as crown against curvature if the markers are on two lines.
-pub const TYPICAL_SURFACE: [(f64, f64, i32); 7] =
-    [(0.0, 100.0, 0), (0.0, 1.0, 0), (0.0, 2e-3, 1), (0.0, 3e-5, 2), (0.0, 0.1, 0), (0.0, 5e-3, 1), (-0.03, 0.02, 1)];
+pub const TYPICAL_SURFACE: [(f64, f64, i32); 7] = [
+    (0.0, 100.0, 0),
+    (0.0, 1.0, 0),
+    (0.0, 2e-3, 1),
+    (0.0, 3e-5, 2),
+    (0.0, 0.1, 0),
+    (0.0, 5e-3, 1),
+    (-0.03, 0.02, 1),
+];
 /// Span from root to outermost marker of the wings of [`TYPICAL_SURFACE`], m: an airliner's.
 const TYPICAL_REACH_M: f64 = 31.0;
 /// Standard deviation of the change of slope at a break: up to that of an upright winglet.
@@ -91,7 +106,11 @@ impl SurveySurface {
         let mut normal = DMatrix::<f64>::zeros(size, size);
         let mut right = DVector::<f64>::zeros(size);
         for k in 0..size {
-            let (mean, sigma, power) = TYPICAL_SURFACE.get(k).copied().unwrap_or((0.0, BREAK_SIGMA, 0));
+            let (mean, sigma, power) =
+                TYPICAL_SURFACE
+                    .get(k)
+                    .copied()
+                    .unwrap_or((0.0, BREAK_SIGMA, 0));
             let larger = (TYPICAL_REACH_M / frame.reach).powi(power);
             normal[(k, k)] = (sigma * larger).powi(-2);
             right[k] = normal[(k, k)] * mean * larger;
@@ -103,15 +122,25 @@ impl SurveySurface {
         }
         let scale = normal.diagonal().map(|d| 1.0 / d.sqrt());
         let scales = &scale * scale.transpose();
-        let inverse =
-            normal.component_mul(&scales).cholesky().map_or_else(|| DMatrix::zeros(size, size), |f| f.inverse());
+        let inverse = normal
+            .component_mul(&scales)
+            .cholesky()
+            .map_or_else(|| DMatrix::zeros(size, size), |f| f.inverse());
         let covariance = inverse.component_mul(&scales);
-        Self { frame: frame.clone(), coefficients: &covariance * right, covariance }
+        Self {
+            frame: frame.clone(),
+            coefficients: &covariance * right,
+            covariance,
+        }
     }
 
     /// Distances of points from the surface, in standard deviations.
     fn distances(&self, points: &[Vector3<f64>], weights: &[f64]) -> Vec<f64> {
-        points.iter().zip(weights).map(|(p, w)| self.height_above(p).abs() * w.sqrt()).collect()
+        points
+            .iter()
+            .zip(weights)
+            .map(|(p, w)| self.height_above(p).abs() * w.sqrt())
+            .collect()
     }
 
     /// Fits the surface robustly: points off the surface of the others lose their weight.
@@ -124,27 +153,57 @@ impl SurveySurface {
     pub fn fit_broken(points: &[Vector3<f64>], weights: &[f64], frame: SurfaceFrame) -> Self {
         let squares = |surface: &Self| {
             let of_one = |distance: f64| (distance * distance).min(OUTLIER_SQUARE);
-            surface.distances(points, weights).into_iter().map(of_one).sum::<f64>()
+            surface
+                .distances(points, weights)
+                .into_iter()
+                .map(of_one)
+                .sum::<f64>()
         };
-        let mut spans: Vec<f64> = points.iter().zip(weights).filter(|(_, w)| **w > 0.0).map(|(p, _)| p.x).collect();
+        let mut spans: Vec<f64> = points
+            .iter()
+            .zip(weights)
+            .filter(|(_, w)| **w > 0.0)
+            .map(|(p, _)| p.x)
+            .collect();
         spans.sort_by(f64::total_cmp);
         let mut best = Self::fit_robust(points, weights, &frame);
         while best.frame.breaks_x_m.len() < MAX_BREAKS && squares(&best) > BREAK_SIGNIFICANCE {
             let with = |at: f64| {
                 let breaks_x_m = best.frame.breaks_x_m.iter().copied().chain([at]).collect();
-                Self::fit_robust(points, weights, &SurfaceFrame { breaks_x_m, ..best.frame.clone() })
+                Self::fit_robust(
+                    points,
+                    weights,
+                    &SurfaceFrame {
+                        breaks_x_m,
+                        ..best.frame.clone()
+                    },
+                )
             };
             // Points on both sides determine a break.
             let inboard = |at: f64| spans.iter().filter(|x| **x < at).count() as isize;
             let ends = best.frame.breaks_x_m.iter().map(|at| inboard(*at));
             let missing = POINTS_BETWEEN_BREAKS - POINTS_BESIDE_BREAKS;
-            let ends: Vec<isize> = ends.chain([-missing, spans.len() as isize + missing]).collect();
-            let is_free = |gap: &usize| ends.iter().all(|end| (end - *gap as isize).abs() >= POINTS_BETWEEN_BREAKS);
-            let gaps = (1..spans.len()).filter(is_free).map(|gap| (spans[gap - 1], spans[gap]));
+            let ends: Vec<isize> = ends
+                .chain([-missing, spans.len() as isize + missing])
+                .collect();
+            let is_free = |gap: &usize| {
+                ends.iter()
+                    .all(|end| (end - *gap as isize).abs() >= POINTS_BETWEEN_BREAKS)
+            };
+            let gaps = (1..spans.len())
+                .filter(is_free)
+                .map(|gap| (spans[gap - 1], spans[gap]));
             let places = gaps.map(|gap| minimise_between(gap, |at| squares(&with(at))));
-            let Some(found) = places.map(with).min_by(|a, b| squares(a).total_cmp(&squares(b))) else { break };
+            let Some(found) = places
+                .map(with)
+                .min_by(|a, b| squares(a).total_cmp(&squares(b)))
+            else {
+                break;
+            };
             let freedom = spans.len().saturating_sub(found.coefficients.len()).max(1) as f64;
-            if squares(&best) - squares(&found) < BREAK_SIGNIFICANCE * (squares(&found) / freedom).max(1.0) {
+            if squares(&best) - squares(&found)
+                < BREAK_SIGNIFICANCE * (squares(&found) / freedom).max(1.0)
+            {
                 break;
             }
             best = found;
@@ -154,22 +213,33 @@ impl SurveySurface {
 
     /// Breaks: X, wing frame, m, and the change of slope.
     fn breaks(&self) -> impl Iterator<Item = (f64, f64)> {
-        self.frame.breaks_x_m.iter().copied().zip(self.coefficients.iter().skip(TYPICAL_SURFACE.len()).copied())
+        self.frame.breaks_x_m.iter().copied().zip(
+            self.coefficients
+                .iter()
+                .skip(TYPICAL_SURFACE.len())
+                .copied(),
+        )
     }
 
     fn is_tip_device(&self, (at, slope): (f64, f64)) -> bool {
-        at - self.frame.root_x > TIP_DEVICE_SPAN * self.frame.reach && slope.abs() > TIP_DEVICE_SLOPE
+        at - self.frame.root_x > TIP_DEVICE_SPAN * self.frame.reach
+            && slope.abs() > TIP_DEVICE_SLOPE
     }
 
     /// Breaks of the wing itself: distance inboard of a span from the root, m, negative outboard of it, and the change of slope.
     pub fn wing_breaks(&self, x: f64) -> impl Iterator<Item = (f64, f64)> {
         let beyond = move |(at, slope)| (x + self.frame.root_x - at, slope);
-        self.breaks().filter(|one| !self.is_tip_device(*one)).map(beyond)
+        self.breaks()
+            .filter(|one| !self.is_tip_device(*one))
+            .map(beyond)
     }
 
     /// X at which a winglet or other tip device begins, wing frame, m, and its cant against the wing, rad.
     pub fn tip_device_m(&self) -> Option<(f64, f64)> {
-        let device = self.breaks().filter(|one| self.is_tip_device(*one)).min_by(|a, b| a.0.total_cmp(&b.0));
+        let device = self
+            .breaks()
+            .filter(|one| self.is_tip_device(*one))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
         device.map(|(at, slope)| (at, slope.atan()))
     }
 
@@ -191,14 +261,23 @@ impl SurveySurface {
 
     /// Height of the wing above its Z, without a tip device, m.
     pub fn height_at(&self, x: f64) -> f64 {
-        let smooth = (0..4).rev().fold(0.0, |sum, k| sum * x + self.coefficients[k]);
-        smooth + self.wing_breaks(x).map(|(beyond, slope)| slope * beyond.max(0.0)).sum::<f64>()
+        let smooth = (0..4)
+            .rev()
+            .fold(0.0, |sum, k| sum * x + self.coefficients[k]);
+        smooth
+            + self
+                .wing_breaks(x)
+                .map(|(beyond, slope)| slope * beyond.max(0.0))
+                .sum::<f64>()
     }
 
     /// Slope of the wing along the span, without a tip device.
     pub fn slope_at(&self, x: f64) -> f64 {
         let c = &self.coefficients;
-        let broken = self.wing_breaks(x).filter(|(beyond, _)| *beyond > 0.0).map(|(_, slope)| slope);
+        let broken = self
+            .wing_breaks(x)
+            .filter(|(beyond, _)| *beyond > 0.0)
+            .map(|(_, slope)| slope);
         c[1] + x * (2.0 * c[2] + x * 3.0 * c[3]) + broken.sum::<f64>()
     }
 }

@@ -40,16 +40,28 @@ impl ParameterLayout {
             values,
         };
         for (index, (member, observed)) in members.iter().zip(at.observed).enumerate() {
-            let surveyed = self.ground_positions != GroundPositions::Observed && member.flight.is_none();
-            let images = usize::from(member.flight.is_some()) + usize::from(member.ground.is_some());
+            let surveyed =
+                self.ground_positions != GroundPositions::Observed && member.flight.is_none();
+            let images =
+                usize::from(member.flight.is_some()) + usize::from(member.ground.is_some());
             if index == blocks.len() {
                 let columns = self.block_columns(&[member.marker]);
                 let conditions = 3 * usize::from(surveyed) + 2 * images;
-                blocks.push(Linearised::empty(conditions, columns, self.local, observed.len()));
+                blocks.push(Linearised::empty(
+                    conditions,
+                    columns,
+                    self.local,
+                    observed.len(),
+                ));
             }
             let ground_m = self.ground_position(member.marker, at.global, observed);
             let moved_m = self.moved_position(member.marker, &ground_m, at.global);
-            let mut rows = ConditionRows { layout: self, out: &mut blocks[index], observed, row: 0 };
+            let mut rows = ConditionRows {
+                layout: self,
+                out: &mut blocks[index],
+                observed,
+                row: 0,
+            };
             if surveyed {
                 rows.write_survey(&ground_m);
             }
@@ -71,7 +83,9 @@ struct ConditionRows<'a> {
 impl ConditionRows<'_> {
     fn set_pixel_derivative(&mut self, scope: ParameterScope, k: usize, v: Vector2<f64>) {
         let (target, column) = match scope {
-            ParameterScope::Global(first) => (&mut self.out.global, self.layout.block_column(first) + k),
+            ParameterScope::Global(first) => {
+                (&mut self.out.global, self.layout.block_column(first) + k)
+            }
             ParameterScope::Local(first) => (&mut self.out.local, first + k),
         };
         let first = column * target.nrows() + self.row;
@@ -99,7 +113,9 @@ impl ConditionRows<'_> {
             GroundPositions::Observed => (&mut self.out.observations, 0),
             GroundPositions::Global(_) => (&mut self.out.global, layout.survey_column()),
         };
-        target.fixed_view_mut::<2, 3>(self.row, column).copy_from(by_ground);
+        target
+            .fixed_view_mut::<2, 3>(self.row, column)
+            .copy_from(by_ground);
         self.row += 2;
     }
 
@@ -107,7 +123,10 @@ impl ConditionRows<'_> {
     fn write_motion(&mut self, marker: usize, by_ground: &Matrix2x3<f64>) {
         let first = self.layout.motion_column();
         for (k, direction) in self.layout.motions.directions(marker).iter().enumerate() {
-            self.out.global.fixed_view_mut::<2, 1>(self.row, first + k).copy_from(&(by_ground * direction));
+            self.out
+                .global
+                .fixed_view_mut::<2, 1>(self.row, first + k)
+                .copy_from(&(by_ground * direction));
         }
     }
 
@@ -117,19 +136,35 @@ impl ConditionRows<'_> {
         member: &BlockMember,
         ground_m: &Vector3<f64>,
         moved_m: &Vector3<f64>,
-        EvaluatedFrame { scene, values, bent, in_flight, on_ground }: &EvaluatedFrame,
+        EvaluatedFrame {
+            scene,
+            values,
+            bent,
+            in_flight,
+            on_ground,
+        }: &EvaluatedFrame,
     ) -> EstimationResult<()> {
         if let Some(first) = member.flight {
             let state = scene.marker_in_flight(member.marker, bent, moved_m, values);
-            let at_row_m = state.carried.position_m + marker_displacement(&values.moved_at_row_m, member.marker);
-            let seen = scene.project(&at_row_m, in_flight).ok_or_else(behind_camera_error)?;
+            let at_row_m = state.carried.position_m
+                + marker_displacement(&values.moved_at_row_m, member.marker);
+            let seen = scene
+                .project(&at_row_m, in_flight)
+                .ok_or_else(behind_camera_error)?;
             let by_ground = seen.by_point * state.carried.by_ground;
             self.write_motion(member.marker, &by_ground);
-            self.write_image(first, &seen.pixel, |term, k| term.flight_pixel_derivative(k, &state, &seen), &by_ground);
+            self.write_image(
+                first,
+                &seen.pixel,
+                |term, k| term.flight_pixel_derivative(k, &state, &seen),
+                &by_ground,
+            );
         }
         if let Some(first) = member.ground {
             let there_m = ground_m + marker_displacement(&values.moved_on_ground_m, member.marker);
-            let seen = scene.project(&there_m, on_ground).ok_or_else(behind_camera_error)?;
+            let seen = scene
+                .project(&there_m, on_ground)
+                .ok_or_else(behind_camera_error)?;
             self.write_image(
                 first,
                 &seen.pixel,
@@ -146,8 +181,14 @@ impl ConditionRows<'_> {
         for k in 0..3 {
             self.out.misclosure[k] = ground_m[k] - self.observed[k];
         }
-        self.out.observations.fixed_view_mut::<3, 3>(0, 0).copy_from(&-identity);
-        self.out.global.fixed_view_mut::<3, 3>(0, self.layout.survey_column()).copy_from(&identity);
+        self.out
+            .observations
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&-identity);
+        self.out
+            .global
+            .fixed_view_mut::<3, 3>(0, self.layout.survey_column())
+            .copy_from(&identity);
         self.row = 3;
     }
 }

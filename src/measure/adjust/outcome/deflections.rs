@@ -15,15 +15,25 @@ impl FrameOutcome<'_> {
         let mut all = self.empty_gradient(3, &[marker]);
         let up = Vector3::y();
         self.add_position(&mut all, &state, &[up; 3], &[-up; 3]);
-        self.add_reference_derivatives(&mut all, &state, &(state.carried.position_m - ground), [0, 1, 2]);
+        self.add_reference_derivatives(
+            &mut all,
+            &state,
+            &(state.carried.position_m - ground),
+            [0, 1, 2],
+        );
         all.single_function(reference as usize)
     }
 
     /// Deflections relative to survey, ground frame and root tangent, m; `None` for a fixed target.
-    pub(super) fn marker_deflections(&self, state: &MarkerState, ground: &Vector3<f64>) -> Option<[f64; 3]> {
+    pub(super) fn marker_deflections(
+        &self,
+        state: &MarkerState,
+        ground: &Vector3<f64>,
+    ) -> Option<[f64; 3]> {
         let root_m = self.values.root_displacement_m(&state.from_root_m?).y;
         let deflection = state.carried.position_m.y - ground.y;
-        let against_ground = deflection - marker_displacement(&self.values.moved_on_ground_m, state.marker).y;
+        let against_ground =
+            deflection - marker_displacement(&self.values.moved_on_ground_m, state.marker).y;
         Some([deflection, against_ground, against_ground - root_m])
     }
 
@@ -37,7 +47,10 @@ impl FrameOutcome<'_> {
         [survey, ground, root]: [usize; 3],
     ) {
         for (placed, k) in self.layout.unknowns() {
-            let mut put = |function, by| self.layout.add_derivative(gradient, placed.scope, k, function, by);
+            let mut put = |function, by| {
+                self.layout
+                    .add_derivative(gradient, placed.scope, k, function, by)
+            };
             let leaning = placed.term.vertical_derivative(k, displacement_m);
             let on_ground = placed.term.ground_derivative(k, state.marker).y;
             put(survey, leaning);

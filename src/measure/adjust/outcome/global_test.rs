@@ -9,7 +9,12 @@ impl FrameOutcome<'_> {
     /// passes only because observations were removed is not valid.
     pub fn judged_before_removal(self, before: Option<ResidualSum>) -> Self {
         match before {
-            Some(tested_sum) => Self { tested_sum, before_removal: true, ..self }.apply_global_test(),
+            Some(tested_sum) => Self {
+                tested_sum,
+                before_removal: true,
+                ..self
+            }
+            .apply_global_test(),
             None => self,
         }
     }
@@ -19,7 +24,10 @@ impl FrameOutcome<'_> {
         let options = self.solved.input.options;
         self.global_test = quality::global_test(omega, redundancy, options.global_alpha);
         self.posterior = quality::is_posterior(options.sigma, self.global_test);
-        self.scale = self.variance_factor().filter(|_| self.posterior).map_or(1.0, f64::sqrt);
+        self.scale = self
+            .variance_factor()
+            .filter(|_| self.posterior)
+            .map_or(1.0, f64::sqrt);
         self
     }
 

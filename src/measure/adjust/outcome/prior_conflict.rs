@@ -15,15 +15,23 @@ pub fn with_prior_if_consistent<T>(
     solutions: impl Fn(&mut T) -> &mut [Solution],
 ) -> AdjustResult<T> {
     let mut with = solve(options);
-    let is_contradictory = |s: &Solution| s.global_test == Some(GlobalTest::Rejected) || is_width_contradicted(s);
+    let is_contradictory =
+        |s: &Solution| s.global_test == Some(GlobalTest::Rejected) || is_width_contradicted(s);
     let is_rejected = |solved: &mut T| solutions(solved).iter().any(is_contradictory);
     if options.flight_prior.is_none() || with.as_mut().is_ok_and(|with| !is_rejected(with)) {
         return with;
     }
-    let Ok(mut without) = solve(&Options { flight_prior: None, ..options.clone() }) else { return with };
+    let Ok(mut without) = solve(&Options {
+        flight_prior: None,
+        ..options.clone()
+    }) else {
+        return with;
+    };
     if is_rejected(&mut without) && with.is_ok() {
         return with;
     }
-    solutions(&mut without).iter_mut().for_each(|solution| solution.remarks.insert(0, CONFLICT_REMARK.into()));
+    solutions(&mut without)
+        .iter_mut()
+        .for_each(|solution| solution.remarks.insert(0, CONFLICT_REMARK.into()));
     Ok(without)
 }

@@ -29,7 +29,10 @@ impl SectionFunction {
         by_twist: 0.0,
     };
     /// Function without a value.
-    pub const UNKNOWN: Self = Self { value: f64::NAN, ..Self::NONE };
+    pub const UNKNOWN: Self = Self {
+        value: f64::NAN,
+        ..Self::NONE
+    };
 
     fn derivative(&self, motion: &SectionMotion, nose_axis: &Vector3<f64>) -> f64 {
         let rotation_rad = motion.rotation_rad + nose_axis * motion.twist_rad;
@@ -56,13 +59,22 @@ impl MovedSection {
         let ground_tangent = wing_from_section(ground_slope_rad).column(0).into_owned();
         let nose_axis = rotation * ground_tangent * nose;
         let twist = Rotation3::new(nose_axis * motion.twist_rad);
-        Self { motion, ground_slope_rad, nose_axis, rotation: twist * rotation }
+        Self {
+            motion,
+            ground_slope_rad,
+            nose_axis,
+            rotation: twist * rotation,
+        }
     }
 
     /// Displacement of the axis along a unit vector of the wing frame, m.
     pub fn displacement(&self, along: &Vector3<f64>) -> SectionFunction {
         let value = self.motion.displacement_m.dot(along);
-        SectionFunction { value, by_displacement: *along, ..SectionFunction::NONE }
+        SectionFunction {
+            value,
+            by_displacement: *along,
+            ..SectionFunction::NONE
+        }
     }
 
     /// Change of the axis' slope in the vertical plane of the span, tip up positive, rad.
@@ -70,17 +82,30 @@ impl MovedSection {
         let axis = Vector3::z();
         let twist_part = axis.dot(&self.nose_axis);
         let value = self.motion.rotation_rad.dot(&axis);
-        SectionFunction { value, by_rotation: axis, by_twist: -twist_part, ..SectionFunction::NONE }
+        SectionFunction {
+            value,
+            by_rotation: axis,
+            by_twist: -twist_part,
+            ..SectionFunction::NONE
+        }
     }
 
     /// Twist about the bending axis, nose up positive, rad.
     pub fn twist(&self) -> SectionFunction {
-        SectionFunction { value: self.motion.twist_rad, by_twist: 1.0, ..SectionFunction::NONE }
+        SectionFunction {
+            value: self.motion.twist_rad,
+            by_twist: 1.0,
+            ..SectionFunction::NONE
+        }
     }
 
     /// Component of the rotation vector along a unit vector of the wing frame, rad.
     pub fn rotation(&self, along: &Vector3<f64>) -> SectionFunction {
-        SectionFunction { value: self.rotation.scaled_axis().dot(along), by_rotation: *along, ..SectionFunction::NONE }
+        SectionFunction {
+            value: self.rotation.scaled_axis().dot(along),
+            by_rotation: *along,
+            ..SectionFunction::NONE
+        }
     }
 
     /// Change of the incidence in the vertical plane of the flow, nose up positive, rad. `aft`: horizontal direction of the
@@ -88,13 +113,20 @@ impl MovedSection {
     /// inclination is the incidence.
     pub fn streamwise_twist(&self, aft: &Vector3<f64>) -> SectionFunction {
         let up = Vector3::y();
-        let on_ground = wing_from_section(self.ground_slope_rad).column(1).into_owned();
+        let on_ground = wing_from_section(self.ground_slope_rad)
+            .column(1)
+            .into_owned();
         let normal = self.rotation * on_ground;
         let incidence = |n: &Vector3<f64>| n.dot(aft).atan2(n.dot(&up));
         let (along, above) = (normal.dot(aft), normal.dot(&up));
-        let by_rotation = (normal.cross(aft) * above - normal.cross(&up) * along) / (along * along + above * above);
+        let by_rotation = (normal.cross(aft) * above - normal.cross(&up) * along)
+            / (along * along + above * above);
         let value = incidence(&normal) - incidence(&on_ground);
-        SectionFunction { value, by_rotation, ..SectionFunction::NONE }
+        SectionFunction {
+            value,
+            by_rotation,
+            ..SectionFunction::NONE
+        }
     }
 }
 
@@ -112,14 +144,21 @@ impl FrameOutcome<'_> {
     /// are added.
     pub fn moved_sections(&self, arcs_m: Vec<f64>) -> MovedSections<'_> {
         let curve = AxisCurve::new(self.solved.input.scene, &self.values, arcs_m);
-        let derivatives: Vec<_> =
-            self.layout.unknowns().map(|(placed, k)| placed.term.section_derivatives(k, &curve)).collect();
+        let derivatives: Vec<_> = self
+            .layout
+            .unknowns()
+            .map(|(placed, k)| placed.term.section_derivatives(k, &curve))
+            .collect();
         let mut motions = curve.motions.clone();
         for ((placed, k), by_section) in self.layout.unknowns().zip(&derivatives) {
             if !placed.term.is_added_to_sections() {
                 continue;
             }
-            let x = placed.value(k, &self.solved.fit.global, &self.solved.fit.groups[self.solved.group].local);
+            let x = placed.value(
+                k,
+                &self.solved.fit.global,
+                &self.solved.fit.groups[self.solved.group].local,
+            );
             for (motion, by) in motions.iter_mut().zip(by_section) {
                 motion.displacement_m += by.displacement_m * x;
                 motion.rotation_rad += by.rotation_rad * x;
@@ -127,9 +166,15 @@ impl FrameOutcome<'_> {
             }
         }
         let nose = self.solved.input.scene.ground.nose;
-        let moved = |(motion, flat): (SectionMotion, &BeamSection)| MovedSection::new(motion, flat.slope_rad, nose);
+        let moved = |(motion, flat): (SectionMotion, &BeamSection)| {
+            MovedSection::new(motion, flat.slope_rad, nose)
+        };
         let sections = motions.into_iter().zip(&curve.flat).map(moved).collect();
-        MovedSections { curve, sections, derivatives }
+        MovedSections {
+            curve,
+            sections,
+            derivatives,
+        }
     }
 
     /// Adds the derivatives of functions of each section: `functions` holds, per function, one value for each section, and
@@ -137,14 +182,24 @@ impl FrameOutcome<'_> {
     pub fn add_section_functions(
         &self,
         gradient: &mut Gradient,
-        MovedSections { sections, derivatives, .. }: &MovedSections,
+        MovedSections {
+            sections,
+            derivatives,
+            ..
+        }: &MovedSections,
         functions: &[Vec<SectionFunction>],
     ) {
         for ((placed, k), by_section) in self.layout.unknowns().zip(derivatives) {
             for (s, (motion, section)) in by_section.iter().zip(sections).enumerate() {
                 for (f, of_sections) in functions.iter().enumerate() {
                     let by = of_sections[s].derivative(motion, &section.nose_axis);
-                    self.layout.add_derivative(gradient, placed.scope, k, f * sections.len() + s, by);
+                    self.layout.add_derivative(
+                        gradient,
+                        placed.scope,
+                        k,
+                        f * sections.len() + s,
+                        by,
+                    );
                 }
             }
         }
@@ -152,22 +207,38 @@ impl FrameOutcome<'_> {
 
     /// Direction of the flow, wing frame, if the installation has one and the side of the wing is known.
     pub fn flow_in_wing(&self) -> Option<Vector3<f64>> {
-        let flow = self.solved.input.setup.flow_direction?.try_normalize(f64::EPSILON)?;
+        let flow = self
+            .solved
+            .input
+            .setup
+            .flow_direction?
+            .try_normalize(f64::EPSILON)?;
         self.solved.input.setup.side()?;
-        Some(self.solved.input.scene.ground.frame.wing_from_survey * Vector3::new(flow.x, flow.y, 0.0))
+        Some(
+            self.solved.input.scene.ground.frame.wing_from_survey
+                * Vector3::new(flow.x, flow.y, 0.0),
+        )
     }
 
     /// Functions of sections that records report: deflection, slope, twist and, if the flow's direction is known, the
     /// streamwise twist.
-    pub(super) fn reported_functions(&self, sections: &[MovedSection]) -> Vec<Vec<SectionFunction>> {
+    pub(super) fn reported_functions(
+        &self,
+        sections: &[MovedSection],
+    ) -> Vec<Vec<SectionFunction>> {
         let up = Vector3::y();
-        let of_all = |function: &dyn Fn(&MovedSection) -> SectionFunction| sections.iter().map(function).collect();
+        let of_all = |function: &dyn Fn(&MovedSection) -> SectionFunction| {
+            sections.iter().map(function).collect()
+        };
         let mut all = vec![
             of_all(&|section| section.displacement(&up)),
             of_all(&MovedSection::slope),
             of_all(&MovedSection::twist),
         ];
-        all.extend(self.flow_in_wing().map(|aft| of_all(&|section| section.streamwise_twist(&aft))));
+        all.extend(
+            self.flow_in_wing()
+                .map(|aft| of_all(&|section| section.streamwise_twist(&aft))),
+        );
         all
     }
 
@@ -178,7 +249,13 @@ impl FrameOutcome<'_> {
         functions: &[Vec<SectionFunction>],
     ) -> Vec<Vec<Estimate>> {
         let mut sigmas = self.function_sigmas(gradient).into_iter();
-        let estimate = |f: &SectionFunction, sigma| Estimate { value: f.value, sigma };
-        functions.iter().map(|of_all| of_all.iter().map(|f| estimate(f, sigmas.next())).collect()).collect()
+        let estimate = |f: &SectionFunction, sigma| Estimate {
+            value: f.value,
+            sigma,
+        };
+        functions
+            .iter()
+            .map(|of_all| of_all.iter().map(|f| estimate(f, sigmas.next())).collect())
+            .collect()
     }
 }

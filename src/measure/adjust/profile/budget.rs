@@ -15,19 +15,37 @@ impl ProfileAdjustment<'_> {
         markers: &[MarkerSolution],
         placed: &[ProfileMarker],
     ) -> Option<VarianceBudget> {
-        let ground =
-            |m: &MarkerSolution| self.geometry.ground_coordinates(m.marker).map_or(f64::MIN, |(arc_m, _)| arc_m);
+        let ground = |m: &MarkerSolution| {
+            self.geometry
+                .ground_coordinates(m.marker)
+                .map_or(f64::MIN, |(arc_m, _)| arc_m)
+        };
         let deflected = markers.iter().filter(|m| m.deflection_m.is_some());
-        let marker = deflected.max_by(|a, b| ground(a).total_cmp(&ground(b)))?.marker;
-        let measured = self.observations.iter().position(|o| o.marker == marker).and_then(|index| placed.get(index));
+        let marker = deflected
+            .max_by(|a, b| ground(a).total_cmp(&ground(b)))?
+            .marker;
+        let measured = self
+            .observations
+            .iter()
+            .position(|o| o.marker == marker)
+            .and_then(|index| placed.get(index));
         let (arc_m, _) = self.geometry.ground_coordinates(marker)?;
         let predicted = LinearResponse::bending_function(self.deflection_by_a(arc_m));
-        let parts = self.response.variance_parts(measured.map_or(&predicted, |placed| &placed.deflection));
+        let parts = self
+            .response
+            .variance_parts(measured.map_or(&predicted, |placed| &placed.deflection));
         let total: f64 = parts.iter().sum();
-        let share =
-            |(source, part)| VarianceShare { source: Cow::from(source), share: part / total, sigma_if_known_m: None };
+        let share = |(source, part)| VarianceShare {
+            source: Cow::from(source),
+            share: part / total,
+            sigma_if_known_m: None,
+        };
         let mut shares: Vec<_> = [SURVEY, IMAGE].into_iter().zip(parts).map(share).collect();
         sort_by_value(&mut shares, |one| -one.share);
-        (total > 0.0).then_some(VarianceBudget { marker, reference: DeflectionReference::Survey, shares })
+        (total > 0.0).then_some(VarianceBudget {
+            marker,
+            reference: DeflectionReference::Survey,
+            shares,
+        })
     }
 }

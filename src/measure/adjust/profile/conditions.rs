@@ -47,12 +47,20 @@ impl<'a> ProfileGeometry<'a> {
         let wing_from_camera = frame.wing_from_survey * orientation.camera_from_survey.inverse();
         let thermal_scale = setup.thermal.map_or(1.0, |t| t.scale());
         let pane = Plate::from_window(setup.window.as_ref(), &orientation.camera_from_survey, true);
-        Self { setup, frame, wing_from_camera, pane, thermal_scale }
+        Self {
+            setup,
+            frame,
+            wing_from_camera,
+            pane,
+            thermal_scale,
+        }
     }
 
     /// Arc length on the ground from the bending root, and height, wing frame, m (table 1 of the paper).
     pub fn ground_coordinates(&self, marker: usize) -> Option<(f64, f64)> {
-        let p = self.frame.wing_point(&self.setup.markers.get(marker)?.position_m);
+        let p = self
+            .frame
+            .wing_point(&self.setup.markers.get(marker)?.position_m);
         Some((p.x - self.setup.root_offset_m, p.y))
     }
 
@@ -66,9 +74,14 @@ impl<'a> ProfileGeometry<'a> {
     /// # Errors
     /// Returns an error if the pixel has no ray or the ray does not point outboard.
     pub fn plane_ray(&self, pixel: &Vector2<f64>) -> EstimationResult<PlaneRay> {
-        let (ray, jacobian) =
-            self.setup.lens.ray_with_jacobian(pixel).map_err(|e| EstimationError::Input(e.to_string()))?;
-        let (from_m, ray) = self.pane.map_or((Vector3::zeros(), ray), |pane| pane.outside_ray(&ray));
+        let (ray, jacobian) = self
+            .setup
+            .lens
+            .ray_with_jacobian(pixel)
+            .map_err(|e| EstimationError::Input(e.to_string()))?;
+        let (from_m, ray) = self
+            .pane
+            .map_or((Vector3::zeros(), ray), |pane| pane.outside_ray(&ray));
         let (from_m, ray) = (self.wing_from_camera * from_m, self.wing_from_camera * ray);
         if ray.x <= 0.0 {
             return Err(EstimationError::Input(format!(
@@ -81,7 +94,11 @@ impl<'a> ProfileGeometry<'a> {
         let plane = ray.x.hypot(ray.y);
         let along = (jacobian.row(0) * ray.x + jacobian.row(1) * ray.y) / plane;
         let by_pixel = (jacobian - ray / plane * along) / plane;
-        Ok(PlaneRay { from_m, direction: ray / plane, by_pixel })
+        Ok(PlaneRay {
+            from_m,
+            direction: ray / plane,
+            by_pixel,
+        })
     }
 
     /// Linearises the conditions of all markers; each marker is a group of its own.
@@ -94,12 +111,21 @@ impl<'a> ProfileGeometry<'a> {
             blocks.extend(at.observed.iter().map(|_| empty.clone()));
         }
         let (a, d) = (at.global[0], at.local[0]);
-        blocks.iter_mut().zip(at.observed).try_for_each(|(block, seen)| self.linearise_marker(a, d, seen, block))
+        blocks
+            .iter_mut()
+            .zip(at.observed)
+            .try_for_each(|(block, seen)| self.linearise_marker(a, d, seen, block))
     }
 
     /// Linearises one marker: `0 = l(x'; a) - l` and `0 = y + a x'^2 - y'`, with `x' = f_x + d r_x - root offset` and `y' =
     /// f_y + d r_y`, where f is the point of the ray at the window.
-    fn linearise_marker(&self, a: f64, d: f64, seen: &DVector<f64>, out: &mut Linearised) -> EstimationResult<()> {
+    fn linearise_marker(
+        &self,
+        a: f64,
+        d: f64,
+        seen: &DVector<f64>,
+        out: &mut Linearised,
+    ) -> EstimationResult<()> {
         let ray = self.plane_ray(&Vector2::new(seen[PIXEL], seen[PIXEL + 1]))?;
         let x = ray.from_m.x + d * ray.direction.x - self.setup.root_offset_m;
         let arc = arc_length(x, a);
@@ -108,7 +134,10 @@ impl<'a> ProfileGeometry<'a> {
         out.misclosure[0] = arc.length_m - self.flight_length_m(seen[ARC_LENGTH]);
         out.misclosure[1] = seen[HEIGHT] + rise;
         (out.global[0], out.global[1]) = (arc.by_a, x * x);
-        (out.local[0], out.local[1]) = (arc.by_x * ray.direction.x, slope * ray.direction.x - ray.direction.y);
+        (out.local[0], out.local[1]) = (
+            arc.by_x * ray.direction.x,
+            slope * ray.direction.x - ray.direction.y,
+        );
         out.observations[(0, ARC_LENGTH)] = -self.thermal_scale;
         out.observations[(1, HEIGHT)] = 1.0;
         for k in 0..2 {

@@ -19,8 +19,16 @@ pub struct ArcLength {
 /// there: `g = (sqrt(1 + t^2) + asinh(t) / t) / 2 = 1 + t^2/6 - ...`.
 pub fn arc_length(x_m: f64, a_per_m: f64) -> ArcLength {
     let t = 2.0 * a_per_m * x_m;
-    let (g, slope) = if t.abs() < SERIES_LIMIT { series_expansion(t) } else { closed_form(t) };
-    ArcLength { length_m: x_m * g, by_x: t.hypot(1.0), by_a: 2.0 * x_m * x_m * slope }
+    let (g, slope) = if t.abs() < SERIES_LIMIT {
+        series_expansion(t)
+    } else {
+        closed_form(t)
+    };
+    ArcLength {
+        length_m: x_m * g,
+        by_x: t.hypot(1.0),
+        by_a: 2.0 * x_m * x_m * slope,
+    }
 }
 
 /// Computes x at an arc length, m: the inverse of [`arc_length`], by Newton's iteration from above (the arc length is
@@ -40,10 +48,21 @@ pub fn span_from_length(length_m: f64, a_per_m: f64) -> f64 {
 
 /// Values of g and dg/dt near 0: the binomial series of sqrt(1 + t^2), integrated term by term.
 fn series_expansion(t: f64) -> (f64, f64) {
-    const COEFFICIENTS: [f64; 6] = [1.0 / 6.0, -1.0 / 40.0, 1.0 / 112.0, -5.0 / 1152.0, 7.0 / 2816.0, -21.0 / 13312.0];
+    const COEFFICIENTS: [f64; 6] = [
+        1.0 / 6.0,
+        -1.0 / 40.0,
+        1.0 / 112.0,
+        -5.0 / 1152.0,
+        7.0 / 2816.0,
+        -21.0 / 13312.0,
+    ];
     let w = t * t;
     let value = COEFFICIENTS.iter().rev().fold(0.0, |sum, c| (sum + c) * w);
-    let slope = COEFFICIENTS.iter().enumerate().rev().fold(0.0, |sum, (k, c)| sum * w + 2.0 * (k as f64 + 1.0) * c);
+    let slope = COEFFICIENTS
+        .iter()
+        .enumerate()
+        .rev()
+        .fold(0.0, |sum, (k, c)| sum * w + 2.0 * (k as f64 + 1.0) * c);
     (1.0 + value, slope * t)
 }
 
@@ -72,7 +91,14 @@ mod tests {
     #[test]
     fn unbent_wing_is_regular() {
         let flat = arc_length(30.0, 0.0);
-        assert_eq!(flat, ArcLength { length_m: 30.0, by_x: 1.0, by_a: 0.0 });
+        assert_eq!(
+            flat,
+            ArcLength {
+                length_m: 30.0,
+                by_x: 1.0,
+                by_a: 0.0
+            }
+        );
         // The second derivative by a carries the information about a there: 4 x^3 / 3.
         let near = arc_length(30.0, 1e-6);
         assert!((near.by_a / 1e-6 / (4.0 * 30f64.powi(3) / 3.0) - 1.0).abs() < 1e-6);
@@ -83,7 +109,9 @@ mod tests {
         for a in [0.00218957, -0.0006, 0.01] {
             let n = 20_000;
             let h = 35.0 / f64::from(n);
-            let sum: f64 = (0..n).map(|k| (2.0 * a * (f64::from(k) + 0.5) * h).hypot(1.0) * h).sum();
+            let sum: f64 = (0..n)
+                .map(|k| (2.0 * a * (f64::from(k) + 0.5) * h).hypot(1.0) * h)
+                .sum();
             assert!((sum - arc_length(35.0, a).length_m).abs() < 1e-7);
         }
     }

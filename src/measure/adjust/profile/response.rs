@@ -44,7 +44,8 @@ impl LinearResponse {
             let (block, lin) = (group.blocks.first()?, &solved.blocks.first()?.linearised);
             let b = &lin.observations;
             let weight = (b * &block.covariance * b.transpose()).try_inverse()?;
-            let from_local = &weight * &lin.local * &solved.conditional * lin.local.transpose() * &weight;
+            let from_local =
+                &weight * &lin.local * &solved.conditional * lin.local.transpose() * &weight;
             let a = lin.global.transpose() * (&weight - from_local) * b * -variance_a;
             let distance = &solved.conditional * lin.local.transpose() * &weight * b * -1.0;
             Some(MarkerResponse {
@@ -54,11 +55,19 @@ impl LinearResponse {
                 covariance: Matrix4::from_column_slice(block.covariance.as_slice()),
             })
         });
-        Self { markers: markers.collect(), variance_a }
+        Self {
+            markers: markers.collect(),
+            variance_a,
+        }
     }
 
     /// Creates a function of a marker's distance and observations from its derivatives.
-    pub fn marker_function(&self, marker: usize, by_distance: f64, by_observations: RowVector4<f64>) -> MarkerFunction {
+    pub fn marker_function(
+        &self,
+        marker: usize,
+        by_distance: f64,
+        by_observations: RowVector4<f64>,
+    ) -> MarkerFunction {
         let own = &self.markers[marker];
         MarkerFunction {
             marker,
@@ -69,13 +78,18 @@ impl LinearResponse {
 
     /// Creates a function of the bending alone from its derivative.
     pub fn bending_function(by_a: f64) -> MarkerFunction {
-        MarkerFunction { marker: 0, by_a, by_own: RowVector4::zeros() }
+        MarkerFunction {
+            marker: 0,
+            by_a,
+            by_own: RowVector4::zeros(),
+        }
     }
 
     /// Covariance of two functions, a priori.
     pub fn covariance(&self, f: &MarkerFunction, g: &MarkerFunction) -> f64 {
         let common = f.by_a * g.by_a * self.variance_a;
-        let crossed = f.by_a * self.own_covariance_with_a(g) + g.by_a * self.own_covariance_with_a(f);
+        let crossed =
+            f.by_a * self.own_covariance_with_a(g) + g.by_a * self.own_covariance_with_a(f);
         let own = if f.marker == g.marker {
             (f.by_own * self.markers[f.marker].covariance * g.by_own.transpose())[(0, 0)]
         } else {
@@ -88,7 +102,11 @@ impl LinearResponse {
     pub fn variance_parts(&self, f: &MarkerFunction) -> [f64; 2] {
         let mut parts = [0.0; 2];
         for (index, marker) in self.markers.iter().enumerate() {
-            let own = if index == f.marker { f.by_own } else { RowVector4::zeros() };
+            let own = if index == f.marker {
+                f.by_own
+            } else {
+                RowVector4::zeros()
+            };
             let by = marker.a * f.by_a + own;
             for (part, first) in parts.iter_mut().zip([ARC_LENGTH, PIXEL]) {
                 let by = by.fixed_columns::<2>(first);

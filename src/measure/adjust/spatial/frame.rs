@@ -9,14 +9,17 @@ use crate::adjust::blocks::survey_block;
 use crate::adjust::common_displacement::CommonDisplacement;
 use crate::adjust::flight::FlightUsage;
 use crate::adjust::input::{AdjustmentInput, FrameObservations};
-use crate::adjust::layout::{BlockMember, GroundPositions, MarkerMotions, MountingColumns, ParameterLayout};
+use crate::adjust::layout::{
+    BlockMember, GroundPositions, MarkerMotions, MountingColumns, ParameterLayout,
+};
 use crate::adjust::prior_scales::PriorScales;
 use crate::adjust::scene::WingScene;
 use crate::adjust::stated_widths::WidenedPriors;
 use crate::adjust::term::ColumnAllocator;
 use crate::adjust::terms;
 use crate::estimation::{
-    Block, EstimationResult, Fit, Group, GroupPoint, Linearised, Problem, SolveOptions, solve_groups,
+    Block, EstimationResult, Fit, Group, GroupPoint, Linearised, Problem, SolveOptions,
+    solve_groups,
 };
 use crate::setup::Thermal;
 
@@ -60,15 +63,36 @@ impl<'a> FrameProblem<'a> {
         let mut members = vec![];
         let mut blocks = vec![];
         for marker in 0..input.setup.markers.len() {
-            let mut member = BlockMember { marker, flight: None, ground: None };
+            let mut member = BlockMember {
+                marker,
+                flight: None,
+                ground: None,
+            };
             blocks.push(marker_block(single, &mut member));
             members.push(member);
         }
-        let group = Group { local: DVector::zeros(0), priors: vec![], blocks };
-        let ColumnAllocator { missing, priors, .. } = columns;
+        let group = Group {
+            local: DVector::zeros(0),
+            priors: vec![],
+            blocks,
+        };
+        let ColumnAllocator {
+            missing, priors, ..
+        } = columns;
         let start = start_values_of_unknowns(&layout, missing.len(), start);
-        let problem = Problem { start, missing, priors, known: None, groups: vec![group] };
-        Self { scene: input.scene, layout, problem, members }
+        let problem = Problem {
+            start,
+            missing,
+            priors,
+            known: None,
+            groups: vec![group],
+        };
+        Self {
+            scene: input.scene,
+            layout,
+            problem,
+            members,
+        }
     }
 
     /// Linearises all blocks of the frame at a point.
@@ -78,11 +102,17 @@ impl<'a> FrameProblem<'a> {
 
     /// Solves the frame's problem.
     pub fn solve(&self, solve_options: &SolveOptions) -> EstimationResult<Fit> {
-        solve_groups(&self.problem, solve_options, |at, blocks| self.linearise(at, blocks))
+        solve_groups(&self.problem, solve_options, |at, blocks| {
+            self.linearise(at, blocks)
+        })
     }
 }
 
-fn allocate_frame_layout(single: &SingleFrame, amplitude_per_m: f64, columns: &mut ColumnAllocator) -> ParameterLayout {
+fn allocate_frame_layout(
+    single: &SingleFrame,
+    amplitude_per_m: f64,
+    columns: &mut ColumnAllocator,
+) -> ParameterLayout {
     let (input, curvature_terms) = (&single.input, single.terms);
     let stayed = input.options.keeps_ground_mounting();
     let first = [
@@ -92,7 +122,9 @@ fn allocate_frame_layout(single: &SingleFrame, amplitude_per_m: f64, columns: &m
     ];
     let first = first.map(|term| columns.allocate_term(term));
     let shared = terms::allocate_shared_terms(input, columns);
-    let mounting = terms::mounting_terms(input, stayed).into_iter().map(|term| columns.allocate_term(term));
+    let mounting = terms::mounting_terms(input, stayed)
+        .into_iter()
+        .map(|term| columns.allocate_term(term));
     let mounting: Vec<_> = mounting.collect();
     let others = terms::frame_terms(input, &single.observations, &single.prior_scales, false)
         .into_iter()
@@ -100,11 +132,17 @@ fn allocate_frame_layout(single: &SingleFrame, amplitude_per_m: f64, columns: &m
     let others: Vec<_> = others.collect();
     let [curvature, twist, rotation] = &first;
     let head = columns.missing.len();
-    let motions = Arc::new(MarkerMotions::allocate(input, &single.prior_scales, columns));
+    let motions = Arc::new(MarkerMotions::allocate(
+        input,
+        &single.prior_scales,
+        columns,
+    ));
     // After all others, so that a solution without it can be used as the start.
     let first_own = columns.missing.len();
-    let displacement =
-        single.common_displacement.as_ref().map(|displacement| columns.allocate_term(displacement.term(input)));
+    let displacement = single
+        .common_displacement
+        .as_ref()
+        .map(|displacement| columns.allocate_term(displacement.term(input)));
     let displacement: Vec<_> = displacement.into_iter().collect();
     ParameterLayout {
         curvature: curvature.scope,
@@ -113,14 +151,24 @@ fn allocate_frame_layout(single: &SingleFrame, amplitude_per_m: f64, columns: &m
         twist_terms: twist.term.size,
         rotation: vec![rotation.scope],
         axis_height: shared.axis_height,
-        terms: [&first, &shared.placed[..], &mounting, &others, &displacement].concat(),
+        terms: [
+            &first,
+            &shared.placed[..],
+            &mounting,
+            &others,
+            &displacement,
+        ]
+        .concat(),
         expected_scale: input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
         ground_positions: GroundPositions::Observed,
         motions,
         dimension_derivatives: None,
         root: shared.root,
         head,
-        mounting: MountingColumns { first: first_own, count: displacement.len() },
+        mounting: MountingColumns {
+            first: first_own,
+            count: displacement.len(),
+        },
         local: 0,
     }
 }
@@ -129,13 +177,19 @@ fn allocate_frame_layout(single: &SingleFrame, amplitude_per_m: f64, columns: &m
 fn marker_block(single: &SingleFrame, member: &mut BlockMember) -> Block {
     let (input, usage) = (&single.input, &single.usage);
     let flight = single.observations[member.marker].filter(|_| usage.frames[0][member.marker]);
-    let ground = input.scene.ground_observations[member.marker].as_ref().filter(|_| usage.ground[member.marker]);
+    let ground = input.scene.ground_observations[member.marker]
+        .as_ref()
+        .filter(|_| usage.ground[member.marker]);
     member.flight = flight.map(|_| 3);
     member.ground = ground.map(|_| if flight.is_some() { 5 } else { 3 });
     survey_block(input, member.marker, flight.into_iter().chain(ground))
 }
 
-fn start_values_of_unknowns(layout: &ParameterLayout, columns: usize, start: &FrameStart) -> DVector<f64> {
+fn start_values_of_unknowns(
+    layout: &ParameterLayout,
+    columns: usize,
+    start: &FrameStart,
+) -> DVector<f64> {
     let mut values = DVector::zeros(columns);
     if let Some((from, solution)) = start.from {
         let (old, new) = (from.curvature_terms, layout.curvature_terms);

@@ -18,7 +18,8 @@ const MIN_WINDOW_SIGMA_M: f64 = 1e-6;
 /// Variance of an interior parameter that the calibration kept fixed, in its own unit squared; negligible.
 const FIXED_LENS_VARIANCE: f64 = 1e-16;
 
-const PANES_MISSING: &str = "the panes' shift or bow cannot be determined; give the standard deviations in [window]";
+const PANES_MISSING: &str =
+    "the panes' shift or bow cannot be determined; give the standard deviations in [window]";
 
 fn to_vector(x: &[f64]) -> Vector3<f64> {
     Vector3::from_column_slice(x)
@@ -41,11 +42,18 @@ pub fn mount_repeatability_rad(setup: &Setup) -> f64 {
 /// Prior of a mounting's rotation, camera frame, rad.
 pub fn mounting_rotation_prior(input: &AdjustmentInput) -> Prior {
     let repeatability = mount_repeatability_rad(input.setup);
-    let orientation = input.orientation.covariance_rad2.filter(|_| !input.scene.has_ground_observations());
-    let own = Matrix3::identity() * (repeatability * repeatability) + orientation.unwrap_or_else(Matrix3::zeros);
+    let orientation = input
+        .orientation
+        .covariance_rad2
+        .filter(|_| !input.scene.has_ground_observations());
+    let own = Matrix3::identity() * (repeatability * repeatability)
+        + orientation.unwrap_or_else(Matrix3::zeros);
     let (mean, covariance) = input.options.mount_prior.unwrap_or((Vector3::zeros(), own));
     let mean = DVector::from_column_slice(mean.as_slice());
-    Prior { mean, ..rotation_prior(&covariance) }
+    Prior {
+        mean,
+        ..rotation_prior(&covariance)
+    }
 }
 
 /// Prior of the rotation if the camera was not remounted since the ground frames: drift only.
@@ -67,7 +75,10 @@ pub fn rotation_term(known: Prior) -> ParameterTerm {
         size: 3,
         priors: vec![known],
         add_values: |x, values| values.pose.mount_rad += to_vector(x),
-        effect: TermEffect::Image { pixel: |p, k| p.by_mount.column(k).into_owned(), on_ground: false },
+        effect: TermEffect::Image {
+            pixel: |p, k| p.by_mount.column(k).into_owned(),
+            on_ground: false,
+        },
     }
 }
 
@@ -79,7 +90,10 @@ pub fn ground_rotation() -> ParameterTerm {
         size: 3,
         priors: vec![],
         add_values: |x, values| values.pose.ground_rad += to_vector(x),
-        effect: TermEffect::Image { pixel: |p, k| p.by_ground_rotation.column(k).into_owned(), on_ground: true },
+        effect: TermEffect::Image {
+            pixel: |p, k| p.by_ground_rotation.column(k).into_owned(),
+            on_ground: true,
+        },
     }
 }
 
@@ -91,7 +105,10 @@ pub fn projection_centre(sigma_m: f64) -> ParameterTerm {
         size: 3,
         priors: ParameterTerm::equal_priors(Unknown::ProjectionCentre, 3, sigma_m),
         add_values: |x, values| values.pose.centre_m += to_vector(x),
-        effect: TermEffect::Image { pixel: |p, k| -p.by_point.column(k), on_ground: true },
+        effect: TermEffect::Image {
+            pixel: |p, k| -p.by_point.column(k),
+            on_ground: true,
+        },
     }
 }
 
@@ -103,7 +120,10 @@ pub fn mounting_shift(sigma_m: f64) -> ParameterTerm {
         size: 3,
         priors: ParameterTerm::equal_priors(Unknown::MountingShift, 3, sigma_m),
         add_values: |x, values| values.pose.shift_m += to_vector(x),
-        effect: TermEffect::Image { pixel: |p, k| -p.by_point.column(k), on_ground: false },
+        effect: TermEffect::Image {
+            pixel: |p, k| -p.by_point.column(k),
+            on_ground: false,
+        },
     }
 }
 
@@ -116,9 +136,16 @@ pub fn pane_shift(covariance_m2: Matrix3<f64>) -> ParameterTerm {
         unknown: Unknown::PaneShift,
         missing: PANES_MISSING,
         size: 3,
-        priors: vec![Prior::centred(Unknown::PaneShift, 0, to_matrix(&covariance_m2) + least)],
+        priors: vec![Prior::centred(
+            Unknown::PaneShift,
+            0,
+            to_matrix(&covariance_m2) + least,
+        )],
         add_values: |x, values| values.pose.window_m += to_vector(x),
-        effect: TermEffect::Image { pixel: |p, k| -p.by_point.column(k), on_ground: false },
+        effect: TermEffect::Image {
+            pixel: |p, k| -p.by_point.column(k),
+            on_ground: false,
+        },
     }
 }
 
@@ -130,7 +157,10 @@ pub fn pane_bow(sigma: f64) -> ParameterTerm {
         size: 1,
         priors: vec![Prior::scalar(Unknown::PaneBow, 0, 0.0, sigma)],
         add_values: |x, values| values.pose.bow += x[0],
-        effect: TermEffect::Image { pixel: |p, _| p.by_bow, on_ground: false },
+        effect: TermEffect::Image {
+            pixel: |p, _| p.by_bow,
+            on_ground: false,
+        },
     }
 }
 
@@ -146,15 +176,29 @@ pub fn interior_orientation(covariance: &SMatrix<f64, BROWN, BROWN>) -> Paramete
         missing: "the interior orientation cannot be determined; give its covariance in camera.toml",
         size: BROWN,
         priors: vec![Prior::centred(Unknown::InteriorOrientation, 0, covariance)],
-        add_values: |x, values| values.pose.lens.iter_mut().zip(x).for_each(|(lens, x)| *lens += x),
-        effect: TermEffect::Image { pixel: |p, k| p.by_lens.column(k).into_owned(), on_ground: true },
+        add_values: |x, values| {
+            values
+                .pose
+                .lens
+                .iter_mut()
+                .zip(x)
+                .for_each(|(lens, x)| *lens += x)
+        },
+        effect: TermEffect::Image {
+            pixel: |p, k| p.by_lens.column(k).into_owned(),
+            on_ground: true,
+        },
     }
 }
 
 /// Terms of the changes of the interior orientation in flight, without those that are fixed.
 pub fn flight_changes(uncertainty: &SetupUncertainty) -> impl Iterator<Item = ParameterTerm> {
-    let scale = Some(uncertainty[Width::FlightScale]).filter(|sigma| *sigma > 0.0).map(flight_scale);
-    let point = Some(uncertainty[Width::PrincipalPoint]).filter(|sigma| *sigma > 0.0).map(flight_principal_point);
+    let scale = Some(uncertainty[Width::FlightScale])
+        .filter(|sigma| *sigma > 0.0)
+        .map(flight_scale);
+    let point = Some(uncertainty[Width::PrincipalPoint])
+        .filter(|sigma| *sigma > 0.0)
+        .map(flight_principal_point);
     scale.into_iter().chain(point)
 }
 
@@ -166,14 +210,21 @@ fn flight_scale(sigma: f64) -> ParameterTerm {
         size: 1,
         priors: vec![Prior::scalar(Unknown::FlightScale, 0, 0.0, sigma)],
         add_values: |x, values| values.pose.flight_scale += x[0],
-        effect: TermEffect::Image { pixel: |p, _| p.by_scale, on_ground: false },
+        effect: TermEffect::Image {
+            pixel: |p, _| p.by_scale,
+            on_ground: false,
+        },
     }
 }
 
 /// Shift of the image in one frame by stabilisation of lens or sensor, px; `None` without stabilisation.
 pub fn image_shift(sigma_px: f64) -> Option<ParameterTerm> {
     let priors = ParameterTerm::equal_priors(Unknown::ImageShift, 2, sigma_px);
-    (sigma_px > 0.0).then(|| ParameterTerm { unknown: Unknown::ImageShift, priors, ..flight_principal_point(sigma_px) })
+    (sigma_px > 0.0).then(|| ParameterTerm {
+        unknown: Unknown::ImageShift,
+        priors,
+        ..flight_principal_point(sigma_px)
+    })
 }
 
 /// Change of the principal point in flight, px, due to cold or a lens that settles in its mount.
@@ -184,6 +235,9 @@ fn flight_principal_point(sigma_px: f64) -> ParameterTerm {
         size: 2,
         priors: ParameterTerm::equal_priors(Unknown::FlightPrincipalPoint, 2, sigma_px),
         add_values: |x, values| values.pose.flight_principal_px += Vector2::new(x[0], x[1]),
-        effect: TermEffect::Image { pixel: |_, k| Vector2::ith(k, 1.0), on_ground: false },
+        effect: TermEffect::Image {
+            pixel: |_, k| Vector2::ith(k, 1.0),
+            on_ground: false,
+        },
     }
 }

@@ -17,7 +17,8 @@ use crate::widths::{Unknown, Width};
 
 type DisplacementField = Vec<Vector3<f64>>;
 
-const MISSING_MOTION: &str = "a motion of the wing in flight cannot be determined; give its standard deviation";
+const MISSING_MOTION: &str =
+    "a motion of the wing in flight cannot be determined; give its standard deviation";
 
 fn displacement_term(
     unknown: Unknown,
@@ -32,7 +33,11 @@ fn displacement_term(
         size: fields.len(),
         priors: sigmas.iter().enumerate().map(prior).collect(),
         add_values: |_, _| (),
-        effect: TermEffect::Displacement(Displacement { epoch: instant, fields, of_section: None }),
+        effect: TermEffect::Displacement(Displacement {
+            epoch: instant,
+            fields,
+            of_section: None,
+        }),
     }
 }
 
@@ -52,7 +57,12 @@ struct WingPoint {
 
 fn markers_on_wing(scene: &WingScene) -> impl Iterator<Item = WingPoint> {
     let axis = &scene.ground.axis;
-    let stations = scene.ground.stations.iter().enumerate().filter(|(k, _)| !scene.is_fixed(*k));
+    let stations = scene
+        .ground
+        .stations
+        .iter()
+        .enumerate()
+        .filter(|(k, _)| !scene.is_fixed(*k));
     stations.map(|(marker, s)| WingPoint {
         marker,
         eta: s.arc_m / axis.length_m,
@@ -65,13 +75,22 @@ fn zero_displacements(scene: &WingScene) -> DisplacementField {
 }
 
 /// Displacements on ground by a small bending or twist.
-fn field_on_ground(scene: &WingScene, derivative: fn(&MarkerState) -> Vector3<f64>) -> DisplacementField {
+fn field_on_ground(
+    scene: &WingScene,
+    derivative: fn(&MarkerState) -> Vector3<f64>,
+) -> DisplacementField {
     let flat = scene.bend(&Bending::UNBENT);
     let mut field = zero_displacements(scene);
     for WingPoint { marker, .. } in markers_on_wing(scene) {
         let ground_m = scene.ground.stations[marker].surveyed_m;
         let still = [0.0; ESTIMATED_DIMENSIONS];
-        field[marker] = derivative(&scene.marker_with_dimensions(marker, &flat, &ground_m, &Bending::UNBENT, &still));
+        field[marker] = derivative(&scene.marker_with_dimensions(
+            marker,
+            &flat,
+            &ground_m,
+            &Bending::UNBENT,
+            &still,
+        ));
     }
     field
 }
@@ -79,7 +98,12 @@ fn field_on_ground(scene: &WingScene, derivative: fn(&MarkerState) -> Vector3<f6
 /// Twist of the wing between survey and ground frame, nose up positive, at the tip, rad; it grows linearly along the span.
 fn ground_twist(scene: &WingScene, sigma_rad: f64) -> Option<ParameterTerm> {
     let field = (sigma_rad > 0.0).then(|| field_on_ground(scene, |state| state.by_twist[0]))?;
-    Some(displacement_term(Unknown::GroundTwist, DisplacementEpoch::OnGround, vec![field], &[sigma_rad]))
+    Some(displacement_term(
+        Unknown::GroundTwist,
+        DisplacementEpoch::OnGround,
+        vec![field],
+        &[sigma_rad],
+    ))
 }
 
 /// Bend of the wing between survey and ground frame, tip deflection in m; its shape is that of bending under load.
@@ -89,7 +113,14 @@ fn ground_bend(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     let outermost = markers_on_wing(scene).max_by(|a, b| a.eta.total_cmp(&b.eta))?;
     let tip = field[outermost.marker].y / outermost.eta.powi(2).max(f64::EPSILON);
     field.iter_mut().for_each(|by| *by /= tip);
-    (tip > 0.0).then(|| displacement_term(Unknown::GroundBend, DisplacementEpoch::OnGround, vec![field], &[sigma_m]))
+    (tip > 0.0).then(|| {
+        displacement_term(
+            Unknown::GroundBend,
+            DisplacementEpoch::OnGround,
+            vec![field],
+            &[sigma_m],
+        )
+    })
 }
 
 /// Number of skin bulges along the wing.
@@ -133,12 +164,19 @@ const IN_PLANE_TURNS: [f64; 4] = [0.25, 0.35, 0.5, 0.7];
 /// Motion of the section at a fraction of the length by in-plane bending with a displacement of 1 m at the tip.
 fn in_plane_motion(k: usize, eta: f64, length_m: f64) -> SectionMotion {
     let (deflection, slope) = match k.checked_sub(2).and_then(|turn| IN_PLANE_TURNS.get(turn)) {
-        Some(at) => ((eta - at).max(0.0) / (1.0 - at), if eta > *at { 1.0 / (1.0 - at) } else { 0.0 }),
+        Some(at) => (
+            (eta - at).max(0.0) / (1.0 - at),
+            if eta > *at { 1.0 / (1.0 - at) } else { 0.0 },
+        ),
         None if k == 0 => first_mode(eta),
         None => (eta.powi(4), 4.0 * eta.powi(3)),
     };
     let rotation_rad = Vector3::y() * (-slope / length_m);
-    SectionMotion { displacement_m: Vector3::z() * deflection, rotation_rad, twist_rad: 0.0 }
+    SectionMotion {
+        displacement_m: Vector3::z() * deflection,
+        rotation_rad,
+        twist_rad: 0.0,
+    }
 }
 
 /// Bending in the wing's plane, at the tip, aft on a right wing, m. Sections rotate with it.
@@ -150,11 +188,17 @@ fn in_plane(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     for WingPoint { marker, eta, arm_m } in markers_on_wing(scene) {
         for (k, field) in fields.iter_mut().enumerate() {
             let motion = in_plane_motion(k, eta, scene.ground.axis.length_m);
-            field[marker] = motion.displacement_m + motion.rotation_rad.cross(&(Vector3::z() * arm_m));
+            field[marker] =
+                motion.displacement_m + motion.rotation_rad.cross(&(Vector3::z() * arm_m));
         }
     }
     let sigmas = IN_PLANE_RATIOS.map(|ratio| ratio * sigma_m);
-    let mut term = displacement_term(Unknown::InPlane, DisplacementEpoch::InFlight, fields, &sigmas);
+    let mut term = displacement_term(
+        Unknown::InPlane,
+        DisplacementEpoch::InFlight,
+        fields,
+        &sigmas,
+    );
     if let TermEffect::Displacement(displacement) = &mut term.effect {
         displacement.of_section = Some(in_plane_motion);
     }
@@ -175,7 +219,12 @@ fn moving_part(scene: &WingScene, markers: &[usize]) -> ParameterTerm {
         fields[1][marker] = Vector3::y();
         fields[2][marker] = Vector3::z();
     }
-    displacement_term(Unknown::MovingPart, DisplacementEpoch::InFlight, fields, &PART_SIGMAS)
+    displacement_term(
+        Unknown::MovingPart,
+        DisplacementEpoch::InFlight,
+        fields,
+        &PART_SIGMAS,
+    )
 }
 
 /// Motions of all parts that carry markers.
@@ -184,9 +233,14 @@ fn moving_parts(scene: &WingScene, markers: &[SurveyMarker]) -> Vec<ParameterTer
     names.sort_unstable();
     names.dedup();
     let markers_of = |name: &str| -> Vec<usize> {
-        (0..markers.len()).filter(|k| markers[*k].part.as_deref() == Some(name)).collect()
+        (0..markers.len())
+            .filter(|k| markers[*k].part.as_deref() == Some(name))
+            .collect()
     };
-    names.into_iter().map(|name| moving_part(scene, &markers_of(name))).collect()
+    names
+        .into_iter()
+        .map(|name| moving_part(scene, &markers_of(name)))
+        .collect()
 }
 
 /// Prior standard deviation of a common displacement, m: as large as that of a moving part or an offset between two
@@ -211,20 +265,42 @@ fn rms_rates(vibration: Vibration) -> [f64; 2] {
 }
 
 /// Times of the markers' image rows relative to the middle row, s; 0 for a marker without an observation.
-fn row_times_s(scene: &WingScene, frame_observations: &FrameObservations, height_px: f64, readout_s: f64) -> Vec<f64> {
+fn row_times_s(
+    scene: &WingScene,
+    frame_observations: &FrameObservations,
+    height_px: f64,
+    readout_s: f64,
+) -> Vec<f64> {
     let time_s = |v: f64| (v / height_px - 0.5) * readout_s;
-    let time_of = |k: usize| frame_observations.get(k).copied().flatten().map_or(0.0, |seen| time_s(seen.pixel.y));
+    let time_of = |k: usize| {
+        frame_observations
+            .get(k)
+            .copied()
+            .flatten()
+            .map_or(0.0, |seen| time_s(seen.pixel.y))
+    };
     (0..scene.ground.stations.len()).map(time_of).collect()
 }
 
 /// Vibration of the wing in its first mode during readout: velocity of the tip at the middle row, m/s.
-fn wing_vibration(scene: &WingScene, times_s: &[f64], vibration: Vibration) -> Option<ParameterTerm> {
+fn wing_vibration(
+    scene: &WingScene,
+    times_s: &[f64],
+    vibration: Vibration,
+) -> Option<ParameterTerm> {
     let mut field = zero_displacements(scene);
     for WingPoint { marker, eta, .. } in markers_on_wing(scene) {
         field[marker] = Vector3::y() * (first_mode(eta).0 * times_s[marker]);
     }
     let [velocity, _] = rms_rates(vibration);
-    let term = || displacement_term(Unknown::WingVibration, DisplacementEpoch::AtMarkerRow, vec![field], &[velocity]);
+    let term = || {
+        displacement_term(
+            Unknown::WingVibration,
+            DisplacementEpoch::AtMarkerRow,
+            vec![field],
+            &[velocity],
+        )
+    };
     (velocity > 0.0).then(term)
 }
 
@@ -232,14 +308,30 @@ fn wing_vibration(scene: &WingScene, times_s: &[f64], vibration: Vibration) -> O
 /// modelled as the opposite rotation of all points about it.
 fn camera_shake(scene: &WingScene, times_s: &[f64], vibration: Vibration) -> Option<ParameterTerm> {
     let mut fields = vec![];
-    for (axis, power) in [(Vector3::x(), 1), (Vector3::x(), 2), (Vector3::y(), 1), (Vector3::y(), 2)] {
+    for (axis, power) in [
+        (Vector3::x(), 1),
+        (Vector3::x(), 2),
+        (Vector3::y(), 1),
+        (Vector3::y(), 2),
+    ] {
         let about = scene.camera_from_wing.transpose() * axis;
         let stations = scene.ground.stations.iter().zip(times_s);
-        fields.push(stations.map(|(s, t)| s.surveyed_m.cross(&about) * t.powi(power)).collect());
+        fields.push(
+            stations
+                .map(|(s, t)| s.surveyed_m.cross(&about) * t.powi(power))
+                .collect(),
+        );
     }
     let [velocity, acceleration] = rms_rates(vibration);
     let sigmas = [velocity, acceleration, velocity, acceleration];
-    (velocity > 0.0).then(|| displacement_term(Unknown::CameraShake, DisplacementEpoch::AtMarkerRow, fields, &sigmas))
+    (velocity > 0.0).then(|| {
+        displacement_term(
+            Unknown::CameraShake,
+            DisplacementEpoch::AtMarkerRow,
+            fields,
+            &sigmas,
+        )
+    })
 }
 
 /// Components of in-plane bending and control-surface torque, as fractions of the prior standard deviation: shared by all
@@ -257,7 +349,10 @@ fn in_plane_and_torque_terms(input: &AdjustmentInput, share: f64) -> Vec<Paramet
 /// Terms that all frames share. `share`: fraction of the prior standard deviation of in-plane bending and torque.
 fn shared_terms(input: &AdjustmentInput, share: f64) -> Vec<ParameterTerm> {
     let skin = skin_bulges(input.scene, input.setup.uncertainty[Width::SkinMotion]);
-    in_plane_and_torque_terms(input, share).into_iter().chain(skin).collect()
+    in_plane_and_torque_terms(input, share)
+        .into_iter()
+        .chain(skin)
+        .collect()
 }
 
 /// Terms that the frames of a flight share: skin bulges and the common component of in-plane bending and torque.
@@ -272,11 +367,16 @@ pub fn frame_terms(
     scales: &PriorScales,
     in_flight: bool,
 ) -> Vec<ParameterTerm> {
-    let mut terms =
-        if in_flight { in_plane_and_torque_terms(input, FLIGHT_AND_FRAME_SIGMA.1) } else { shared_terms(input, 1.0) };
+    let mut terms = if in_flight {
+        in_plane_and_torque_terms(input, FLIGHT_AND_FRAME_SIGMA.1)
+    } else {
+        shared_terms(input, 1.0)
+    };
     terms.extend(moving_parts(input.scene, &input.setup.markers));
     terms.extend(row_terms(input, frame_observations, scales));
-    terms.extend(image_shift(input.setup.uncertainty[Width::Stabilisation].max(scales.stabilised_px)));
+    terms.extend(image_shift(
+        input.setup.uncertainty[Width::Stabilisation].max(scales.stabilised_px),
+    ));
     terms
 }
 
@@ -286,13 +386,25 @@ pub fn row_terms(
     frame_observations: &FrameObservations,
     scales: &PriorScales,
 ) -> Vec<ParameterTerm> {
-    let SetupUncertainty { vibration: of_wing, shake: of_camera, .. } = input.setup.uncertainty;
+    let SetupUncertainty {
+        vibration: of_wing,
+        shake: of_camera,
+        ..
+    } = input.setup.uncertainty;
     let readout_s = input.setup.uncertainty[Width::Readout];
     if readout_s <= 0.0 {
         return vec![];
     }
-    let times_s = row_times_s(input.scene, frame_observations, f64::from(input.setup.lens.height), readout_s);
-    let scaled = |vibration: Vibration, factor| Vibration { amplitude: factor * vibration.amplitude, ..vibration };
+    let times_s = row_times_s(
+        input.scene,
+        frame_observations,
+        f64::from(input.setup.lens.height),
+        readout_s,
+    );
+    let scaled = |vibration: Vibration, factor| Vibration {
+        amplitude: factor * vibration.amplitude,
+        ..vibration
+    };
     let terms = [
         wing_vibration(input.scene, &times_s, scaled(of_wing, scales.vibration)),
         camera_shake(input.scene, &times_s, scaled(of_camera, scales.shake)),
@@ -311,7 +423,9 @@ fn root_rotation(sigma_rad: f64) -> ParameterTerm {
         add_values: |x, values| values.root_rotation_rad += Vector3::from_column_slice(x),
         effect: TermEffect::Wing {
             position: |state, k| {
-                state.from_root_m.map_or_else(Vector3::zeros, |from| Vector3::ith(k, 1.0).cross(&from))
+                state
+                    .from_root_m
+                    .map_or_else(Vector3::zeros, |from| Vector3::ith(k, 1.0).cross(&from))
             },
             sections: |curve, k| {
                 let rotation_rad = Vector3::ith(k, 1.0);
@@ -335,25 +449,48 @@ fn root_shift(sigma_m: f64) -> ParameterTerm {
         priors: ParameterTerm::equal_priors(Unknown::RootShift, 3, sigma_m),
         add_values: |x, values| values.root_translation_m += Vector3::from_column_slice(x),
         effect: TermEffect::Wing {
-            position: |state, k| state.from_root_m.map_or_else(Vector3::zeros, |_| Vector3::ith(k, 1.0)),
-            sections: |curve, k| vec![SectionMotion::displacement(Vector3::ith(k, 1.0)); curve.bent.len()],
+            position: |state, k| {
+                state
+                    .from_root_m
+                    .map_or_else(Vector3::zeros, |_| Vector3::ith(k, 1.0))
+            },
+            sections: |curve, k| {
+                vec![SectionMotion::displacement(Vector3::ith(k, 1.0)); curve.bent.len()]
+            },
         },
     }
 }
 
 /// Terms of the root's motion relative to the cabin, without those that are fixed.
 pub fn root_motion(uncertainty: &SetupUncertainty) -> impl Iterator<Item = ParameterTerm> {
-    let turn = Some(uncertainty[Width::RootRotation]).filter(|sigma| *sigma > 0.0).map(root_rotation);
-    turn.into_iter().chain(Some(uncertainty[Width::RootTranslation]).filter(|sigma| *sigma > 0.0).map(root_shift))
+    let turn = Some(uncertainty[Width::RootRotation])
+        .filter(|sigma| *sigma > 0.0)
+        .map(root_rotation);
+    turn.into_iter().chain(
+        Some(uncertainty[Width::RootTranslation])
+            .filter(|sigma| *sigma > 0.0)
+            .map(root_shift),
+    )
 }
 
 /// Terms of the state of the wing at the survey and the ground frame, without those that are fixed.
 pub fn ground_state(input: &AdjustmentInput) -> impl Iterator<Item = ParameterTerm> {
     let uncertainty = &input.setup.uncertainty;
-    let of_frame = |width: Width| if input.scene.has_ground_observations() { uncertainty[width] } else { 0.0 };
+    let of_frame = |width: Width| {
+        if input.scene.has_ground_observations() {
+            uncertainty[width]
+        } else {
+            0.0
+        }
+    };
     let twist = ground_twist(input.scene, of_frame(Width::GroundTwist));
-    let vertical = Some(uncertainty[Width::Vertical]).filter(|sigma| *sigma > 0.0).map(survey_vertical);
-    ground_bend(input.scene, of_frame(Width::GroundBend)).into_iter().chain(twist).chain(vertical)
+    let vertical = Some(uncertainty[Width::Vertical])
+        .filter(|sigma| *sigma > 0.0)
+        .map(survey_vertical);
+    ground_bend(input.scene, of_frame(Width::GroundBend))
+        .into_iter()
+        .chain(twist)
+        .chain(vertical)
 }
 
 /// Error of the survey's vertical about the wing frame's X and Z, rad. Deflections are counted along the vertical, and the
@@ -366,10 +503,28 @@ fn survey_vertical(sigma_rad: f64) -> ParameterTerm {
         priors: ParameterTerm::equal_priors(Unknown::Vertical, 2, sigma_rad),
         add_values: |x, values| values.plane_rad = Some(x[0]),
         effect: TermEffect::Vertical {
-            deflection: |displaced_m, k| if k == 0 { displaced_m.z } else { -displaced_m.x },
-            position: |state, k| if k == 0 { state.by_plane } else { Vector3::zeros() },
+            deflection: |displaced_m, k| {
+                if k == 0 {
+                    displaced_m.z
+                } else {
+                    -displaced_m.x
+                }
+            },
+            position: |state, k| {
+                if k == 0 {
+                    state.by_plane
+                } else {
+                    Vector3::zeros()
+                }
+            },
             sections: |curve, k| {
-                let about_span = |v: &Vector3<f64>| if k == 0 { Vector3::x().cross(v) } else { Vector3::zeros() };
+                let about_span = |v: &Vector3<f64>| {
+                    if k == 0 {
+                        Vector3::x().cross(v)
+                    } else {
+                        Vector3::zeros()
+                    }
+                };
                 let tilt = |motion: &SectionMotion| SectionMotion {
                     displacement_m: about_span(&motion.displacement_m),
                     rotation_rad: about_span(&motion.rotation_rad),

@@ -3,7 +3,8 @@
 use nalgebra::{DMatrix, Vector3};
 
 use crate::adjust::beam::{
-    BeamGrid, BeamSection, JOINTS, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS, RAISE_TERMS, SectionMotion, TORQUE_POSITIONS,
+    BeamGrid, BeamSection, JOINTS, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS, RAISE_TERMS,
+    SectionMotion, TORQUE_POSITIONS,
 };
 use crate::adjust::curve::AxisCurve;
 use crate::adjust::estimated_dimensions::dimension_sigmas;
@@ -22,9 +23,16 @@ pub fn curvature_term(terms: usize, amplitude_per_m: Option<f64>) -> ParameterTe
         unknown: Unknown::Bending,
         missing: "bending cannot be determined from the available markers; markers along the whole span are needed",
         size: terms,
-        priors: amplitude_per_m.filter(|_| terms > 1).map(shape).into_iter().collect(),
+        priors: amplitude_per_m
+            .filter(|_| terms > 1)
+            .map(shape)
+            .into_iter()
+            .collect(),
         add_values: |x, values| values.curvature_per_m = x.to_vec(),
-        effect: TermEffect::Wing { position: |state, k| state.by_bending[k], sections: bending_motions },
+        effect: TermEffect::Wing {
+            position: |state, k| state.by_bending[k],
+            sections: bending_motions,
+        },
     }
 }
 
@@ -47,7 +55,12 @@ fn compliance_term<const FIRST: usize>(unknown: Unknown, sigmas: &[f64]) -> Para
         size: sigmas.len(),
         priors: sigmas.iter().enumerate().map(prior).collect(),
         add_values: |x, values| {
-            values.compliances.iter_mut().skip(FIRST).zip(x).for_each(|(value, x)| *value += x);
+            values
+                .compliances
+                .iter_mut()
+                .skip(FIRST)
+                .zip(x)
+                .for_each(|(value, x)| *value += x);
         },
         effect: TermEffect::Wing {
             position: |state, k| state.by_bending[MAX_CURVATURE_TERMS + FIRST + k],
@@ -63,11 +76,20 @@ const PIVOT_SIGMA: f64 = 0.06;
 const JOINT_RATIO: f64 = 1.0;
 
 /// Root and joints that give with the load, without those that are fixed.
-pub fn compliance_terms(uncertainty: &SetupUncertainty, length_m: f64) -> impl Iterator<Item = ParameterTerm> {
+pub fn compliance_terms(
+    uncertainty: &SetupUncertainty,
+    length_m: f64,
+) -> impl Iterator<Item = ParameterTerm> {
     let root_m = Some(uncertainty[Width::RootFlexibility]).filter(|sigma_m| *sigma_m > 0.0);
     root_m.into_iter().flat_map(move |root_m| {
-        let root = compliance_term::<0>(Unknown::RootFlexibility, &[root_m, PIVOT_SIGMA * length_m * root_m]);
-        [root, compliance_term::<2>(Unknown::Joints, &[JOINT_RATIO * root_m; JOINTS.len()])]
+        let root = compliance_term::<0>(
+            Unknown::RootFlexibility,
+            &[root_m, PIVOT_SIGMA * length_m * root_m],
+        );
+        [
+            root,
+            compliance_term::<2>(Unknown::Joints, &[JOINT_RATIO * root_m; JOINTS.len()]),
+        ]
     })
 }
 
@@ -78,17 +100,29 @@ const TWIST_DETAIL_SIGMA_RAD: f64 = 0.02;
 
 /// Motions of the sections by one function of the twist.
 fn twist_motions(curve: &AxisCurve, function: usize) -> Vec<SectionMotion> {
-    curve.bent.iter().map(|section| section.by_twist[function]).collect()
+    curve
+        .bent
+        .iter()
+        .map(|section| section.by_twist[function])
+        .collect()
 }
 
 /// Coefficients of the twist, rad; they precede the torques.
 pub fn twist_term(terms: usize) -> ParameterTerm {
-    let sigma = |k: usize| if k < 2 { TWIST_SIGMA_RAD } else { TWIST_DETAIL_SIGMA_RAD };
+    let sigma = |k: usize| {
+        if k < 2 {
+            TWIST_SIGMA_RAD
+        } else {
+            TWIST_DETAIL_SIGMA_RAD
+        }
+    };
     ParameterTerm {
         unknown: Unknown::Twist,
         missing: "twist cannot be determined; markers near the leading and the trailing edge are needed",
         size: terms,
-        priors: (0..terms).map(|k| Prior::scalar(Unknown::Twist, k, 0.0, sigma(k))).collect(),
+        priors: (0..terms)
+            .map(|k| Prior::scalar(Unknown::Twist, k, 0.0, sigma(k)))
+            .collect(),
         add_values: |x, values| values.twist_rad = x.to_vec(),
         effect: TermEffect::Wing {
             position: |state, k| state.by_twist[k],
@@ -105,8 +139,15 @@ pub fn torque_term(sigma_rad: f64) -> Option<ParameterTerm> {
         size: TORQUE_POSITIONS.len(),
         priors: ParameterTerm::equal_priors(Unknown::Torque, TORQUE_POSITIONS.len(), sigma_rad),
         add_values: |x, values| {
-            values.twist_rad.resize(MAX_TWIST_TERMS + TORQUE_POSITIONS.len(), 0.0);
-            values.twist_rad.iter_mut().skip(MAX_TWIST_TERMS).zip(x).for_each(|(twist, x)| *twist += x);
+            values
+                .twist_rad
+                .resize(MAX_TWIST_TERMS + TORQUE_POSITIONS.len(), 0.0);
+            values
+                .twist_rad
+                .iter_mut()
+                .skip(MAX_TWIST_TERMS)
+                .zip(x)
+                .for_each(|(twist, x)| *twist += x);
         },
         effect: TermEffect::Wing {
             position: |state, k| state.by_twist[MAX_TWIST_TERMS + k],
@@ -118,19 +159,32 @@ pub fn torque_term(sigma_rad: f64) -> Option<ParameterTerm> {
 /// Height of the bending axis above the surveyed axis, coefficients of the powers of s/L, m. The prior combines the
 /// uncertainty of the surface through the markers and of the skin height.
 pub fn axis_height(ground: &GroundShape) -> ParameterTerm {
-    let surface = DMatrix::from_column_slice(RAISE_TERMS, RAISE_TERMS, ground.axis_covariance.as_slice());
+    let surface =
+        DMatrix::from_column_slice(RAISE_TERMS, RAISE_TERMS, ground.axis_covariance.as_slice());
     let covariance = surface + axis_height_covariance(ground.skin_height_sigma_m);
     ParameterTerm {
         unknown: Unknown::AxisHeight,
         missing: "the height of the bending axis cannot be determined",
         size: RAISE_TERMS,
         priors: vec![Prior::centred(Unknown::AxisHeight, 0, covariance)],
-        add_values: |x, values| values.raise_m.iter_mut().zip(x).for_each(|(raise, x)| *raise += x),
+        add_values: |x, values| {
+            values
+                .raise_m
+                .iter_mut()
+                .zip(x)
+                .for_each(|(raise, x)| *raise += x)
+        },
         effect: TermEffect::Wing {
             position: |state, k| state.by_raise[k],
             sections: |curve, k| {
-                let moved = |section: &BeamSection| section.axis_by_raise[k] - Vector3::y() * section.raise_by_terms[k];
-                curve.bent.iter().map(|section| SectionMotion::displacement(moved(section))).collect()
+                let moved = |section: &BeamSection| {
+                    section.axis_by_raise[k] - Vector3::y() * section.raise_by_terms[k]
+                };
+                curve
+                    .bent
+                    .iter()
+                    .map(|section| SectionMotion::displacement(moved(section)))
+                    .collect()
             },
         },
     }
@@ -148,8 +202,13 @@ pub fn thermal_scale(thermal: Option<&Thermal>) -> Option<ParameterTerm> {
         effect: TermEffect::Wing {
             position: |state, _| state.by_scale,
             sections: |curve, _| {
-                let moved = |section: &BeamSection| (section.axis_m - curve.root_m) / curve.values.scale;
-                curve.bent.iter().map(|section| SectionMotion::displacement(moved(section))).collect()
+                let moved =
+                    |section: &BeamSection| (section.axis_m - curve.root_m) / curve.values.scale;
+                curve
+                    .bent
+                    .iter()
+                    .map(|section| SectionMotion::displacement(moved(section)))
+                    .collect()
             },
         },
     })
@@ -165,9 +224,14 @@ pub fn dimension_terms(setup: &Setup) -> impl Iterator<Item = ParameterTerm> {
         dimension_term::<3>(Unknown::Sweep),
     ];
     let known = |(term, sigma): (ParameterTerm, f64)| {
-        (sigma > 0.0).then(|| ParameterTerm { priors: vec![Prior::scalar(term.unknown, 0, 0.0, sigma)], ..term })
+        (sigma > 0.0).then(|| ParameterTerm {
+            priors: vec![Prior::scalar(term.unknown, 0, 0.0, sigma)],
+            ..term
+        })
     };
-    all.into_iter().zip(dimension_sigmas(setup)).filter_map(known)
+    all.into_iter()
+        .zip(dimension_sigmas(setup))
+        .filter_map(known)
 }
 
 /// Estimated dimension with the index `WHICH` in [`dimension_sigmas`]. Motions are compared with those of a wing with another
@@ -182,12 +246,24 @@ fn dimension_term<const WHICH: usize>(unknown: Unknown) -> ParameterTerm {
         effect: TermEffect::Wing {
             position: |state, _| state.by_estimated[WHICH],
             sections: |curve, _| {
-                let Some(neighbour) = &curve.scene.neighbours[WHICH] else { return vec![] };
-                let own: Vec<f64> = curve.arcs_m.iter().map(|arc| (arc - neighbour.root_m).max(0.0)).collect();
+                let Some(neighbour) = &curve.scene.neighbours[WHICH] else {
+                    return vec![];
+                };
+                let own: Vec<f64> = curve
+                    .arcs_m
+                    .iter()
+                    .map(|arc| (arc - neighbour.root_m).max(0.0))
+                    .collect();
                 let (there, sections) = curve.motions_on(&BeamGrid::new(&neighbour.ground, &own));
                 let scale = curve.values.scale;
-                let pairs = curve.motions.iter().zip(&curve.flat).zip(there.iter().zip(&sections));
-                pairs.map(|(here, there)| neighbour.motion_derivative(here, there, scale)).collect()
+                let pairs = curve
+                    .motions
+                    .iter()
+                    .zip(&curve.flat)
+                    .zip(there.iter().zip(&sections));
+                pairs
+                    .map(|(here, there)| neighbour.motion_derivative(here, there, scale))
+                    .collect()
             },
         },
     }

@@ -15,7 +15,11 @@ use crate::setup::Shape;
 /// thresholds.
 pub fn reject_duplicates(found: &mut FoundMarkers) {
     let within = |one: &Detection, other: &Detection| {
-        let most = if one.shape == other.shape { CONSISTENCY.same_radius } else { CONSISTENCY.same_radius_other_shape };
+        let most = if one.shape == other.shape {
+            CONSISTENCY.same_radius
+        } else {
+            CONSISTENCY.same_radius_other_shape
+        };
         other.ellipse().normalized_radius(one.centre_px) < most
     };
     let mut i = 0;
@@ -39,7 +43,11 @@ pub fn reject_duplicates(found: &mut FoundMarkers) {
 pub fn reject_blur_outliers(found: &mut FoundMarkers) {
     if let Some(softest) = blur_limit(found) {
         found.reject_matching(RejectReason::BlurOutlier, |m| {
-            let Detection { shape, semi_minor_px, .. } = m.detection;
+            let Detection {
+                shape,
+                semi_minor_px,
+                ..
+            } = m.detection;
             m.blur > softest && !is_out_of_focus(shape, semi_minor_px, m.blur)
         });
     }
@@ -59,7 +67,11 @@ pub fn blur_limit(found: &FoundMarkers) -> Option<f64> {
     if found.measured.len() < CONSISTENCY.min_others {
         return None;
     }
-    let mut blurs: Vec<[f64; 2]> = found.measured.iter().map(|m| [m.blur, m.detection.semi_major_px]).collect();
+    let mut blurs: Vec<[f64; 2]> = found
+        .measured
+        .iter()
+        .map(|m| [m.blur, m.detection.semi_major_px])
+        .collect();
     blurs.sort_unstable_by(|[one, _], [other, _]| one.total_cmp(other));
     let half = 0.5 * blurs.iter().map(|[_, length]| length).sum::<f64>();
     let mut sum = 0.0;
@@ -75,8 +87,12 @@ pub fn blur_limit(found: &FoundMarkers) -> Option<f64> {
 /// an edge next to the wing.
 pub fn reject_orientation_outliers(found: &mut FoundMarkers) {
     let flatter = |d: &Detection, than: f64| d.semi_major_px > than * d.semi_minor_px;
-    let flat: Vec<&Detection> =
-        found.measured.iter().map(|m| &m.detection).filter(|d| flatter(d, CONSISTENCY.min_flatness)).collect();
+    let flat: Vec<&Detection> = found
+        .measured
+        .iter()
+        .map(|m| &m.detection)
+        .filter(|d| flatter(d, CONSISTENCY.min_flatness))
+        .collect();
     if flat.len() < CONSISTENCY.min_others {
         return;
     }
@@ -88,26 +104,43 @@ pub fn reject_orientation_outliers(found: &mut FoundMarkers) {
         (sin + area * s, cos + area * c)
     });
     let along = 0.5 * f64::atan2(sin, cos);
-    found.reject_matching(RejectReason::OrientationOutlier, |MeasuredMarker { detection: d, .. }| {
-        let (flat, most) =
-            if d.shape == Shape::Circle { CONSISTENCY.disc_across } else { CONSISTENCY.quadrants_across };
-        flatter(d, flat) && wrap_half_turn(d.angle_rad - along).abs() > most
-    });
+    found.reject_matching(
+        RejectReason::OrientationOutlier,
+        |MeasuredMarker { detection: d, .. }| {
+            let (flat, most) = if d.shape == Shape::Circle {
+                CONSISTENCY.disc_across
+            } else {
+                CONSISTENCY.quadrants_across
+            };
+            flatter(d, flat) && wrap_half_turn(d.angle_rad - along).abs() > most
+        },
+    );
 }
 
 /// Rejects detections that are far smaller than the frame's markers. All markers are prints of about one diameter along one
 /// wing: a marker seen at less than half the size of the next larger one would have to be more than twice as far away as
 /// all others. Detections far smaller than their larger neighbours are rejected too.
 pub fn reject_size_outliers(found: &mut FoundMarkers) {
-    let mut sizes: Vec<f64> = found.measured.iter().map(|m| m.detection.semi_major_px).collect();
+    let mut sizes: Vec<f64> = found
+        .measured
+        .iter()
+        .map(|m| m.detection.semi_major_px)
+        .collect();
     sizes.sort_unstable_by(|a, b| b.total_cmp(a));
-    let gap = sizes.windows(2).skip(CONSISTENCY.min_larger - 1).find(|w| w[0] > CONSISTENCY.max_size_ratio * w[1]);
+    let gap = sizes
+        .windows(2)
+        .skip(CONSISTENCY.min_larger - 1)
+        .find(|w| w[0] > CONSISTENCY.max_size_ratio * w[1]);
     let least = gap.map_or(0.0, |w| w[0]);
-    found.reject_matching(RejectReason::SizeOutlier, |m| m.detection.semi_major_px < least);
+    found.reject_matching(RejectReason::SizeOutlier, |m| {
+        m.detection.semi_major_px < least
+    });
     // Small detections support each other, so the rest is checked again after each removal.
     loop {
         let all: Vec<Detection> = found.measured.iter().map(|m| m.detection.clone()).collect();
-        found.reject_matching(RejectReason::SizeOutlier, |m| is_size_outlier(&m.detection, &all));
+        found.reject_matching(RejectReason::SizeOutlier, |m| {
+            is_size_outlier(&m.detection, &all)
+        });
         if found.measured.len() == all.len() {
             return;
         }
@@ -119,7 +152,10 @@ pub fn reject_size_outliers(found: &mut FoundMarkers) {
 fn is_size_outlier(own: &Detection, all: &[Detection]) -> bool {
     let far_larger = |major: f64| major > CONSISTENCY.max_size_ratio * own.semi_major_px;
     // Other dots do not count.
-    let larger = || all.iter().filter(|d| d.semi_major_px > CONSISTENCY.min_longer * own.semi_major_px);
+    let larger = || {
+        all.iter()
+            .filter(|d| d.semi_major_px > CONSISTENCY.min_longer * own.semi_major_px)
+    };
     if let Some(major) = neighbours::predict_major(larger(), own.centre_px) {
         return far_larger(major.value);
     }
@@ -152,12 +188,16 @@ mod tests {
 
     /// Builds detections at separate positions from shape, semi-axes (px), direction (rad) and blur (px).
     fn build_detections(things: &[(Shape, [f64; 2], f64, f64)]) -> FoundMarkers {
-        let one = |(k, &(shape, [major, minor], angle, blur)): (usize, &(Shape, [f64; 2], f64, f64))| {
-            let mut m = measured(shape, 500.0 * k as f64, major);
-            (m.detection.semi_minor_px, m.detection.angle_rad, m.blur) = (minor, angle, blur);
-            m
-        };
-        FoundMarkers { measured: things.iter().enumerate().map(one).collect(), rejected: Vec::new() }
+        let one =
+            |(k, &(shape, [major, minor], angle, blur)): (usize, &(Shape, [f64; 2], f64, f64))| {
+                let mut m = measured(shape, 500.0 * k as f64, major);
+                (m.detection.semi_minor_px, m.detection.angle_rad, m.blur) = (minor, angle, blur);
+                m
+            };
+        FoundMarkers {
+            measured: things.iter().enumerate().map(one).collect(),
+            rejected: Vec::new(),
+        }
     }
 
     #[test]
@@ -170,7 +210,12 @@ mod tests {
         let mut found = build_detections(&[&discs[..], &quadrants, &round, &grain].concat());
         reject_orientation_outliers(&mut found);
         assert_eq!((found.measured.len(), found.rejected.len()), (9, 40));
-        assert!(found.rejected.iter().all(|r| r.reason == RejectReason::OrientationOutlier && r.semi_major_px < 10.0));
+        assert!(
+            found
+                .rejected
+                .iter()
+                .all(|r| r.reason == RejectReason::OrientationOutlier && r.semi_major_px < 10.0)
+        );
     }
 
     #[test]
@@ -178,18 +223,29 @@ mod tests {
         let markers = [(Shape::Circle, [60.0, 6.0], 0.0, 0.9); 6];
         let near = [(Shape::Quadrant, [130.0, 120.0], 0.0, 2.1)];
         // A shadow that looks like quadrants, and a dark spot.
-        let soft = [(Shape::Quadrant, [40.0, 15.0], 0.0, 2.1), (Shape::Circle, [130.0, 120.0], 0.0, 2.1)];
+        let soft = [
+            (Shape::Quadrant, [40.0, 15.0], 0.0, 2.1),
+            (Shape::Circle, [130.0, 120.0], 0.0, 2.1),
+        ];
         let mut found = build_detections(&[&markers[..], &near, &soft].concat());
         reject_blur_outliers(&mut found);
         assert_eq!((found.measured.len(), found.rejected.len()), (7, 2));
-        assert!(found.measured.iter().any(|m| m.detection.semi_minor_px == 120.0));
+        assert!(
+            found
+                .measured
+                .iter()
+                .any(|m| m.detection.semi_minor_px == 120.0)
+        );
     }
 
     #[test]
     fn long_edges_determine_the_blur_limit() {
         let markers = [(Shape::Circle, [60.0, 6.0], 0.0, 1.2); 6];
         let grain = [(Shape::Circle, [6.0, 3.0], 0.0, 0.4); 30];
-        assert_eq!(blur_limit(&build_detections(&[&markers[..], &grain].concat())), Some(2.4));
+        assert_eq!(
+            blur_limit(&build_detections(&[&markers[..], &grain].concat())),
+            Some(2.4)
+        );
         assert_eq!(blur_limit(&build_detections(&grain[..4])), None);
     }
 }

@@ -11,7 +11,9 @@ pub fn correlation_factor(measured: &[MeasuredMarker]) -> f64 {
     let median_ratio = median(measured.iter().map(|m| m.correlation).collect());
     median_ratio
         .filter(|_| measured.len() >= CORRELATED.min_markers)
-        .map_or(1.0, |median_ratio| (median_ratio / CORRELATED.chance_level).max(1.0))
+        .map_or(1.0, |median_ratio| {
+            (median_ratio / CORRELATED.chance_level).max(1.0)
+        })
 }
 
 /// Raises a marker's covariance by the frame's correlation factor, in directions in which the marker's own residuals do not

@@ -27,7 +27,13 @@ struct SkinPixel {
 /// Adds the variance due to contamination of the skin to a disc that was measured whole and without glare; other markers
 /// stay unchanged.
 pub fn inflate_for_dirt(image: &Raster, measured: &mut MeasuredMarker, others: &[Ellipse]) {
-    let MeasuredMarker { detection, blur, through_glare, is_whole, .. } = measured;
+    let MeasuredMarker {
+        detection,
+        blur,
+        through_glare,
+        is_whole,
+        ..
+    } = measured;
     if detection.shape == Shape::Circle && *is_whole && !*through_glare {
         let variance = variance_across(image, detection, *blur, others);
         detection.covariance_px2.add_along(
@@ -41,7 +47,9 @@ pub fn inflate_for_dirt(image: &Raster, measured: &mut MeasuredMarker, others: &
 /// Returns the variance of a disc's position across its axis due to unequal skin on its two sides, px^2.
 fn variance_across(image: &Raster, disc: &Detection, blur: f64, others: &[Ellipse]) -> f64 {
     let pixels = sample_skin(image, &disc.ellipse(), blur, others);
-    let Some((light, scale)) = fit_skin_light(&pixels) else { return 0.0 };
+    let Some((light, scale)) = fit_skin_light(&pixels) else {
+        return 0.0;
+    };
     let max_difference = DIRT.max_contrast * disc.contrast;
     let mut sides = [[0.0; 2]; 2];
     for pixel in pixels.iter().filter(|pixel| pixel.is_near) {
@@ -68,9 +76,14 @@ fn sample_skin(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse])
     let near = |other: &&Ellipse| {
         let apart = (other.centre - ellipse.centre).norm();
         !ellipse.contains(other.centre)
-            && apart < other.major + major + 2.0 * reach + EDGE_SKIRT_BLURS * blur + DIRT.reach_px as f64
+            && apart
+                < other.major + major + 2.0 * reach + EDGE_SKIRT_BLURS * blur + DIRT.reach_px as f64
     };
-    let others: Vec<Ellipse> = others.iter().filter(near).map(|other| other.enlarged(1.0, reach)).collect();
+    let others: Vec<Ellipse> = others
+        .iter()
+        .filter(near)
+        .map(|other| other.enlarged(1.0, reach))
+        .collect();
     let last = (DIRT.length * major / DIRT.step_px).max(DIRT.steps) as i32;
     let mut out = Vec::with_capacity((2 * last as usize + 1) * 2 * DIRT.reach_px);
     for side in [1.0, -1.0] {
@@ -116,7 +129,11 @@ fn fit_skin_light(pixels: &[SkinPixel]) -> Option<(Vector4<f64>, f64)> {
         }
         let light = normal.cholesky()?.solve(&right);
         residuals.clear();
-        residuals.extend(pixels.iter().map(|pixel| (pixel.value - light.dot(&pixel.terms)).abs() as f32));
+        residuals.extend(
+            pixels
+                .iter()
+                .map(|pixel| (pixel.value - light.dot(&pixel.terms)).abs() as f32),
+        );
         found = Some((light, robust_sigma(&mut residuals) + DIRT.floor));
     }
     found

@@ -15,7 +15,9 @@ pub struct FoundMarkers {
 impl FoundMarkers {
     /// Returns whether a position, px, lies in a measured marker.
     pub fn contains(&self, at: Vector2<f64>) -> bool {
-        self.measured.iter().any(|m| m.detection.ellipse().contains(at))
+        self.measured
+            .iter()
+            .any(|m| m.detection.ellipse().contains(at))
     }
 
     /// Replaces the marker of an index, or adds a new one.
@@ -38,7 +40,11 @@ impl FoundMarkers {
     }
 
     /// Rejects all markers that match a condition.
-    pub fn reject_matching(&mut self, reason: RejectReason, unwanted: impl Fn(&MeasuredMarker) -> bool) {
+    pub fn reject_matching(
+        &mut self,
+        reason: RejectReason,
+        unwanted: impl Fn(&MeasuredMarker) -> bool,
+    ) {
         let all = self.measured.iter().enumerate();
         let indices: Vec<usize> = all.filter(|(_, m)| unwanted(m)).map(|(i, _)| i).collect();
         self.reject_indices(reason, &indices);

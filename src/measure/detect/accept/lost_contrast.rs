@@ -21,7 +21,8 @@ use crate::setup::Shape;
 /// of the frame, px.
 pub fn inflate_for_lost_contrast(measured: &mut [MeasuredMarker]) -> f64 {
     let lost = lost_fractions(measured);
-    let of_frame = median(measured.iter().map(|m| m.blur).collect()).map_or(0.0, |blur| blur * frame_loss(&lost));
+    let of_frame = median(measured.iter().map(|m| m.blur).collect())
+        .map_or(0.0, |blur| blur * frame_loss(&lost));
     for (marker, lost) in measured.iter_mut().zip(lost) {
         add_lost_contrast(marker, of_frame.max(lost.unwrap_or(0.0) * marker.blur));
     }
@@ -30,7 +31,10 @@ pub fn inflate_for_lost_contrast(measured: &mut [MeasuredMarker]) -> f64 {
 
 /// Adds an isotropic variance due to lost contrast to a marker, from its standard deviation, px.
 pub fn add_lost_contrast(marker: &mut MeasuredMarker, by_px: f64) {
-    marker.detection.covariance_px2.add(CovarianceSource::LostContrast, Matrix2::identity() * by_px * by_px);
+    marker.detection.covariance_px2.add(
+        CovarianceSource::LostContrast,
+        Matrix2::identity() * by_px * by_px,
+    );
 }
 
 /// Returns the root mean square of the quadrants' lost contrast, as a fraction; 0 if fewer than `LOST.min_affected` are
@@ -40,7 +44,12 @@ fn frame_loss(lost: &[Option<f64>]) -> f64 {
     if fractions.iter().filter(|fraction| **fraction > 0.0).count() < LOST.min_affected {
         return 0.0;
     }
-    (fractions.iter().map(|fraction| fraction * fraction).sum::<f64>() / fractions.len() as f64).sqrt()
+    (fractions
+        .iter()
+        .map(|fraction| fraction * fraction)
+        .sum::<f64>()
+        / fractions.len() as f64)
+        .sqrt()
 }
 
 /// Returns the fraction of contrast that each quadrant target has lost compared with the frame's others, `None` for other
@@ -61,7 +70,15 @@ fn lost_fractions(measured: &[MeasuredMarker]) -> Vec<Option<f64>> {
     let fraction = |[dark, taken]: [f64; 2]| (1.0 - dark / full).min(1.0 - taken / typical);
     contrasts
         .iter()
-        .map(|own| own.map(fraction).map(|fraction| if fraction > LOST.chance_fraction { fraction } else { 0.0 }))
+        .map(|own| {
+            own.map(fraction).map(|fraction| {
+                if fraction > LOST.chance_fraction {
+                    fraction
+                } else {
+                    0.0
+                }
+            })
+        })
         .collect()
 }
 
@@ -70,7 +87,12 @@ fn lost_fractions(measured: &[MeasuredMarker]) -> Vec<Option<f64>> {
 fn quadrant_contrasts(marker: &MeasuredMarker) -> Option<[f64; 2]> {
     let is_usable = marker.detection.shape == Shape::Quadrant && !marker.through_glare;
     let white = marker.detection.contrast / (marker.darkness * f64::from(u8::MAX));
-    (is_usable && white > 0.0).then(|| [marker.dark, marker.dark * white.powf(1.0 / PRIOR.gamma.value)])
+    (is_usable && white > 0.0).then(|| {
+        [
+            marker.dark,
+            marker.dark * white.powf(1.0 / PRIOR.gamma.value),
+        ]
+    })
 }
 
 #[cfg(test)]
@@ -97,7 +119,12 @@ mod tests {
                 marker: None,
             };
             let dark = darkness_for_grey_ratio(black / white);
-            MeasuredMarker { blur: 0.8, darkness: contrast / white, dark, ..MeasuredMarker::whole(detection) }
+            MeasuredMarker {
+                blur: 0.8,
+                darkness: contrast / white,
+                dark,
+                ..MeasuredMarker::whole(detection)
+            }
         };
         greys.iter().enumerate().map(one).collect()
     }
@@ -108,14 +135,25 @@ mod tests {
         (
             frame,
             all.iter()
-                .map(|m| m.detection.covariance_px2.contribution(CovarianceSource::LostContrast)[(0, 0)].sqrt())
+                .map(|m| {
+                    m.detection
+                        .covariance_px2
+                        .contribution(CovarianceSource::LostContrast)[(0, 0)]
+                        .sqrt()
+                })
                 .collect(),
         )
     }
 
     /// White and black of a clear frame's quadrants, grey levels: two illuminations, with the scatter of rendered frames.
-    const CLEAR: [(f64, f64); 6] =
-        [(203.0, 88.0), (186.0, 80.0), (204.0, 90.0), (184.0, 78.0), (205.0, 89.0), (183.0, 80.0)];
+    const CLEAR: [(f64, f64); 6] = [
+        (203.0, 88.0),
+        (186.0, 80.0),
+        (204.0, 90.0),
+        (184.0, 78.0),
+        (205.0, 89.0),
+        (183.0, 80.0),
+    ];
 
     #[test]
     fn scattered_light_inflates_all_markers_and_most_the_covered_ones() {
@@ -130,7 +168,10 @@ mod tests {
         // A single affected marker may just be covered.
         frosted[1] = CLEAR[1];
         let (frame, own) = inflations(&frosted);
-        assert!(frame == 0.0 && own[2] > 0.1 && own.iter().filter(|px| **px > 0.0).count() == 1, "{frame}, {own:?}");
+        assert!(
+            frame == 0.0 && own[2] > 0.1 && own.iter().filter(|px| **px > 0.0).count() == 1,
+            "{frame}, {own:?}"
+        );
     }
 
     #[test]
@@ -144,7 +185,10 @@ mod tests {
             }
             inflations(&all).0
         };
-        assert_eq!([with(&|light| 0.5 * light), with(&|light| light + 0.15)], [0.0; 2]);
+        assert_eq!(
+            [with(&|light| 0.5 * light), with(&|light| light + 0.15)],
+            [0.0; 2]
+        );
         assert!(with(&|light| 0.6 * light + 0.1) > 0.1);
     }
 }

@@ -71,18 +71,31 @@ mod tests {
             contrast: 100.0,
             marker: None,
         };
-        let mut disc = MeasuredMarker { blur: 0.8, is_systematic, ..MeasuredMarker::whole(detection) };
+        let mut disc = MeasuredMarker {
+            blur: 0.8,
+            is_systematic,
+            ..MeasuredMarker::whole(detection)
+        };
         let even = Raster::new(600, 400, vec![160; 600 * 400]).expect("a value for each pixel");
         inflate_for_misfit(&even, &mut disc, 1.0);
-        let misfit = disc.detection.covariance_px2.contribution(CovarianceSource::Misfit);
+        let misfit = disc
+            .detection
+            .covariance_px2
+            .contribution(CovarianceSource::Misfit);
         [misfit[(0, 0)].sqrt(), misfit[(1, 1)].sqrt()]
     }
 
     #[test]
     fn only_unexplained_residuals_inflate_the_covariance() {
-        assert_eq!([inflations(2.5, true), inflations(6.0, false)], [[0.0; 2]; 2]);
+        assert_eq!(
+            [inflations(2.5, true), inflations(6.0, false)],
+            [[0.0; 2]; 2]
+        );
         let [along, across] = inflations(6.0, true);
         // Half of 5.4 % of an edge of 2 px.
-        assert!((across - 0.054).abs() < 0.001 && (along - 5.0 * across).abs() < 1e-9, "{along} {across}");
+        assert!(
+            (across - 0.054).abs() < 0.001 && (along - 5.0 * across).abs() < 1e-9,
+            "{along} {across}"
+        );
     }
 }

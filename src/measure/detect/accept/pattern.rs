@@ -19,7 +19,11 @@ pub fn ends_in_arcs(
     along: f64,
     m: &MarkerParameters,
 ) -> bool {
-    let turn = if pattern == MarkerPattern::WhiteAlong { FRAC_PI_2 } else { 0.0 };
+    let turn = if pattern == MarkerPattern::WhiteAlong {
+        FRAC_PI_2
+    } else {
+        0.0
+    };
     let direction = Vector2::new((along + turn).cos(), (along + turn).sin());
     let radius = ellipse.radius_along(direction);
     let (light, black) = (m[LIGHT], m[LIGHT] - grey_contrast(m));
@@ -27,23 +31,34 @@ pub fn ends_in_arcs(
         let at = ellipse.centre + direction * (factor * radius);
         f64::from(image.nearest_value(at.x, at.y))
     };
-    let first = 1.0 + (PATTERN.skin_start_blurs * m[BLUR] / radius).clamp(PATTERN.skin_start.0, PATTERN.skin_start.1);
+    let first = 1.0
+        + (PATTERN.skin_start_blurs * m[BLUR] / radius)
+            .clamp(PATTERN.skin_start.0, PATTERN.skin_start.1);
     [-1.0, 1.0].iter().all(|side| {
         let inside = grey(side * PATTERN.black_radius);
         let skin = inside + PATTERN.min_lighter * (light - inside);
-        let lighter = PATTERN.skin_radii.iter().filter(|place| grey(side * (first + **place)) > skin);
+        let lighter = PATTERN
+            .skin_radii
+            .iter()
+            .filter(|place| grey(side * (first + **place)) > skin);
         inside < 0.5 * (light + black) && 2 * lighter.count() > PATTERN.skin_radii.len()
     })
 }
 
 /// Returns whether both black quadrants have the corner of a square, in the coordinates in which the outline is a circle.
-pub fn have_corners(image: &Raster, pattern: MarkerPattern, ellipse: &Ellipse, m: &MarkerParameters) -> bool {
+pub fn have_corners(
+    image: &Raster,
+    pattern: MarkerPattern,
+    ellipse: &Ellipse,
+    m: &MarkerParameters,
+) -> bool {
     if ellipse.minor < PATTERN.min_corner_blurs * m[BLUR] {
         return false;
     }
     let (along, across) = (ellipse.major_direction(), ellipse.minor_direction());
     let turned = |angle: f64| {
-        let (s, t) = ellipse.local_position(ellipse.centre + Vector2::new(angle.cos(), angle.sin()));
+        let (s, t) =
+            ellipse.local_position(ellipse.centre + Vector2::new(angle.cos(), angle.sin()));
         (t / ellipse.minor).atan2(s / ellipse.major)
     };
     let half = m[TANGENT].atan();
@@ -61,11 +76,18 @@ pub fn have_corners(image: &Raster, pattern: MarkerPattern, ellipse: &Ellipse, m
             let at = ellipse.centre + radius * *factor;
             f64::from(image.nearest_value(at.x, at.y)) > edge
         };
-        let steps = [PATTERN.end_range.0, PATTERN.end_range.1].map(|v| (v / PATTERN.end_step).round() as i32);
-        (steps[0]..steps[1]).map(|k| PATTERN.end_step * f64::from(k)).find(light).unwrap_or(PATTERN.end_range.1)
+        let steps = [PATTERN.end_range.0, PATTERN.end_range.1]
+            .map(|v| (v / PATTERN.end_step).round() as i32);
+        (steps[0]..steps[1])
+            .map(|k| PATTERN.end_step * f64::from(k))
+            .find(light)
+            .unwrap_or(PATTERN.end_range.1)
     };
     [0.0, PI].iter().all(|side| {
         let at = |part: f64| end(bisector + side + part * half);
-        at(0.0) > PATTERN.min_corner_ratio * 0.5 * (at(-PATTERN.side_position) + at(PATTERN.side_position))
+        at(0.0)
+            > PATTERN.min_corner_ratio
+                * 0.5
+                * (at(-PATTERN.side_position) + at(PATTERN.side_position))
     })
 }

@@ -11,10 +11,16 @@ use crate::detect::detection::{Detection, covariance::squared_mahalanobis};
 pub fn is_preferred(new: &Detection, old: &Detection) -> bool {
     let size = |d: &Detection| d.semi_major_px * d.semi_minor_px;
     let ratio = size(new) / size(old);
-    if new.shape != old.shape || !(1.0 / PREFERENCE.part_ratio..PREFERENCE.part_ratio).contains(&ratio) {
+    if new.shape != old.shape
+        || !(1.0 / PREFERENCE.part_ratio..PREFERENCE.part_ratio).contains(&ratio)
+    {
         return ratio > 1.0;
     }
-    if positions_agree(new, old) { new.variance() < old.variance() } else { fits_better(new, old) }
+    if positions_agree(new, old) {
+        new.variance() < old.variance()
+    } else {
+        fits_better(new, old)
+    }
 }
 
 /// Returns whether a measurement has smaller residuals than another one. This decides between measurements that assume
@@ -27,5 +33,6 @@ pub fn fits_better(new: &Detection, old: &Detection) -> bool {
 /// Returns whether the positions of two measurements agree within their covariances.
 fn positions_agree(one: &Detection, other: &Detection) -> bool {
     let both = *one.covariance_px2 + *other.covariance_px2;
-    squared_mahalanobis(&(one.centre_px - other.centre_px), &both) < PREFERENCE.same_sigmas * PREFERENCE.same_sigmas
+    squared_mahalanobis(&(one.centre_px - other.centre_px), &both)
+        < PREFERENCE.same_sigmas * PREFERENCE.same_sigmas
 }

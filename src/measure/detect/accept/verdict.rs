@@ -7,7 +7,8 @@ use nalgebra::{Matrix2, Vector2};
 use super::pattern::{ends_in_arcs, have_corners};
 use crate::detect::accept::options::VERDICT;
 use crate::detect::appearance::parameters::{
-    ANGLE, BLUR, DARK, LIGHT, MAJOR, MINOR, MarkerParameters, MarkerPattern, OVERSHOOT, SAG, TAPER, X, Y, grey_contrast,
+    ANGLE, BLUR, DARK, LIGHT, MAJOR, MINOR, MarkerParameters, MarkerPattern, OVERSHOOT, SAG, TAPER,
+    X, Y, grey_contrast,
 };
 use crate::detect::detection::covariance::{Covariance, CovarianceSource};
 use crate::detect::detection::{Detection, RejectReason};
@@ -32,7 +33,8 @@ pub fn fits_poorly(
     let is_larger = |noise: f64| rms > VERDICT.max_rms.0 * noise + own;
     // Letters raise the noise around them; they are mistaken for quadrants rather than for discs.
     if hypothesis.pattern == MarkerPattern::Disc {
-        is_larger(noise.max(VERDICT.edge_noise)) && is_larger(noise::noise_around(image, &hypothesis.ellipse))
+        is_larger(noise.max(VERDICT.edge_noise))
+            && is_larger(noise::noise_around(image, &hypothesis.ellipse))
     } else {
         is_larger(noise)
     }
@@ -92,12 +94,22 @@ pub type MeasurementResult = Result<MeasuredMarker, RejectReason>;
 ///
 /// # Errors
 /// Returns an error if the fit is not a marker, with the reason.
-pub fn judge_fit(image: &Raster, hypothesis: &Hypothesis, fit: &MarkerFit, noise: f64) -> MeasurementResult {
+pub fn judge_fit(
+    image: &Raster,
+    hypothesis: &Hypothesis,
+    fit: &MarkerFit,
+    noise: f64,
+) -> MeasurementResult {
     let m = &fit.parameters;
     let contrast = grey_contrast(m);
     let ellipse = fitted_ellipse(hypothesis, m);
     check_shape(image, hypothesis, m, &ellipse)?;
-    if m[DARK] < VERDICT.min_darkness || contrast < VERDICT.min_contrast.max(VERDICT.min_contrast_over_noise * noise) {
+    if m[DARK] < VERDICT.min_darkness
+        || contrast
+            < VERDICT
+                .min_contrast
+                .max(VERDICT.min_contrast_over_noise * noise)
+    {
         return Err(RejectReason::LowContrast);
     }
     if m[BLUR] > VERDICT.max_blur_px
@@ -117,7 +129,11 @@ pub fn judge_fit(image: &Raster, hypothesis: &Hypothesis, fit: &MarkerFit, noise
     let is_disc = hypothesis.pattern == MarkerPattern::Disc;
     Ok(MeasuredMarker {
         detection: Detection {
-            shape: if is_disc { Shape::Circle } else { Shape::Quadrant },
+            shape: if is_disc {
+                Shape::Circle
+            } else {
+                Shape::Quadrant
+            },
             centre_px: ellipse.centre,
             covariance_px2: covariance,
             semi_major_px: ellipse.major,
@@ -131,7 +147,11 @@ pub fn judge_fit(image: &Raster, hypothesis: &Hypothesis, fit: &MarkerFit, noise
         darkness: contrast / m[LIGHT].max(1.0),
         dark: m[DARK],
         correlation: fit.correlation,
-        major_sigma_px: if is_disc { fit.covariance[(MAJOR, MAJOR)].max(0.0).sqrt() } else { 0.0 },
+        major_sigma_px: if is_disc {
+            fit.covariance[(MAJOR, MAJOR)].max(0.0).sqrt()
+        } else {
+            0.0
+        },
         is_systematic: fit.is_systematic || m[OVERSHOOT] > 0.0,
         through_glare: false,
         is_whole: hypothesis.is_whole(),
@@ -142,11 +162,19 @@ pub fn judge_fit(image: &Raster, hypothesis: &Hypothesis, fit: &MarkerFit, noise
 fn fitted_ellipse(hypothesis: &Hypothesis, m: &MarkerParameters) -> Ellipse {
     let centre = Vector2::new(m[X], m[Y]);
     if hypothesis.pattern != MarkerPattern::Disc {
-        return Ellipse { centre, ..hypothesis.ellipse };
+        return Ellipse {
+            centre,
+            ..hypothesis.ellipse
+        };
     }
     let (major, minor) = (m[MAJOR].max(m[MINOR]), m[MINOR].min(m[MAJOR]));
     let turn = if m[MAJOR] >= m[MINOR] { 0.0 } else { FRAC_PI_2 };
-    Ellipse { centre, major, minor, angle: wrap_half_turn(m[ANGLE] + turn) }
+    Ellipse {
+        centre,
+        major,
+        minor,
+        angle: wrap_half_turn(m[ANGLE] + turn),
+    }
 }
 
 /// Checks whether a fitted ellipse can be that of a marker and enough of it is visible.
@@ -163,7 +191,10 @@ fn check_shape(
     if moved > VERDICT.max_shift.0 * hypothesis.ellipse.major + VERDICT.max_shift.1 {
         return Err(RejectReason::PoorFit);
     }
-    let (extent, last) = (ellipse.half_extent(), [image.width() - 1, image.height() - 1].map(|v| v as f64));
+    let (extent, last) = (
+        ellipse.half_extent(),
+        [image.width() - 1, image.height() - 1].map(|v| v as f64),
+    );
     let (low, high) = (ellipse.centre - extent, ellipse.centre + extent);
     if (0..2).any(|k| low[k] < VERDICT.rim_px || high[k] > last[k] - VERDICT.rim_px) {
         return Err(RejectReason::TouchesEdge);
@@ -173,19 +204,34 @@ fn check_shape(
     }
     let is_disc = hypothesis.pattern == MarkerPattern::Disc;
     let lopsided = is_disc && m[TAPER].abs() > VERDICT.max_taper_sigmas * PRIOR.taper;
-    let flattest = if is_disc { VERDICT.max_axis_ratio } else { VERDICT.max_axis_ratio_quadrants };
+    let flattest = if is_disc {
+        VERDICT.max_axis_ratio
+    } else {
+        VERDICT.max_axis_ratio_quadrants
+    };
     if lopsided || ellipse.major > flattest * ellipse.minor {
         return Err(RejectReason::NotAnEllipse);
     }
     let is_lit = |at: Vector2<f64>| hypothesis.glare().any(|b| b.contains(&at));
     // Edges that only point at their crossing determine it less precisely than their covariance states.
     let crossing = !is_disc && is_lit(ellipse.centre);
-    let hidden = || hypothesis.is_in_glare() && ellipse.outline_fraction(|at| is_lit(*at)) > PRIOR.max_hidden;
-    if crossing || hidden() { Err(RejectReason::GlareOccluded) } else { Ok(()) }
+    let hidden = || {
+        hypothesis.is_in_glare() && ellipse.outline_fraction(|at| is_lit(*at)) > PRIOR.max_hidden
+    };
+    if crossing || hidden() {
+        Err(RejectReason::GlareOccluded)
+    } else {
+        Ok(())
+    }
 }
 
 /// Returns whether quadrants are not those of a target. Quadrants with a known outline are not checked.
-fn is_other_pattern(image: &Raster, hypothesis: &Hypothesis, m: &MarkerParameters, ellipse: &Ellipse) -> bool {
+fn is_other_pattern(
+    image: &Raster,
+    hypothesis: &Hypothesis,
+    m: &MarkerParameters,
+    ellipse: &Ellipse,
+) -> bool {
     let known = hypothesis.prior.blur.is_some() || hypothesis.prior.size.is_some();
     hypothesis.edges.filter(|_| !known).is_some_and(|edges| {
         !ends_in_arcs(image, hypothesis.pattern, ellipse, edges.along_rad, m)
@@ -196,17 +242,31 @@ fn is_other_pattern(image: &Raster, hypothesis: &Hypothesis, m: &MarkerParameter
 /// Returns the centre's covariance, px^2: that of the fit and, for a disc, the contributions of curved skin and glare.
 fn centre_covariance(hypothesis: &Hypothesis, fit: &MarkerFit, ellipse: &Ellipse) -> Covariance {
     let m = &fit.parameters;
-    let mut out = Covariance::from_fit(fit.covariance.fixed_view::<2, 2>(X, X).into_owned(), fit.white);
+    let mut out = Covariance::from_fit(
+        fit.covariance.fixed_view::<2, 2>(X, X).into_owned(),
+        fit.white,
+    );
     // Glare does not cover an accepted crossing.
     if hypothesis.pattern != MarkerPattern::Disc {
         return out;
     }
     let axis = Vector2::new(m[ANGLE].cos(), m[ANGLE].sin());
-    out.add_along(CovarianceSource::CurvedSkin, axis, (VERDICT.decal_stretch * m[SAG]).powi(2));
+    out.add_along(
+        CovarianceSource::CurvedSkin,
+        axis,
+        (VERDICT.decal_stretch * m[SAG]).powi(2),
+    );
     if hypothesis.is_in_glare() {
         // Both edges of a thin disc lie in the same light.
-        let by = if hypothesis.prior.has_full_size() { VERDICT.residual_fringe_px } else { VERDICT.fringe_px };
-        let (along, across) = (ellipse.major_direction(), by * (ellipse.minor / VERDICT.uniform_light_px).min(1.0));
+        let by = if hypothesis.prior.has_full_size() {
+            VERDICT.residual_fringe_px
+        } else {
+            VERDICT.fringe_px
+        };
+        let (along, across) = (
+            ellipse.major_direction(),
+            by * (ellipse.minor / VERDICT.uniform_light_px).min(1.0),
+        );
         let extra_along = by.powi(2) - across.powi(2);
         let fringe = Matrix2::identity() * across.powi(2) + along * along.transpose() * extra_along;
         out.add(CovarianceSource::GlareFringe, fringe);
@@ -219,7 +279,9 @@ fn centre_covariance(hypothesis: &Hypothesis, fit: &MarkerFit, ellipse: &Ellipse
 /// it.
 fn max_centre_sigma(hypothesis: &Hypothesis, ellipse: &Ellipse) -> f64 {
     let (limit, factor) = match (hypothesis.prior.size, hypothesis.pattern) {
-        (Some(_), MarkerPattern::Disc) => (VERDICT.max_sigma_predicted_px, VERDICT.predicted_factor),
+        (Some(_), MarkerPattern::Disc) => {
+            (VERDICT.max_sigma_predicted_px, VERDICT.predicted_factor)
+        }
         // Edges that only point at their crossing.
         (Some(_), _) => (VERDICT.max_sigma_crossing_px, 1.0),
         (None, _) => (VERDICT.max_sigma_px, 1.0),
@@ -229,5 +291,6 @@ fn max_centre_sigma(hypothesis: &Hypothesis, ellipse: &Ellipse) -> f64 {
     } else {
         limit
     };
-    most.min(VERDICT.max_relative_sigma * ellipse.major).min(limit)
+    most.min(VERDICT.max_relative_sigma * ellipse.major)
+        .min(limit)
 }

@@ -31,9 +31,21 @@ pub fn wedge_fraction(s: &Lanes, t: &Lanes, m: &MarkerParameters) -> BlackFracti
     let sigma = m[BLUR] as f32;
     let (uneven, by_sigma) = (m[UNEVEN_BLUR] as f32, 1.0 / sigma);
     let by_own = [1.0 / (1.0 + uneven), 1.0 / (1.0 - uneven)];
-    let e =
-        EdgeParameters { f: m[TANGENT] as f32, k1: m[BEND] as f32, k2: m[BEND + 1] as f32, sigma, by_sigma, by_own };
-    let far = each(|i| if s[i].abs() > NEAR_SIGMAS as f32 * e.sigma { 1.0 } else { 0.0 });
+    let e = EdgeParameters {
+        f: m[TANGENT] as f32,
+        k1: m[BEND] as f32,
+        k2: m[BEND + 1] as f32,
+        sigma,
+        by_sigma,
+        by_own,
+    };
+    let far = each(|i| {
+        if s[i].abs() > NEAR_SIGMAS as f32 * e.sigma {
+            1.0
+        } else {
+            0.0
+        }
+    });
     let mut apart = BlackFraction::default();
     for i in 0..LANES {
         let one = edge_pair_fraction::<true>(s[i], t[i], e);
@@ -56,7 +68,16 @@ impl BlackFraction {
     /// Returns the fields in the order of [`FractionAtPoint`].
     #[inline(always)]
     fn lanes_mut(&mut self) -> [&mut Lanes; 8] {
-        let Self { c, s, t, first, second, third, blur, taper } = self;
+        let Self {
+            c,
+            s,
+            t,
+            first,
+            second,
+            third,
+            blur,
+            taper,
+        } = self;
         [c, s, t, first, second, third, blur, taper]
     }
 }
@@ -68,13 +89,26 @@ fn sum_near_crossing(s: &Lanes, t: &Lanes, e: EdgeParameters, fraction: &mut Bla
     for before in [true, false] {
         for (node, weight) in GAUSS_8 {
             for i in 0..LANES {
-                let low = if s[i] - reach < 0.0 { s[i] - reach } else { 0.0 };
-                let high = if s[i] + reach > 0.0 { s[i] + reach } else { 0.0 };
+                let low = if s[i] - reach < 0.0 {
+                    s[i] - reach
+                } else {
+                    0.0
+                };
+                let high = if s[i] + reach > 0.0 {
+                    s[i] + reach
+                } else {
+                    0.0
+                };
                 let half = 0.5 * if before { -low } else { high };
-                let at = if before { half * (node - 1.0) } else { half * (node + 1.0) };
+                let at = if before {
+                    half * (node - 1.0)
+                } else {
+                    half * (node + 1.0)
+                };
                 let along = (s[i] - at) * e.by_sigma;
                 let w = half * weight * PEAK * gauss_kernel(along) * e.by_sigma;
-                let [c, _, across, first, second, third, blur, uneven] = edge_pair_fraction::<false>(at, t[i], e);
+                let [c, _, across, first, second, third, blur, uneven] =
+                    edge_pair_fraction::<false>(at, t[i], e);
                 fraction.c[i] += w * c;
                 fraction.s[i] -= w * c * along * e.by_sigma;
                 fraction.t[i] += w * across;
@@ -93,7 +127,14 @@ fn sum_near_crossing(s: &Lanes, t: &Lanes, e: EdgeParameters, fraction: &mut Bla
 fn edge_pair_fraction<const TILTED: bool>(
     s: f32,
     t: f32,
-    EdgeParameters { f, k1, k2, by_sigma, by_own, .. }: EdgeParameters,
+    EdgeParameters {
+        f,
+        k1,
+        k2,
+        by_sigma,
+        by_own,
+        ..
+    }: EdgeParameters,
 ) -> FractionAtPoint {
     let (slope1, slope2) = (f + 2.0 * k1 * s, -f + 2.0 * k2 * s);
     let (steep1, steep2) = (1.0 + slope1 * slope1, 1.0 + slope2 * slope2);
@@ -111,8 +152,16 @@ fn edge_pair_fraction<const TILTED: bool>(
     let [(d1, c1), (d2, c2)] = normal_distributions([z1, z2]);
     let side = if s >= 0.0 { 1.0 } else { -1.0 };
     let (e1, e2) = (side * d1 * by_width1, side * d2 * by_width2);
-    let turn1 = if TILTED { side * d1 * z1 * slope1 * tilt1 * tilt1 } else { 0.0 };
-    let turn2 = if TILTED { side * d2 * z2 * slope2 * tilt2 * tilt2 } else { 0.0 };
+    let turn1 = if TILTED {
+        side * d1 * z1 * slope1 * tilt1 * tilt1
+    } else {
+        0.0
+    };
+    let turn2 = if TILTED {
+        side * d2 * z2 * slope2 * tilt2 * tilt2
+    } else {
+        0.0
+    };
     [
         side * (c2 - c1),
         e1 * slope1 - e2 * slope2,

@@ -41,7 +41,11 @@ pub fn mask_beyond_end(s: &Lanes, t: &Lanes, [a, b]: [f32; 2], sag: f32, reach: 
         let along = (s[i].abs() - reach) * by_a;
         let along = if along > 0.0 { along } else { 0.0 };
         let off = t[i].abs() - (reach + sag.abs());
-        let out = if off > 0.0 && off * off > b * b * (1.0 - along * along) { 1.0 } else { 0.0 };
+        let out = if off > 0.0 && off * off > b * b * (1.0 - along * along) {
+            1.0
+        } else {
+            0.0
+        };
         if along >= 1.0 { 1.0 } else { out }
     })
 }
@@ -99,9 +103,14 @@ pub fn distance_to_ellipse(a: f32, b: f32, s: &Lanes, t: &Lanes) -> Lanes {
         // In a flat ellipse the outline across is nearer than the radial one.
         let u = 1.0 - p * p;
         let u = if u > TINY { u } else { TINY };
-        let across = (b * u.sqrt() - t[i].abs()) * (u / (u + (b * by_a * p) * (b * by_a * p))).sqrt();
+        let across =
+            (b * u.sqrt() - t[i].abs()) * (u / (u + (b * by_a * p) * (b * by_a * p))).sqrt();
         let across = if across > 0.0 { across } else { 0.0 };
-        if r >= 1.0 || outwards < across { outwards } else { across }
+        if r >= 1.0 || outwards < across {
+            outwards
+        } else {
+            across
+        }
     })
 }
 
@@ -111,7 +120,9 @@ pub fn distance_to_ellipse(a: f32, b: f32, s: &Lanes, t: &Lanes) -> Lanes {
 fn fraction_by_distance(
     s: &Lanes,
     t: &Lanes,
-    DiscParameters { a, by_a, b, sigma, .. }: DiscParameters,
+    DiscParameters {
+        a, by_a, b, sigma, ..
+    }: DiscParameters,
     fraction: &mut BlackFraction,
 ) {
     let unlike = b * b - a * a;
@@ -125,7 +136,11 @@ fn fraction_by_distance(
         for _ in 0..3 {
             let slope = unlike * (cos * cos - sin * sin) + s * a * cos + t * b * sin;
             let value = unlike * sin * cos + s * a * sin - t * b * cos;
-            let slope = if slope.abs() > ROUNDING { slope } else { ROUNDING };
+            let slope = if slope.abs() > ROUNDING {
+                slope
+            } else {
+                ROUNDING
+            };
             let turn = -value / slope;
             let turn = if turn < MAX_TURN { turn } else { MAX_TURN };
             let turn = if turn > -MAX_TURN { turn } else { -MAX_TURN };
@@ -162,7 +177,11 @@ fn fraction_by_chord(
     for i in 0..LANES {
         let (along, t) = (s[i] * by_a, t[i]);
         let u = 1.0 - along * along;
-        let u = if u > MIN_CHORD_SQUARE { u } else { MIN_CHORD_SQUARE };
+        let u = if u > MIN_CHORD_SQUARE {
+            u
+        } else {
+            MIN_CHORD_SQUARE
+        };
         let rise = flat * along;
         // The edge's slope is -rise / root: one division for both.
         let (root, steep) = (u.sqrt(), (u + rise * rise).sqrt());
@@ -190,15 +209,27 @@ fn fraction_by_chord(
 fn fraction_by_sum(
     s: &Lanes,
     t: &Lanes,
-    DiscParameters { a, by_a, b, sigma, .. }: DiscParameters,
+    DiscParameters {
+        a, by_a, b, sigma, ..
+    }: DiscParameters,
     fraction: &mut BlackFraction,
 ) {
     let reach = REACH_SIGMAS * sigma;
     let by_sigma = 1.0 / sigma;
     let from = each(|i| asin((s[i] - reach) * by_a));
     let to = each(|i| asin((s[i] + reach) * by_a));
-    let (middle, half) = (each(|i| 0.5 * (from[i] + to[i])), each(|i| 0.5 * (to[i] - from[i])));
-    let [mut black, mut by_s, mut by_t, mut by_a, mut by_b, mut by_blur] = [Lanes::splat(0.0); 6];
+    let (middle, half) = (
+        each(|i| 0.5 * (from[i] + to[i])),
+        each(|i| 0.5 * (to[i] - from[i])),
+    );
+    let [
+        mut black,
+        mut by_s,
+        mut by_t,
+        mut by_a,
+        mut by_b,
+        mut by_blur,
+    ] = [Lanes::splat(0.0); 6];
     for (node, weight) in GAUSS_12 {
         for i in 0..LANES {
             let theta = half[i].mul_add(node, middle[i]);

@@ -8,8 +8,8 @@
 use super::crossing::wedge_fraction;
 use super::disc::disc_fraction;
 use super::parameters::{
-    ANGLE, BLUR, BlackFraction, COMMON, DARK, GAMMA, GreyBatch, LIGHT, MarkerParameters, MarkerPattern, N, SHAPE,
-    TAPER, WHITEST, X, Y,
+    ANGLE, BLUR, BlackFraction, COMMON, DARK, GAMMA, GreyBatch, LIGHT, MarkerParameters,
+    MarkerPattern, N, SHAPE, TAPER, WHITEST, X, Y,
 };
 use crate::detect::simd::batch::Batch;
 use crate::detect::simd::functions::{exp, ln};
@@ -93,7 +93,11 @@ impl MarkerModel {
     pub fn apply_tone_curve(&self, linear: f32) -> Tone {
         let linear = if linear > DARKEST { linear } else { DARKEST };
         let log = ln(linear);
-        Tone { linear, log, through: exp(self.k[GAMMA] * log) }
+        Tone {
+            linear,
+            log,
+            through: exp(self.k[GAMMA] * log),
+        }
     }
 
     /// Returns the derivatives with respect to the centre's u and v and the direction, from those along and across and the
@@ -101,7 +105,11 @@ impl MarkerModel {
     #[inline(always)]
     pub fn position_derivatives(&self, [by_s, by_t]: [f32; 2], [s, t]: [f32; 2]) -> [f32; 3] {
         let [sin, cos] = self.trig;
-        [by_t * sin - by_s * cos, -(by_s * sin + by_t * cos), by_s * t - by_t * s]
+        [
+            by_t * sin - by_s * cos,
+            -(by_s * sin + by_t * cos),
+            by_s * t - by_t * s,
+        ]
     }
 }
 
@@ -114,10 +122,18 @@ pub fn grey_values(model: &MarkerModel, batch: &Batch, out: &mut GreyBatch) {
     for i in 0..LANES {
         let (at, c) = ([batch.p[i], batch.q[i]], fraction.c[i]);
         let dark = model.darkness(at);
-        let Tone { linear, log, through } = model.apply_tone_curve(1.0 - dark * c);
+        let Tone {
+            linear,
+            log,
+            through,
+        } = model.apply_tone_curve(1.0 - dark * c);
         let value = model.light_value(at) * through;
         let clipped = value >= WHITEST;
-        let (value, through) = if clipped { (WHITEST, 0.0) } else { (value, through) };
+        let (value, through) = if clipped {
+            (WHITEST, 0.0)
+        } else {
+            (value, through)
+        };
         let open = if clipped { 0.0 } else { 1.0 };
         let slope = open * model.k[GAMMA] * value / linear;
         out.value[i] = value;
@@ -149,7 +165,8 @@ impl GreyDerivatives {
         gradient: &mut [Lanes; COMMON],
     ) {
         // One slot at a time, because a loop that writes all of them is not always vectorised.
-        let moved = |i: usize| model.position_derivatives([fraction.s[i], fraction.t[i]], [s[i], t[i]]);
+        let moved =
+            |i: usize| model.position_derivatives([fraction.s[i], fraction.t[i]], [s[i], t[i]]);
         gradient[X] = each(|i| self.black_fraction[i] * moved(i)[0]);
         gradient[Y] = each(|i| self.black_fraction[i] * moved(i)[1]);
         gradient[ANGLE] = each(|i| self.black_fraction[i] * moved(i)[2]);
@@ -186,7 +203,8 @@ mod tests {
     /// Completes shapes to marker parameters with the same grey levels.
     fn lit<const COUNT: usize>(shapes: [[f64; 7]; COUNT]) -> Vec<MarkerParameters> {
         let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
-        let all = |s: [f64; 7]| std::array::from_fn(|i| *s.iter().chain(&light).nth(i).unwrap_or(&0.0));
+        let all =
+            |s: [f64; 7]| std::array::from_fn(|i| *s.iter().chain(&light).nth(i).unwrap_or(&0.0));
         shapes.map(all).to_vec()
     }
 
@@ -214,8 +232,15 @@ mod tests {
         (batch.p[0], batch.q[0]) = (((x - 20.0) / 30.0) as f32, ((y - 20.0) / 10.0) as f32);
         batch.fill_lanes();
         let mut out = GreyBatch::new();
-        grey_values(&MarkerModel::new(pattern, m, [20.0, 20.0]), &batch, &mut out);
-        (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.derivative(k)[0])))
+        grey_values(
+            &MarkerModel::new(pattern, m, [20.0, 20.0]),
+            &batch,
+            &mut out,
+        );
+        (
+            f64::from(out.value[0]),
+            std::array::from_fn(|k| f64::from(out.derivative(k)[0])),
+        )
     }
 
     /// Computes the fraction of black by brute force: the sharp pattern, sampled finely, blurred.
@@ -225,7 +250,10 @@ mod tests {
         let n = 160;
         for i in -n..=n {
             for j in -n..=n {
-                let (gx, gy) = (f64::from(i) * 5.0 / f64::from(n), f64::from(j) * 5.0 / f64::from(n));
+                let (gx, gy) = (
+                    f64::from(i) * 5.0 / f64::from(n),
+                    f64::from(j) * 5.0 / f64::from(n),
+                );
                 let w = (-0.5 * (gx * gx + gy * gy)).exp();
                 let (dx, dy) = (x + gx * m[BLUR] - m[X], y + gy * m[BLUR] - m[Y]);
                 let (s, t) = (dx * cos + dy * sin, dy * cos - dx * sin);
@@ -249,7 +277,8 @@ mod tests {
 
     fn black(pattern: MarkerPattern, m: &MarkerParameters, at: Place) -> f64 {
         let mut flat = *m;
-        flat[LIGHT..COMMON].copy_from_slice(&[100.0, 0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
+        flat[LIGHT..COMMON]
+            .copy_from_slice(&[100.0, 0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
         (1.0 - one(pattern, &flat, at).0 / 100.0) / 0.9
     }
 
@@ -264,7 +293,10 @@ mod tests {
                 for i in 0..60 {
                     let at = [f64::from(i * 7 % 60) - 8.0, f64::from(i * 3 % 29) + 6.3];
                     let (got, want) = (black(pattern, &m, at), sampled(pattern, &m, at));
-                    assert!((got - want).abs() < 6e-3, "{pattern:?} {m:?} {at:?}: {got} against {want}");
+                    assert!(
+                        (got - want).abs() < 6e-3,
+                        "{pattern:?} {m:?} {at:?}: {got} against {want}"
+                    );
                 }
             }
         }
@@ -272,18 +304,28 @@ mod tests {
 
     #[test]
     fn derivatives_match_differences() {
-        for (pattern, sets) in [(MarkerPattern::Disc, discs()), (MarkerPattern::BlackAlong, quadrants())] {
+        for (pattern, sets) in [
+            (MarkerPattern::Disc, discs()),
+            (MarkerPattern::BlackAlong, quadrants()),
+        ] {
             for m in sets {
                 for i in 0..60 {
                     let at = [f64::from(i * 7 % 60) - 8.3, f64::from(i * 3 % 29) + 6.7];
                     let (_, gradient) = one(pattern, &m, at);
                     for k in 0..COMMON {
-                        let step = if [BEND, BEND + 1].contains(&k) && m[k] < 0.1 { 1e-5 } else { 4e-3 };
+                        let step = if [BEND, BEND + 1].contains(&k) && m[k] < 0.1 {
+                            1e-5
+                        } else {
+                            4e-3
+                        };
                         let (mut low, mut high) = (m, m);
                         low[k] -= step;
                         high[k] += step;
-                        let difference = (one(pattern, &high, at).0 - one(pattern, &low, at).0) / (2.0 * step);
-                        let scale = difference.abs().max(if step < 1e-4 { 2000.0 } else { 10.0 });
+                        let difference =
+                            (one(pattern, &high, at).0 - one(pattern, &low, at).0) / (2.0 * step);
+                        let scale = difference
+                            .abs()
+                            .max(if step < 1e-4 { 2000.0 } else { 10.0 });
                         assert!(
                             (gradient[k] - difference).abs() < 0.06 * scale,
                             "{pattern:?} {m:?} {at:?} parameter {k}: {} against {difference}",

@@ -40,7 +40,11 @@ impl SharpenedModel {
         let mut blurred = *m;
         blurred[BLUR] = blur;
         let copy = MarkerModel::new(own.pattern, &blurred, origin);
-        Self { own, copy, by_blur: (m[BLUR] / blur) as f32 }
+        Self {
+            own,
+            copy,
+            by_blur: (m[BLUR] / blur) as f32,
+        }
     }
 }
 
@@ -55,7 +59,12 @@ wide! {
 }
 
 #[inline(always)]
-fn sharpened_grey_generic(model: &SharpenedModel, batch: &Batch, out: &mut GreyBatch, copy: &mut GreyBatch) {
+fn sharpened_grey_generic(
+    model: &SharpenedModel,
+    batch: &Batch,
+    out: &mut GreyBatch,
+    copy: &mut GreyBatch,
+) {
     formula::grey_values(&model.own, batch, out);
     formula::grey_values(&model.copy, batch, copy);
     apply_overshoot(model, out, copy);
@@ -82,7 +91,11 @@ fn apply_overshoot(model: &SharpenedModel, out: &mut GreyBatch, copy: &GreyBatch
     for i in 0..LANES {
         apart[i] = out.value[i] - copy.value[i];
         let value = out.value[i] + a * apart[i];
-        open[i] = if value > 0.0 && value < WHITEST { 1.0 } else { 0.0 };
+        open[i] = if value > 0.0 && value < WHITEST {
+            1.0
+        } else {
+            0.0
+        };
         let value = if value > 0.0 { value } else { 0.0 };
         out.value[i] = if value < WHITEST { value } else { WHITEST };
     }
@@ -92,10 +105,16 @@ fn apply_overshoot(model: &SharpenedModel, out: &mut GreyBatch, copy: &GreyBatch
         }
     };
     for k in 0..OVERSHOOT {
-        mix(&mut out.gradient[k], &copy.gradient[k], if k == BLUR { model.by_blur } else { 1.0 });
+        mix(
+            &mut out.gradient[k],
+            &copy.gradient[k],
+            if k == BLUR { model.by_blur } else { 1.0 },
+        );
     }
     if let (Some(own), Some(of_copy)) = (&mut out.outline_gradient, &copy.outline_gradient) {
-        own.iter_mut().zip(of_copy.iter()).for_each(|(own, of_copy)| mix(own, of_copy, 1.0));
+        own.iter_mut()
+            .zip(of_copy.iter())
+            .for_each(|(own, of_copy)| mix(own, of_copy, 1.0));
     }
     for i in 0..LANES {
         out.gradient[OVERSHOOT][i] = open[i] * apart[i];
@@ -108,8 +127,10 @@ mod tests {
     use crate::detect::appearance::parameters::{COMMON, MarkerPattern, N};
 
     fn disc() -> MarkerParameters {
-        let known =
-            [20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.9, 150.0, 6.0, -3.0, 2.0, 0.6, 0.05, -0.02, 0.5, 0.02, 1.2, 1.4];
+        let known = [
+            20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.9, 150.0, 6.0, -3.0, 2.0, 0.6, 0.05, -0.02, 0.5,
+            0.02, 1.2, 1.4,
+        ];
         std::array::from_fn(|k| known.get(k).copied().unwrap_or(0.0))
     }
 
@@ -121,16 +142,28 @@ mod tests {
         m
     }
 
-    fn one(pattern: MarkerPattern, outlined: bool, m: &MarkerParameters, [x, y]: [f64; 2]) -> (f64, MarkerParameters) {
+    fn one(
+        pattern: MarkerPattern,
+        outlined: bool,
+        m: &MarkerParameters,
+        [x, y]: [f64; 2],
+    ) -> (f64, MarkerParameters) {
         let mut batch = Batch::new();
         batch.push((x - 20.0) as f32, (y - 20.0) as f32, 0.0);
         (batch.p[0], batch.q[0]) = (((x - 20.0) / 30.0) as f32, ((y - 20.0) / 10.0) as f32);
         batch.fill_lanes();
         let model = SharpenedModel::new(MarkerModel::new(pattern, m, [20.0; 2]), m, [20.0; 2]);
         let (mut out, mut copy) = (GreyBatch::new(), GreyBatch::new());
-        let grey = if outlined { sharpened_outlined_grey_values } else { sharpened_grey_values };
+        let grey = if outlined {
+            sharpened_outlined_grey_values
+        } else {
+            sharpened_grey_values
+        };
         grey(&model, &batch, &mut out, &mut copy);
-        (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.derivative(k)[0])))
+        (
+            f64::from(out.value[0]),
+            std::array::from_fn(|k| f64::from(out.derivative(k)[0])),
+        )
     }
 
     #[test]
@@ -156,7 +189,10 @@ mod tests {
                 // 10 %, as for the formula without overshoot (tips, and edges that meet the outline between two
                 // chords); the errors of (1 + a) times one blur and of a times another add up.
                 let rough: f64 = 0.1 * (1.0 + 2.0 * m[OVERSHOOT]);
-                assert!(own > 0.0 && off < rough.powi(2) * own, "{pattern:?} {k}: {off} of {own}");
+                assert!(
+                    own > 0.0 && off < rough.powi(2) * own,
+                    "{pattern:?} {k}: {off} of {own}"
+                );
             }
         }
     }
@@ -165,14 +201,21 @@ mod tests {
     fn an_edge_overshoots_on_both_sides() {
         // Across the middle of the disc, through skin, halo, black.
         let mut m = disc();
-        (m[2], m[5], m[8], m[9], m[10], m[12], m[13], m[15]) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-        let at = |m: &MarkerParameters, t: f64| one(MarkerPattern::Disc, false, m, [m[0], m[1] + t]).0;
+        (m[2], m[5], m[8], m[9], m[10], m[12], m[13], m[15]) =
+            (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let at =
+            |m: &MarkerParameters, t: f64| one(MarkerPattern::Disc, false, m, [m[0], m[1] + t]).0;
         let mut plain = m;
         plain[OVERSHOOT] = 0.0;
         let [skin, black] = [12.0, 0.0].map(|t| at(&plain, t));
-        let brightest = (40..90).map(|k| at(&m, 0.1 * f64::from(k))).fold(0.0, f64::max);
+        let brightest = (40..90)
+            .map(|k| at(&m, 0.1 * f64::from(k)))
+            .fold(0.0, f64::max);
         let contrast = skin - black;
-        assert!((0.08..0.35).contains(&((brightest - skin) / contrast)), "{brightest} of {skin} and {black}");
+        assert!(
+            (0.08..0.35).contains(&((brightest - skin) / contrast)),
+            "{brightest} of {skin} and {black}"
+        );
         assert!((at(&m, 12.0) - skin).abs() < 0.01 * contrast);
         assert_eq!(N, COMMON + 8);
     }

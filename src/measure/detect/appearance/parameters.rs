@@ -85,8 +85,14 @@ impl ShapeParameters {
     /// Reads the shape from a pattern's parameters.
     pub fn from_parameters(pattern: MarkerPattern, m: &MarkerParameters) -> Self {
         match pattern {
-            MarkerPattern::Disc => Self::Disc { major: m[MAJOR], minor: m[MINOR] },
-            _ => Self::Quadrants { tangent: m[TANGENT], uneven_blur: m[UNEVEN_BLUR] },
+            MarkerPattern::Disc => Self::Disc {
+                major: m[MAJOR],
+                minor: m[MINOR],
+            },
+            _ => Self::Quadrants {
+                tangent: m[TANGENT],
+                uneven_blur: m[UNEVEN_BLUR],
+            },
         }
     }
 }
@@ -122,7 +128,11 @@ impl GreyBatch {
     /// Creates a batch with grey value 0 everywhere.
     #[inline(always)]
     pub fn new() -> Self {
-        Self { value: Lanes::splat(0.0), gradient: [Lanes::splat(0.0); COMMON], outline_gradient: None }
+        Self {
+            value: Lanes::splat(0.0),
+            gradient: [Lanes::splat(0.0); COMMON],
+            outline_gradient: None,
+        }
     }
 
     /// Returns the derivatives with respect to a parameter.
@@ -142,7 +152,16 @@ impl BlackFraction {
     /// Replaces the fraction of black by that of white.
     pub fn complement(&mut self) {
         self.c = each(|i| 1.0 - self.c[i]);
-        let Self { c: _, s, t, first, second, third, blur, taper } = self;
+        let Self {
+            c: _,
+            s,
+            t,
+            first,
+            second,
+            third,
+            blur,
+            taper,
+        } = self;
         for lanes in [s, t, first, second, third, blur, taper] {
             lanes.iter_mut().for_each(|v| *v = -*v);
         }

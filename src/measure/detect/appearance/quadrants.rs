@@ -12,8 +12,8 @@
 
 use super::formula::{GreyDerivatives, MarkerModel, Tone};
 use super::parameters::{
-    ANGLE, BEND, BLUR, CHORD, COMMON, GAMMA, GreyBatch, LENGTH, MarkerPattern, N, OFFSET, OutlineGradient, SHEAR, SKIN,
-    TANGENT, WHITEST, X, Y,
+    ANGLE, BEND, BLUR, CHORD, COMMON, GAMMA, GreyBatch, LENGTH, MarkerPattern, N, OFFSET,
+    OutlineGradient, SHEAR, SKIN, TANGENT, WHITEST, X, Y,
 };
 use crate::detect::simd::functions::{PEAK, asin, exp, normal_distributions};
 use crate::detect::simd::lanes::{LANES, Lanes, each};
@@ -86,14 +86,23 @@ impl Chord {
             (at, each(|i| half_chord(at[i])))
         });
         let half = each(|i| {
-            let ends = behind.0[i] * behind.1[i] - before.0[i] * before.1[i] + asin(behind.0[i]) - asin(before.0[i]);
+            let ends = behind.0[i] * behind.1[i] - before.0[i] * before.1[i] + asin(behind.0[i])
+                - asin(before.0[i]);
             0.5 * ends * by_width
         });
         let steep = each(|i| (before.1[i] - behind.1[i]) * by_width * by_length * k[CHORD]);
         let wider = each(|i| k[CHORD] * by_length * (half[i] - 0.5 * (before.1[i] + behind.1[i])));
         let by_along = steep;
         let by_length = each(|i| steep[i] * fraction[i] + wider[i]);
-        Self { at, weight, z, along, by_along, by_length, by_chord: half }
+        Self {
+            at,
+            weight,
+            z,
+            along,
+            by_along,
+            by_length,
+            by_chord: half,
+        }
     }
 }
 
@@ -115,13 +124,19 @@ impl BlurredFraction {
         add_to_lanes(&mut self.c, |i| c[i]);
         add_to_lanes(&mut self.s, |i| -z[i] * by_sigma * c[i]);
         add_to_lanes(&mut self.t, |i| w[i] * part.t[i]);
-        add_to_lanes(&mut self.blur, |i| (z[i] * z[i] - 1.0) * by_sigma * c[i] + w[i] * part.blur[i]);
+        add_to_lanes(&mut self.blur, |i| {
+            (z[i] * z[i] - 1.0) * by_sigma * c[i] + w[i] * part.blur[i]
+        });
         add_to_lanes(&mut self.ellipse[0], |i| apart[i] * chord.by_length[i]);
         add_to_lanes(&mut self.ellipse[1], |i| apart[i] * chord.by_chord[i]);
         add_to_lanes(&mut self.ellipse[2], |i| both[i] * chord.along[i]);
-        add_to_lanes(&mut self.ellipse[3], |i| apart[i] * chord.by_along[i] - both[i] * shear);
+        add_to_lanes(&mut self.ellipse[3], |i| {
+            apart[i] * chord.by_along[i] - both[i] * shear
+        });
         add_to_lanes(&mut self.ellipse[4], |i| both[i]);
-        add_to_lanes(&mut self.bend, |i| 0.5 * both[i] * chord.at[i] * chord.at[i]);
+        add_to_lanes(&mut self.bend, |i| {
+            0.5 * both[i] * chord.at[i] * chord.at[i]
+        });
     }
 }
 
@@ -180,7 +195,11 @@ fn sum_outline_chords_generic(s: &Lanes, t: &Lanes, k: &[f32; N]) -> ChordSums {
         let lower = each(|i| if at[i] < 0.0 { one[i] } else { other[i] });
         let upper = each(|i| if at[i] < 0.0 { other[i] } else { one[i] });
         let blurs = |v: &Lanes| each(|i| (t[i] - v[i]) * by_sigma);
-        out.own.add_chord(&segment_fraction(&blurs(&low), &blurs(&high), by_sigma), &chord, k);
+        out.own.add_chord(
+            &segment_fraction(&blurs(&low), &blurs(&high), by_sigma),
+            &chord,
+            k,
+        );
         // White or black ends at an edge or, if that is outside the outline, at the outline.
         let clip = |v: &Lanes| {
             each(|i| {
@@ -223,7 +242,9 @@ fn correct_at_crossing(s: &Lanes, t: &Lanes, k: &[f32; N], out: &mut ChordSums) 
     add_to_lanes(&mut out.between.c, |i| -turn[i]);
     add_to_lanes(&mut out.between.s, |i| turn[i] * s[i] * by_sigma * by_sigma);
     add_to_lanes(&mut out.between.t, |i| turn[i] * t[i] * by_sigma * by_sigma);
-    add_to_lanes(&mut out.between.blur, |i| -turn[i] * (s[i] * s[i] + t[i] * t[i]) * by_sigma * by_sigma * by_sigma);
+    add_to_lanes(&mut out.between.blur, |i| {
+        -turn[i] * (s[i] * s[i] + t[i] * t[i]) * by_sigma * by_sigma * by_sigma
+    });
 }
 
 wide! {
@@ -236,10 +257,18 @@ fn outlined_grey_generic(model: &MarkerModel, batch: &Batch, out: &mut GreyBatch
     let (s, t) = model.along_and_across(batch);
     let k = &model.k;
     let chords = sum_chords(&s, &t, k);
-    let ChordSums { between, own, edges } = &chords;
+    let ChordSums {
+        between,
+        own,
+        edges,
+    } = &chords;
     // Black is the fraction between the edges, or the rest of the fraction within the outline.
     let white_along = model.pattern == MarkerPattern::WhiteAlong;
-    let GreyBatch { value: grey, gradient, outline_gradient } = out;
+    let GreyBatch {
+        value: grey,
+        gradient,
+        outline_gradient,
+    } = out;
     let outline_gradient: &mut OutlineGradient =
         outline_gradient.get_or_insert_with(|| Box::new([Lanes::splat(0.0); N - COMMON]));
     let mut slopes = GreyDerivatives::default();
@@ -247,18 +276,31 @@ fn outlined_grey_generic(model: &MarkerModel, batch: &Batch, out: &mut GreyBatch
         let (p, q) = (batch.p[i], batch.q[i]);
         let skin = k[SKIN] + k[SKIN + 1] * p + k[SKIN + 2] * q;
         let dark = model.darkness([p, q]);
-        let black = if white_along { own.c[i] - between.c[i] } else { between.c[i] };
-        let Tone { linear, log, through } = model.apply_tone_curve(skin + own.c[i] * (1.0 - skin) - dark * black);
+        let black = if white_along {
+            own.c[i] - between.c[i]
+        } else {
+            between.c[i]
+        };
+        let Tone {
+            linear,
+            log,
+            through,
+        } = model.apply_tone_curve(skin + own.c[i] * (1.0 - skin) - dark * black);
         let value = model.light_value([p, q]) * through;
         let clipped = value >= WHITEST;
         let open = if clipped { 0.0 } else { 1.0 };
         grey[i] = if clipped { WHITEST } else { value };
         let slope = open * k[GAMMA] * value / linear;
-        let by_between = if white_along { slope * dark } else { -slope * dark };
+        let by_between = if white_along {
+            slope * dark
+        } else {
+            -slope * dark
+        };
         let by_own = slope * (1.0 - skin) - if white_along { slope * dark } else { 0.0 };
         let sum = |of_between: f32, of_own: f32| by_between * of_between + by_own * of_own;
         let (by_s, by_t) = (sum(between.s[i], own.s[i]), sum(between.t[i], own.t[i]));
-        [gradient[X][i], gradient[Y][i], gradient[ANGLE][i]] = model.position_derivatives([by_s, by_t], [s[i], t[i]]);
+        [gradient[X][i], gradient[Y][i], gradient[ANGLE][i]] =
+            model.position_derivatives([by_s, by_t], [s[i], t[i]]);
         gradient[TANGENT][i] = by_between * edges[0][i];
         let by_bend = sum(between.bend[i], own.bend[i]);
         gradient[BEND][i] = by_between * edges[1][i] + by_bend;
@@ -268,7 +310,8 @@ fn outlined_grey_generic(model: &MarkerModel, batch: &Batch, out: &mut GreyBatch
             outline_gradient[j][i] = sum(of_between[i], of_own[i]);
         }
         let light = open * through;
-        (slopes.dark[i], slopes.light[i], slopes.gamma[i]) = (-slope * black, light, open * value * log);
+        (slopes.dark[i], slopes.light[i], slopes.gamma[i]) =
+            (-slope * black, light, open * value * log);
         let by_skin = slope * (1.0 - own.c[i]);
         outline_gradient[SKIN - COMMON][i] = by_skin;
         outline_gradient[SKIN - COMMON + 1][i] = by_skin * p;
@@ -280,7 +323,9 @@ fn outlined_grey_generic(model: &MarkerModel, batch: &Batch, out: &mut GreyBatch
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::detect::appearance::parameters::{DARK, HALO, LIGHT, MarkerParameters, OVERSHOOT, UNEVEN_BLUR};
+    use crate::detect::appearance::parameters::{
+        DARK, HALO, LIGHT, MarkerParameters, OVERSHOOT, UNEVEN_BLUR,
+    };
 
     fn narrow() -> MarkerParameters {
         let mut m = [0.0; N];
@@ -299,8 +344,15 @@ mod tests {
         (batch.p[0], batch.q[0]) = (((x - 20.0) / 30.0) as f32, ((y - 20.0) / 7.0) as f32);
         batch.fill_lanes();
         let mut out = GreyBatch::new();
-        outlined_grey_values(&MarkerModel::new(MarkerPattern::WhiteAlong, m, [20.0, 20.0]), &batch, &mut out);
-        (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.derivative(k)[0])))
+        outlined_grey_values(
+            &MarkerModel::new(MarkerPattern::WhiteAlong, m, [20.0, 20.0]),
+            &batch,
+            &mut out,
+        );
+        (
+            f64::from(out.value[0]),
+            std::array::from_fn(|k| f64::from(out.derivative(k)[0])),
+        )
     }
 
     /// Computes the light by brute force: the sharp pattern, sampled finely, blurred.
@@ -316,9 +368,13 @@ mod tests {
                 let (dx, dy) = (x + gx * m[BLUR] - m[X], y + gy * m[BLUR] - m[Y]);
                 let (s, t) = (dx * cos + dy * sin, dy * cos - dx * sin);
                 let along = s - m[OFFSET];
-                let across = t - m[OFFSET + 1] - m[SHEAR] * along - 0.5 * (m[BEND] + m[BEND + 1]) * s * s;
+                let across =
+                    t - m[OFFSET + 1] - m[SHEAR] * along - 0.5 * (m[BEND] + m[BEND + 1]) * s * s;
                 if (along / m[LENGTH]).powi(2) + (across / m[CHORD]).powi(2) < 1.0 {
-                    let (one, other) = (m[TANGENT] * s + m[BEND] * s * s, -m[TANGENT] * s + m[BEND + 1] * s * s);
+                    let (one, other) = (
+                        m[TANGENT] * s + m[BEND] * s * s,
+                        -m[TANGENT] * s + m[BEND + 1] * s * s,
+                    );
                     sums[usize::from((t - one) * (t - other) > 0.0)] += w;
                 }
             }
@@ -349,7 +405,11 @@ mod tests {
             let (x, y) = (f64::from(i * 7 % 80) - 19.7, f64::from(i * 3 % 29) + 6.3);
             let gradient = one(&m, x, y).1;
             for k in 0..N {
-                let step = if [BEND, BEND + 1].contains(&k) { 1e-4 } else { 2e-2 };
+                let step = if [BEND, BEND + 1].contains(&k) {
+                    1e-4
+                } else {
+                    2e-2
+                };
                 let (mut low, mut high) = (m, m);
                 low[k] -= step;
                 high[k] += step;
@@ -360,9 +420,16 @@ mod tests {
         }
         // If an edge meets the outline between two chords, differences and derivatives use different chords.
         for k in (0..N).filter(|k| ![UNEVEN_BLUR, OVERSHOOT, HALO].contains(k)) {
-            let rough = if [TANGENT, SHEAR, BLUR].contains(&k) { 0.1 } else { 0.01 };
+            let rough = if [TANGENT, SHEAR, BLUR].contains(&k) {
+                0.1
+            } else {
+                0.01
+            };
             let (own, off) = (own[k].sqrt(), off[k].sqrt());
-            assert!(own > 0.0 && off < rough * own, "parameter {k}: off by {off} of {own}");
+            assert!(
+                own > 0.0 && off < rough * own,
+                "parameter {k}: off by {off} of {own}"
+            );
         }
     }
 }

@@ -11,7 +11,11 @@ use crate::detect::propose::moments;
 impl Measurer<'_> {
     /// Measures a blob that looks like a whole disc; `None` for others.
     fn measure_round(&self, index: usize) -> Option<MeasurementResult> {
-        let round = self.blobs.get(index).filter(|b| !looks_cut(b)).and_then(|b| moments::disc_from_blob(index, b));
+        let round = self
+            .blobs
+            .get(index)
+            .filter(|b| !looks_cut(b))
+            .and_then(|b| moments::disc_from_blob(index, b));
         round.map(|disc| self.measure_whole(index, &disc))
     }
 
@@ -24,10 +28,18 @@ impl Measurer<'_> {
     pub fn contain_discs(&self, quadrants: &Detection) -> bool {
         let whole = quadrants.ellipse();
         let mut found: Vec<Ellipse> = Vec::new();
-        for (i, _) in self.blobs.iter().enumerate().filter(|(_, b)| whole.contains(b.centroid)) {
-            let Some(Ok(disc)) = self.measure_round(i) else { continue };
+        for (i, _) in self
+            .blobs
+            .iter()
+            .enumerate()
+            .filter(|(_, b)| whole.contains(b.centroid))
+        {
+            let Some(Ok(disc)) = self.measure_round(i) else {
+                continue;
+            };
             let ellipse = disc.detection.ellipse();
-            let better = disc.is_sure() && disc.detection.fit_rms < WHOLE.max_disc_residuals * quadrants.fit_rms;
+            let better = disc.is_sure()
+                && disc.detection.fit_rms < WHOLE.max_disc_residuals * quadrants.fit_rms;
             if better && !found.iter().any(|other| other.contains(ellipse.centre)) {
                 found.push(ellipse);
             }
@@ -48,16 +60,30 @@ mod tests {
 
     #[test]
     fn quadrants_that_contain_two_discs_fit_worse_than_they() {
-        let disc = |x: f64| Ellipse { centre: Vector2::new(x, 40.3), major: 30.0, minor: 6.0, angle: 0.0 };
+        let disc = |x: f64| Ellipse {
+            centre: Vector2::new(x, 40.3),
+            major: 30.0,
+            minor: 6.0,
+            angle: 0.0,
+        };
         let contain = |discs: &[Ellipse], fit_rms: f64| {
             // Each pixel is the mean of its surroundings.
             let value = |i: usize| {
                 let offsets = (0..64).map(|k| [k % 8, k / 8].map(|v| (f64::from(v) - 3.5) / 4.0));
-                let at = offsets.map(|[u, v]| Vector2::new((i % 220) as f64 + u, (i / 220) as f64 + v));
-                50 + 2 * at.filter(|&at| !discs.iter().any(|disc| disc.contains(at))).count() as u8
+                let at =
+                    offsets.map(|[u, v]| Vector2::new((i % 220) as f64 + u, (i / 220) as f64 + v));
+                50 + 2 * at
+                    .filter(|&at| !discs.iter().any(|disc| disc.contains(at)))
+                    .count() as u8
             };
-            let image = Raster::new(220, 80, (0..220 * 80).map(value).collect()).expect("a value for each pixel");
-            let whole = Ellipse { centre: Vector2::new(110.0, 40.3), major: 80.0, minor: 8.0, angle: 0.0 };
+            let image = Raster::new(220, 80, (0..220 * 80).map(value).collect())
+                .expect("a value for each pixel");
+            let whole = Ellipse {
+                centre: Vector2::new(110.0, 40.3),
+                major: 80.0,
+                minor: 8.0,
+                angle: 0.0,
+            };
             let blobs = dark_parts(&image, &whole, 10.0, 120);
             let quadrants = Detection {
                 shape: Shape::Quadrant,

@@ -5,10 +5,12 @@ use std::cell::RefCell;
 use nalgebra::{Matrix2, Vector2};
 
 use crate::detect::accept::verdict::{MeasuredMarker, MeasurementResult, fits_poorly, judge_fit};
-use crate::detect::accept::{consistency::is_out_of_focus, options::VERDICT, preference::is_preferred};
+use crate::detect::accept::{
+    consistency::is_out_of_focus, options::VERDICT, preference::is_preferred,
+};
 use crate::detect::appearance::parameters::{
-    ANGLE, BLUR, DARK, GAMMA, LIGHT, MAJOR, MINOR, MarkerParameters, MarkerPattern, OVERSHOOT, SAG, TANGENT, X, Y,
-    grey_contrast,
+    ANGLE, BLUR, DARK, GAMMA, LIGHT, MAJOR, MINOR, MarkerParameters, MarkerPattern, OVERSHOOT, SAG,
+    TANGENT, X, Y, grey_contrast,
 };
 use crate::detect::attempt::options::MEASURE;
 use crate::detect::attempt::sharpening_candidates::{SharpeningCandidate, SharpeningCandidates};
@@ -25,7 +27,9 @@ use crate::detect::image::ellipse::Ellipse;
 use crate::detect::occlusion::region::{OcclusionBand, Region};
 use crate::detect::occlusion::{glare, paint, seam};
 use crate::detect::propose::quadrant_outline::{fit_outline_and_edges, refine_outline};
-use crate::detect::sample::select::{COARSE, EdgeAppearance, FINAL, PixelExclusion, UNLIMITED, select_pixels};
+use crate::detect::sample::select::{
+    COARSE, EdgeAppearance, FINAL, PixelExclusion, UNLIMITED, select_pixels,
+};
 use crate::detect::segment::blob::Blob;
 use crate::raster::Raster;
 use crate::setup::Shape;
@@ -48,7 +52,13 @@ pub struct Bounds {
 impl Bounds {
     /// Creates the conditions of a frame without measured markers from its noise, grey levels.
     pub fn from_noise(noise: f64) -> Self {
-        Self { noise, blur: VERDICT.max_blur_px, through_glare: false, overshoot: None, rough: false }
+        Self {
+            noise,
+            blur: VERDICT.max_blur_px,
+            through_glare: false,
+            overshoot: None,
+            rough: false,
+        }
     }
 }
 
@@ -68,11 +78,29 @@ pub fn measure_hypothesis(
     candidates: &SharedCandidates,
 ) -> MeasurementResult {
     reject_without_fit(blobs, hypothesis)?;
-    let attempt = FitAttempt { image, blobs, hypothesis, bounds, candidates, floor: min_scale(bounds.noise) };
+    let attempt = FitAttempt {
+        image,
+        blobs,
+        hypothesis,
+        bounds,
+        candidates,
+        floor: min_scale(bounds.noise),
+    };
     let (near, scale) = attempt.first_fit()?;
     // The residuals of a coarse fit are at most twice those allowed for the last one.
-    if fits_poorly(image, hypothesis, 0.5 * scale, bounds.noise, (grey_contrast(&near), near[OVERSHOOT])) {
-        attempt.add_candidate(&with_fitted_geometry(hypothesis, &near), &near, scale, false);
+    if fits_poorly(
+        image,
+        hypothesis,
+        0.5 * scale,
+        bounds.noise,
+        (grey_contrast(&near), near[OVERSHOOT]),
+    ) {
+        attempt.add_candidate(
+            &with_fitted_geometry(hypothesis, &near),
+            &near,
+            scale,
+            false,
+        );
         return Err(RejectReason::PoorFit);
     }
     if near[BLUR] > bounds.blur && !may_be_out_of_focus(hypothesis, near[BLUR]) {
@@ -87,13 +115,21 @@ pub fn measure_hypothesis(
         fitted = found;
     }
     if bounds.rough {
-        return judge_fit(image, &fitted, &MarkerFit::from_coarse(near, scale, MEASURE.rough_px), bounds.noise);
+        return judge_fit(
+            image,
+            &fitted,
+            &MarkerFit::from_coarse(near, scale, MEASURE.rough_px),
+            bounds.noise,
+        );
     }
     let is_determined = !fitted.is_in_glare() || fitted.prior.has_full_size();
     if fitted.pattern == MarkerPattern::Disc && !fitted.is_under_decal() && is_determined {
         let least = scale.max(attempt.floor);
-        let seams = seam::find_seams(image, &fitted.ellipse, &near, least).into_iter().map(Region::Seam);
-        let paint = paint::find_painted_end(image, &fitted.ellipse, &near, least).map(Region::Paint);
+        let seams = seam::find_seams(image, &fitted.ellipse, &near, least)
+            .into_iter()
+            .map(Region::Seam);
+        let paint =
+            paint::find_painted_end(image, &fitted.ellipse, &near, least).map(Region::Paint);
         let mut without = fitted.clone();
         without.excluded.extend(seams.chain(paint));
         if without.excluded.len() > fitted.excluded.len() {
@@ -109,7 +145,11 @@ pub fn measure_hypothesis(
 
 /// Returns whether a blur can be that of a marker out of focus, independent of the blur of the frame's other markers.
 fn may_be_out_of_focus(hypothesis: &Hypothesis, blur: f64) -> bool {
-    let shape = if hypothesis.pattern == MarkerPattern::Disc { Shape::Circle } else { Shape::Quadrant };
+    let shape = if hypothesis.pattern == MarkerPattern::Disc {
+        Shape::Circle
+    } else {
+        Shape::Quadrant
+    };
     is_out_of_focus(shape, hypothesis.ellipse.minor, blur) && blur < VERDICT.max_blur_px
 }
 
@@ -119,13 +159,19 @@ fn may_be_out_of_focus(hypothesis: &Hypothesis, blur: f64) -> bool {
 /// Returns an error if the hypothesis touches the frame's edge, is too small or too flat.
 pub fn reject_without_fit(blobs: &[Blob], hypothesis: &Hypothesis) -> Result<(), RejectReason> {
     let ellipse = &hypothesis.ellipse;
-    if hypothesis.blobs.iter().any(|&i| blobs.get(i).is_some_and(|b| b.at_edge)) {
+    if hypothesis
+        .blobs
+        .iter()
+        .any(|&i| blobs.get(i).is_some_and(|b| b.at_edge))
+    {
         return Err(RejectReason::TouchesEdge);
     }
     if ellipse.major < MEASURE.min_axes_px[0] || ellipse.minor < MEASURE.min_axes_px[1] {
         return Err(RejectReason::TooSmall);
     }
-    if hypothesis.prior.size.is_none() && ellipse.major > MEASURE.max_blob_axis_ratio * ellipse.minor {
+    if hypothesis.prior.size.is_none()
+        && ellipse.major > MEASURE.max_blob_axis_ratio * ellipse.minor
+    {
         return Err(RejectReason::NotAnEllipse);
     }
     Ok(())
@@ -145,35 +191,88 @@ struct FitAttempt<'a> {
 impl FitAttempt<'_> {
     /// Fits a hypothesis coarsely. Returns the marker's parameters and the scale of the residuals, grey levels.
     fn first_fit(&self) -> Result<(MarkerParameters, f64), RejectReason> {
-        let Self { image, blobs, hypothesis, bounds, floor, .. } = *self;
-        let budget = if hypothesis.is_under_decal() { UNLIMITED } else { COARSE };
-        let known = hypothesis.prior.edge.map(|edge| edge.blur.value).or(hypothesis.prior.blur);
+        let Self {
+            image,
+            blobs,
+            hypothesis,
+            bounds,
+            floor,
+            ..
+        } = *self;
+        let budget = if hypothesis.is_under_decal() {
+            UNLIMITED
+        } else {
+            COARSE
+        };
+        let known = hypothesis
+            .prior
+            .edge
+            .map(|edge| edge.blur.value)
+            .or(hypothesis.prior.blur);
         let blur = known.unwrap_or(MEASURE.blur_px);
         let first = |appearance: EdgeAppearance| {
-            fit_start(image, PixelExclusion::Blobs(blobs), hypothesis, (appearance, bounds.overshoot), budget, floor)
+            fit_start(
+                image,
+                PixelExclusion::Blobs(blobs),
+                hypothesis,
+                (appearance, bounds.overshoot),
+                budget,
+                floor,
+            )
         };
-        let appearance = EdgeAppearance { crossing: hypothesis.ellipse.centre, blur, sag: 0.0 };
+        let appearance = EdgeAppearance {
+            crossing: hypothesis.ellipse.centre,
+            blur,
+            sag: 0.0,
+        };
         first(appearance).or_else(|reason| {
             let crossing = crossing_in_reduced(image, hypothesis, floor).ok_or(reason)?;
-            first(EdgeAppearance { crossing, ..appearance })
+            first(EdgeAppearance {
+                crossing,
+                ..appearance
+            })
         })
     }
 
     /// Fits all parameters, from those of the first fit and the scale of its residuals, grey levels, and judges the fit.
-    fn last_fit(&self, fitted: &Hypothesis, near: &MarkerParameters, scale: f64) -> MeasurementResult {
-        let Self { image, blobs, hypothesis, bounds, floor, .. } = *self;
+    fn last_fit(
+        &self,
+        fitted: &Hypothesis,
+        near: &MarkerParameters,
+        scale: f64,
+    ) -> MeasurementResult {
+        let Self {
+            image,
+            blobs,
+            hypothesis,
+            bounds,
+            floor,
+            ..
+        } = *self;
         let (mut unknowns, bends) = select_unknowns(fitted);
         unknowns.free[GAMMA] &= grey_contrast(near) > MEASURE.min_gamma_contrast * near[LIGHT];
-        bounds.overshoot.iter().for_each(|known| overshoot::add_overshoot_prior(known, &mut unknowns));
+        bounds
+            .overshoot
+            .iter()
+            .for_each(|known| overshoot::add_overshoot_prior(known, &mut unknowns));
         let whole = !hypothesis.is_under_decal();
         let (masked, all) = if whole {
             (exclude_darker_surroundings(near, floor), FINAL)
         } else {
             (PixelExclusion::Blobs(blobs), UNLIMITED)
         };
-        let sag = if fitted.edges.is_none() { near[SAG] } else { 0.0 };
-        let appearance = EdgeAppearance { crossing: Vector2::new(near[X], near[Y]), blur: near[BLUR], sag };
-        let pixels = select_pixels(image, masked, fitted, appearance, all).ok_or(RejectReason::NoConvergence)?;
+        let sag = if fitted.edges.is_none() {
+            near[SAG]
+        } else {
+            0.0
+        };
+        let appearance = EdgeAppearance {
+            crossing: Vector2::new(near[X], near[Y]),
+            blur: near[BLUR],
+            sag,
+        };
+        let pixels = select_pixels(image, masked, fitted, appearance, all)
+            .ok_or(RejectReason::NoConvergence)?;
         let mut bent = fit_final(&pixels, near, scale, &unknowns, floor);
         if bent.is_none() && fitted.pattern == MarkerPattern::Disc {
             // Between neighbours too little skin is visible to determine how the light changes.
@@ -207,10 +306,23 @@ impl FitAttempt<'_> {
     }
 
     /// Records a fit as a candidate for the estimation of sharpening, as long as that is undetermined.
-    fn add_candidate(&self, fitted: &Hypothesis, plain: &MarkerParameters, scale: f64, is_marker: bool) {
+    fn add_candidate(
+        &self,
+        fitted: &Hypothesis,
+        plain: &MarkerParameters,
+        scale: f64,
+        is_marker: bool,
+    ) {
         if self.bounds.overshoot.is_none() && self.hypothesis.prior == MarkerPrior::default() {
-            let candidate = SharpeningCandidate { hypothesis: fitted.clone(), plain: *plain, scale, is_marker };
-            self.candidates.borrow_mut().add_if_informative(candidate, self.bounds.noise);
+            let candidate = SharpeningCandidate {
+                hypothesis: fitted.clone(),
+                plain: *plain,
+                scale,
+                is_marker,
+            };
+            self.candidates
+                .borrow_mut()
+                .add_if_informative(candidate, self.bounds.noise);
         }
     }
 
@@ -224,7 +336,10 @@ impl FitAttempt<'_> {
         plain: MeasurementResult,
         floor: f64,
     ) -> MeasurementResult {
-        if !matches!(plain, Ok(_) | Err(RejectReason::Uncertain | RejectReason::GlareOccluded)) {
+        if !matches!(
+            plain,
+            Ok(_) | Err(RejectReason::Uncertain | RejectReason::GlareOccluded)
+        ) {
             return plain;
         }
         let through = |bands: Vec<OcclusionBand>| self.fit_through_glare(fitted, fit, bands, floor);
@@ -235,17 +350,33 @@ impl FitAttempt<'_> {
         // The edges next to a saturated end determine it less precisely than the neighbouring discs: it stays
         // excluded.
         let known = fitted.prior.has_full_size();
-        let fringe = || through(glare::find_glare_bands(self.image, &fitted.ellipse, MEASURE.fringe_ratio));
-        let fringe = if known { fringe().map(|(fringe, _)| fringe) } else { None };
+        let fringe = || {
+            through(glare::find_glare_bands(
+                self.image,
+                &fitted.ellipse,
+                MEASURE.fringe_ratio,
+            ))
+        };
+        let fringe = if known {
+            fringe().map(|(fringe, _)| fringe)
+        } else {
+            None
+        };
         match (plain, fringe) {
-            (Ok(plain), Some(fringe)) if !is_preferred(&fringe.detection, &plain.detection) => Ok(plain),
+            (Ok(plain), Some(fringe)) if !is_preferred(&fringe.detection, &plain.detection) => {
+                Ok(plain)
+            }
             (_, Some(fringe)) => Ok(fringe),
             (Err(reason), None) => {
                 let (mut all, _) = all.ok_or(reason)?;
                 if !known {
                     let axis = all.detection.ellipse().major_direction();
                     let variance = MEASURE.one_end_px.powi(2);
-                    all.detection.covariance_px2.add_along(CovarianceSource::SaturatedEnd, axis, variance);
+                    all.detection.covariance_px2.add_along(
+                        CovarianceSource::SaturatedEnd,
+                        axis,
+                        variance,
+                    );
                 }
                 Ok(all)
             }
@@ -265,17 +396,34 @@ impl FitAttempt<'_> {
         let m = &fit.parameters;
         let mut fitted = with_fitted_geometry(seen, m).with_glare(bands);
         for _ in 0..2 {
-            let appearance = EdgeAppearance { crossing: fitted.ellipse.centre, blur: m[BLUR], sag: 0.0 };
-            let pixels =
-                select_pixels(self.image, exclude_darker_surroundings(m, floor), &fitted, appearance, UNLIMITED)?;
+            let appearance = EdgeAppearance {
+                crossing: fitted.ellipse.centre,
+                blur: m[BLUR],
+                sag: 0.0,
+            };
+            let pixels = select_pixels(
+                self.image,
+                exclude_darker_surroundings(m, floor),
+                &fitted,
+                appearance,
+                UNLIMITED,
+            )?;
             let (mut unknowns, _) = select_unknowns(&fitted);
             // Glare changes the contrast along the disc far more than its own darkness does.
             unknowns.free[DARK + 1..=DARK + 2].fill(false);
-            let lit = veiling_glare::fit_with_glare(&pixels, &fitted.ellipse, fit, &unknowns, floor)?;
+            let lit =
+                veiling_glare::fit_with_glare(&pixels, &fitted.ellipse, fit, &unknowns, floor)?;
             let found = judge_fit(self.image, &fitted, &lit, self.bounds.noise).ok()?;
-            let mut found = MeasuredMarker { through_glare: true, is_whole: false, ..found };
+            let mut found = MeasuredMarker {
+                through_glare: true,
+                is_whole: false,
+                ..found
+            };
             let variance = Matrix2::identity() * MEASURE.glare_px.powi(2);
-            found.detection.covariance_px2.add(CovarianceSource::ThroughGlare, variance);
+            found
+                .detection
+                .covariance_px2
+                .add(CovarianceSource::ThroughGlare, variance);
             let moved = (found.detection.centre_px - fitted.ellipse.centre).norm();
             if moved < MEASURE.settled_px {
                 return Some((found, glare_spline::shows_ends(&pixels)));
@@ -287,7 +435,12 @@ impl FitAttempt<'_> {
 
     /// Measures narrow quadrants by edges and outline together, from the parameters of a first fit and the scale of its
     /// residuals, grey levels.
-    fn fit_with_outline(&self, found: &Hypothesis, m: &MarkerParameters, scale: f64) -> MeasurementResult {
+    fn fit_with_outline(
+        &self,
+        found: &Hypothesis,
+        m: &MarkerParameters,
+        scale: f64,
+    ) -> MeasurementResult {
         let result = outlined_quadrants::fit_quadrants(self.image, found, m, scale, self.floor);
         let (pixels, result, unknowns) = result.ok_or(RejectReason::NoConvergence)?;
         // Too few pixels to determine a light field.
@@ -308,7 +461,10 @@ pub fn min_scale(noise: f64) -> f64 {
 /// Returns the rule that excludes pixels outside a fitted disc that are darker than its bright surroundings by more than a
 /// fraction of the contrast and than residuals of the smallest scale `floor`, grey levels.
 pub fn exclude_darker_surroundings<'a>(m: &MarkerParameters, floor: f64) -> PixelExclusion<'a> {
-    PixelExclusion::DarkerThan(*m, (WEIGHT.cut_scales * floor).max(MEASURE.foreign_contrast * grey_contrast(m)))
+    PixelExclusion::DarkerThan(
+        *m,
+        (WEIGHT.cut_scales * floor).max(MEASURE.foreign_contrast * grey_contrast(m)),
+    )
 }
 
 /// Returns the hypothesis with the geometry of a coarse fit.
@@ -316,11 +472,23 @@ fn with_fitted_geometry(hypothesis: &Hypothesis, m: &MarkerParameters) -> Hypoth
     let mut out = hypothesis.clone();
     match hypothesis.edges {
         None => {
-            let [major, minor] =
-                [m[MAJOR].max(MEASURE.min_start_axes_px[0]), m[MINOR].max(MEASURE.min_start_axes_px[1])];
-            out.ellipse = Ellipse { centre: Vector2::new(m[X], m[Y]), major, minor, angle: m[ANGLE] };
+            let [major, minor] = [
+                m[MAJOR].max(MEASURE.min_start_axes_px[0]),
+                m[MINOR].max(MEASURE.min_start_axes_px[1]),
+            ];
+            out.ellipse = Ellipse {
+                centre: Vector2::new(m[X], m[Y]),
+                major,
+                minor,
+                angle: m[ANGLE],
+            };
         }
-        Some(_) => out.edges = Some(EdgePair { along_rad: m[ANGLE], tangent: m[TANGENT] }),
+        Some(_) => {
+            out.edges = Some(EdgePair {
+                along_rad: m[ANGLE],
+                tangent: m[TANGENT],
+            })
+        }
     }
     out
 }

@@ -17,16 +17,27 @@ use crate::ordering::sort_by_value;
 use crate::raster::Raster;
 
 /// Estimates the sharpening of an image with some noise, grey levels, on which its markers agree.
-pub fn estimate_sharpening(mut collected: SharpeningCandidates, image: &Raster, noise: f64) -> Sharpening {
+pub fn estimate_sharpening(
+    mut collected: SharpeningCandidates,
+    image: &Raster,
+    noise: f64,
+) -> Sharpening {
     let area = |s: &SharpeningCandidate| s.hypothesis.ellipse.major * s.hypothesis.ellipse.minor;
     sort_by_value(&mut collected.candidates, |one| -area(one));
     collected.candidates.truncate(OVERSHOT.max_examined);
     let mut evidence: Vec<SharpeningEvidence> = Vec::new();
     for (k, candidate) in collected.candidates.iter().enumerate() {
-        let shown = evidence.iter().filter(|assessment| assessment.best_fit().is_some()).count();
-        let excluded = evidence.iter().filter(|assessment| **assessment == SharpeningEvidence::Excluded).count();
+        let shown = evidence
+            .iter()
+            .filter(|assessment| assessment.best_fit().is_some())
+            .count();
+        let excluded = evidence
+            .iter()
+            .filter(|assessment| **assessment == SharpeningEvidence::Excluded)
+            .count();
         let most = (shown + collected.candidates.len() - k).min(OVERSHOT.enough_markers);
-        let hopeless = most < OVERSHOT.min_markers || is_outvoted(most, collected.unsharpened + excluded);
+        let hopeless =
+            most < OVERSHOT.min_markers || is_outvoted(most, collected.unsharpened + excluded);
         if hopeless || shown >= OVERSHOT.enough_markers {
             break;
         }
@@ -38,19 +49,44 @@ pub fn estimate_sharpening(mut collected: SharpeningCandidates, image: &Raster, 
 /// Returns the evidence of one candidate on sharpening; `None` if it is not a marker, sharpened or not: letters provide no
 /// evidence.
 fn marker_evidence(
-    SharpeningCandidate { hypothesis, plain, scale, is_marker }: &SharpeningCandidate,
+    SharpeningCandidate {
+        hypothesis,
+        plain,
+        scale,
+        is_marker,
+    }: &SharpeningCandidate,
     image: &Raster,
     noise: f64,
 ) -> Option<SharpeningEvidence> {
     let (mut unknowns, bends) = select_unknowns(hypothesis);
     bends.iter().for_each(|&k| unknowns.free[k] = false);
     let floor = min_scale(noise);
-    let sag = if hypothesis.edges.is_none() { plain[SAG] } else { 0.0 };
-    let appearance = EdgeAppearance { crossing: Vector2::new(plain[X], plain[Y]), blur: plain[BLUR], sag };
-    let pixels = select_pixels(image, exclude_darker_surroundings(plain, floor), hypothesis, appearance, FINAL)?;
+    let sag = if hypothesis.edges.is_none() {
+        plain[SAG]
+    } else {
+        0.0
+    };
+    let appearance = EdgeAppearance {
+        crossing: Vector2::new(plain[X], plain[Y]),
+        blur: plain[BLUR],
+        sag,
+    };
+    let pixels = select_pixels(
+        image,
+        exclude_darker_surroundings(plain, floor),
+        hypothesis,
+        appearance,
+        FINAL,
+    )?;
     let assessment = assess_sharpening(&pixels, plain, *scale, &unknowns, floor);
     let is_marker = match assessment.best_fit() {
-        Some((rms, amplitude)) => !fits_poorly(image, hypothesis, rms, noise, (grey_contrast(plain), amplitude)),
+        Some((rms, amplitude)) => !fits_poorly(
+            image,
+            hypothesis,
+            rms,
+            noise,
+            (grey_contrast(plain), amplitude),
+        ),
         None => *is_marker,
     };
     is_marker.then_some(assessment)

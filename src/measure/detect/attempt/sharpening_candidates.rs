@@ -37,13 +37,24 @@ impl SharpeningCandidates {
     /// Records a measured candidate: a marker, or a hypothesis that would be one with smaller residuals. Only whole and
     /// large ones are informative, and each counts once. `noise` in grey levels.
     pub fn add_if_informative(&mut self, candidate: SharpeningCandidate, noise: f64) {
-        let SharpeningCandidate { hypothesis, plain, scale, is_marker } = &candidate;
+        let SharpeningCandidate {
+            hypothesis,
+            plain,
+            scale,
+            is_marker,
+        } = &candidate;
         let is_whole = hypothesis.excluded.is_empty() && hypothesis.prior == MarkerPrior::default();
         if !is_whole || hypothesis.ellipse.minor < MEASURE.min_overshoot_blurs * plain[BLUR] {
             return;
         }
         match evidence_from_rms(*scale, grey_contrast(plain), noise) {
-            None if !self.candidates.iter().any(|known| known.is_same_marker(plain)) => self.candidates.push(candidate),
+            None if !self
+                .candidates
+                .iter()
+                .any(|known| known.is_same_marker(plain)) =>
+            {
+                self.candidates.push(candidate)
+            }
             Some(SharpeningEvidence::Excluded) if *is_marker => self.unsharpened += 1,
             _ => {}
         }

@@ -15,7 +15,9 @@ use crate::detect::hypothesis::{EdgePair, Hypothesis};
 use crate::detect::image::histogram::Histogram;
 use crate::detect::propose::reduced::ReducedImage;
 use crate::detect::sample::pixels::Pixels;
-use crate::detect::sample::select::{COARSE, EdgeAppearance, PixelBudget, PixelExclusion, select_pixels};
+use crate::detect::sample::select::{
+    COARSE, EdgeAppearance, PixelBudget, PixelExclusion, select_pixels,
+};
 use crate::raster::Raster;
 
 /// Selects pixels and makes a coarse fit. Returns the parameters and the scale of the residuals, grey levels.
@@ -30,20 +32,39 @@ pub fn fit_start(
     budget: PixelBudget,
     floor: f64,
 ) -> Result<(MarkerParameters, f64), RejectReason> {
-    let pixels = select_pixels(image, masked, hypothesis, appearance, budget).ok_or(RejectReason::LowContrast)?;
-    let mut start = start_parameters(hypothesis, &pixels, appearance, floor).ok_or(RejectReason::LowContrast)?;
-    sharpened.iter().for_each(|known| overshoot::set_overshoot_start(known, &mut start));
-    fit_coarse(&pixels, &start, &coarse_unknowns(hypothesis), floor).ok_or(RejectReason::NoConvergence)
+    let pixels = select_pixels(image, masked, hypothesis, appearance, budget)
+        .ok_or(RejectReason::LowContrast)?;
+    let mut start = start_parameters(hypothesis, &pixels, appearance, floor)
+        .ok_or(RejectReason::LowContrast)?;
+    sharpened
+        .iter()
+        .for_each(|known| overshoot::set_overshoot_start(known, &mut start));
+    fit_coarse(&pixels, &start, &coarse_unknowns(hypothesis), floor)
+        .ok_or(RejectReason::NoConvergence)
 }
 
 /// Finds the crossing of the edges of large quadrants in a reduced image of them, px.
-pub fn crossing_in_reduced(image: &Raster, hypothesis: &Hypothesis, floor: f64) -> Option<Vector2<f64>> {
+pub fn crossing_in_reduced(
+    image: &Raster,
+    hypothesis: &Hypothesis,
+    floor: f64,
+) -> Option<Vector2<f64>> {
     let small = ReducedImage::from_large_quadrants(image, hypothesis)?;
-    let appearance = EdgeAppearance { crossing: small.hypothesis.ellipse.centre, blur: MEASURE.blur_px, sag: 0.0 };
+    let appearance = EdgeAppearance {
+        crossing: small.hypothesis.ellipse.centre,
+        blur: MEASURE.blur_px,
+        sag: 0.0,
+    };
     // The remaining overshoot in the reduced image hardly shifts a crossing.
-    let (m, _) =
-        fit_start(&small.image, PixelExclusion::Blobs(&[]), &small.hypothesis, (appearance, None), COARSE, floor)
-            .ok()?;
+    let (m, _) = fit_start(
+        &small.image,
+        PixelExclusion::Blobs(&[]),
+        &small.hypothesis,
+        (appearance, None),
+        COARSE,
+        floor,
+    )
+    .ok()?;
     Some(small.to_original(Vector2::new(m[X], m[Y])))
 }
 
@@ -70,7 +91,10 @@ fn start_parameters(
         }
     }
     m[BLUR] = appearance.blur;
-    let greys = pixels.batches.iter().flat_map(|b| b.value.iter().take(b.len).map(|&v| v as u8));
+    let greys = pixels
+        .batches
+        .iter()
+        .flat_map(|b| b.value.iter().take(b.len).map(|&v| v as u8));
     let count = Histogram::from_values(greys);
     let total = count.total();
     if total < MEASURE.min_pixels {
@@ -81,6 +105,7 @@ fn start_parameters(
     m[LIGHT] = high.max(1.0);
     m[GAMMA] = PRIOR.gamma.value;
     m[DARK] = darkness_for_grey_ratio(low.max(1.0) / high.max(1.0));
-    (m[DARK] > MEASURE.min_start_darkness && high - low > MEASURE.min_start_step + MEASURE.spread_by_noise * floor)
+    (m[DARK] > MEASURE.min_start_darkness
+        && high - low > MEASURE.min_start_step + MEASURE.spread_by_noise * floor)
         .then_some(m)
 }

@@ -4,7 +4,9 @@ use std::cell::{OnceCell, RefCell};
 
 use crate::detect::accept::verdict::{MeasuredMarker, MeasurementResult};
 use crate::detect::appearance::parameters::MarkerPattern;
-use crate::detect::attempt::measure::{Bounds, SharedCandidates, measure_hypothesis, reject_without_fit};
+use crate::detect::attempt::measure::{
+    Bounds, SharedCandidates, measure_hypothesis, reject_without_fit,
+};
 use crate::detect::attempt::whole;
 use crate::detect::detection::RejectReason;
 use crate::detect::hypothesis::{Hypothesis, prior::MarkerPrior};
@@ -39,16 +41,30 @@ struct Strategy {
 
 impl Strategy {
     /// Creates a strategy for a marker that shows its size; its failure is not reported.
-    const fn new(condition: StrategyCondition, propose: fn(&StrategyRun) -> Option<Hypothesis>) -> Self {
-        Self { condition, propose, reports_failure: false, needs_size: false }
+    const fn new(
+        condition: StrategyCondition,
+        propose: fn(&StrategyRun) -> Option<Hypothesis>,
+    ) -> Self {
+        Self {
+            condition,
+            propose,
+            reports_failure: false,
+            needs_size: false,
+        }
     }
 
     const fn with_reported_failure(self) -> Self {
-        Self { reports_failure: true, ..self }
+        Self {
+            reports_failure: true,
+            ..self
+        }
     }
 
     const fn with_size_need(self) -> Self {
-        Self { needs_size: true, ..self }
+        Self {
+            needs_size: true,
+            ..self
+        }
     }
 
     /// Creates the strategy that measures the hypothesis as it was proposed.
@@ -70,13 +86,16 @@ const QUADRANT_STRATEGIES: [Strategy; 2] = [
 const DISC_STRATEGIES: [Strategy; 3] = [
     Strategy::as_proposed(StrategyCondition::Whole),
     // Glare hides an end of the disc or crosses it; also tried if it looks whole but its position is imprecise.
-    Strategy::new(StrategyCondition::Unsure, |run| run.find_disc_in_glare().cloned())
-        .with_reported_failure()
-        .with_size_need(),
+    Strategy::new(StrategyCondition::Unsure, |run| {
+        run.find_disc_in_glare().cloned()
+    })
+    .with_reported_failure()
+    .with_size_need(),
     // Disc cut only by its local threshold, which followed a lower background, for example due to a line at its
     // tip.
     Strategy::new(StrategyCondition::CutOutsideGlare, |run| {
-        run.blob.and_then(|(i, blob)| whole::resegment_at_one_level(run.measurer.image, blob, i))
+        run.blob
+            .and_then(|(i, blob)| whole::resegment_at_one_level(run.measurer.image, blob, i))
     }),
 ];
 
@@ -101,12 +120,25 @@ impl<'a> Measurer<'a> {
     /// Creates a measurer for an image in which nothing has been measured.
     pub fn new(image: &'a Raster, blobs: &'a [Blob], bounds: Bounds) -> Self {
         let whole = RefCell::new(vec![None; blobs.len()]);
-        Self { image, blobs, bounds, candidates: SharedCandidates::default(), whole }
+        Self {
+            image,
+            blobs,
+            bounds,
+            candidates: SharedCandidates::default(),
+            whole,
+        }
     }
 
     /// Returns a measurer without stored results that measures discs through the glare over them.
     pub fn through_glare(&self) -> Self {
-        Self::new(self.image, self.blobs, Bounds { through_glare: true, ..self.bounds })
+        Self::new(
+            self.image,
+            self.blobs,
+            Bounds {
+                through_glare: true,
+                ..self.bounds
+            },
+        )
     }
 
     /// Measures a hypothesis by the first strategy that succeeds.
@@ -121,12 +153,18 @@ impl<'a> Measurer<'a> {
     pub fn try_strategies(&self, seen: &Hypothesis) -> AttemptOutcome {
         let mut run = StrategyRun::new(self, seen);
         let (mut reason, mut needs_size) = (RejectReason::NotAnEllipse, None);
-        if run.blob.is_some() && reject_without_fit(self.blobs, seen) == Err(RejectReason::TooSmall) {
-            return AttemptOutcome { measured: Err(RejectReason::TooSmall), needs_size };
+        if run.blob.is_some() && reject_without_fit(self.blobs, seen) == Err(RejectReason::TooSmall)
+        {
+            return AttemptOutcome {
+                measured: Err(RejectReason::TooSmall),
+                needs_size,
+            };
         }
         for strategy in run.strategies() {
             let due = run.meets_condition(strategy.condition);
-            let Some(proposed) = due.then(|| (strategy.propose)(&run)).flatten() else { continue };
+            let Some(proposed) = due.then(|| (strategy.propose)(&run)).flatten() else {
+                continue;
+            };
             let measured = run.measure_proposed(&proposed);
             if strategy.needs_size {
                 needs_size = Some(proposed);
@@ -139,7 +177,10 @@ impl<'a> Measurer<'a> {
                 Err(_) => {}
             }
         }
-        AttemptOutcome { measured: run.answer.ok_or(reason), needs_size }
+        AttemptOutcome {
+            measured: run.answer.ok_or(reason),
+            needs_size,
+        }
     }
 
     /// Measures a blob as a whole disc, once; later calls return the stored result.
@@ -147,7 +188,8 @@ impl<'a> Measurer<'a> {
         if let Some(Some(known)) = self.whole.borrow().get(index) {
             return known.clone();
         }
-        let measured = measure_hypothesis(self.image, self.blobs, disc, self.bounds, &self.candidates);
+        let measured =
+            measure_hypothesis(self.image, self.blobs, disc, self.bounds, &self.candidates);
         if let Some(slot) = self.whole.borrow_mut().get_mut(index) {
             *slot = Some(measured.clone());
         }
@@ -179,14 +221,22 @@ impl<'a> StrategyRun<'a> {
             _ => None,
         };
         let blob = blob.filter(|(_, blob)| !blob.at_edge);
-        Self { measurer, seen, blob, in_glare: OnceCell::new(), answer: None }
+        Self {
+            measurer,
+            seen,
+            blob,
+            in_glare: OnceCell::new(),
+            answer: None,
+        }
     }
 
     /// Returns the strategies for the hypothesis.
     fn strategies(&self) -> &'static [Strategy] {
         match self.seen.pattern {
             MarkerPattern::Disc if self.blob.is_some() => &DISC_STRATEGIES,
-            MarkerPattern::Disc => const { &[Strategy::as_proposed(StrategyCondition::Unanswered)] },
+            MarkerPattern::Disc => {
+                const { &[Strategy::as_proposed(StrategyCondition::Unanswered)] }
+            }
             _ => &QUADRANT_STRATEGIES,
         }
     }
@@ -209,9 +259,17 @@ impl<'a> StrategyRun<'a> {
 
     fn measure_proposed(&self, proposed: &Hypothesis) -> MeasurementResult {
         match self.blob {
-            Some((index, _)) if proposed == self.seen => self.measurer.measure_whole(index, proposed),
+            Some((index, _)) if proposed == self.seen => {
+                self.measurer.measure_whole(index, proposed)
+            }
             _ => {
-                let Measurer { image, blobs, bounds, candidates: notes, .. } = self.measurer;
+                let Measurer {
+                    image,
+                    blobs,
+                    bounds,
+                    candidates: notes,
+                    ..
+                } = self.measurer;
                 measure_hypothesis(image, blobs, proposed, *bounds, notes)
             }
         }
@@ -219,6 +277,8 @@ impl<'a> StrategyRun<'a> {
 
     fn find_disc_in_glare(&self) -> Option<&Hypothesis> {
         let completed = |(_, blob)| glare_cut::complete_disc(self.measurer.image, self.seen, blob);
-        self.in_glare.get_or_init(|| self.blob.and_then(completed)).as_ref()
+        self.in_glare
+            .get_or_init(|| self.blob.and_then(completed))
+            .as_ref()
     }
 }

@@ -57,7 +57,10 @@ pub struct Covariance {
 impl Covariance {
     /// Creates the covariance of a fit, px^2: `deserved` by its residuals, and `white` as if they were independent.
     pub fn from_fit(deserved: Matrix2<f64>, white: Matrix2<f64>) -> Self {
-        let mut out = Self { sum: deserved, contributions: Vec::new() };
+        let mut out = Self {
+            sum: deserved,
+            contributions: Vec::new(),
+        };
         out.record_contribution(CovarianceSource::Fit, white);
         out.record_contribution(CovarianceSource::LackOfFit, deserved - white);
         out
@@ -85,18 +88,27 @@ impl Covariance {
 
     /// Returns the contributions in the order in which they were added, px^2.
     pub fn contributions(&self) -> impl Iterator<Item = (CovarianceSource, &Matrix2<f64>)> {
-        self.contributions.iter().map(|(source, own)| (*source, own))
+        self.contributions
+            .iter()
+            .map(|(source, own)| (*source, own))
     }
 
     /// Returns the contribution of a source, px^2; zero if there is none.
     pub fn contribution(&self, source: CovarianceSource) -> Matrix2<f64> {
-        self.contributions.iter().find(|(own, _)| *own == source).map_or_else(Matrix2::zeros, |(_, own)| *own)
+        self.contributions
+            .iter()
+            .find(|(own, _)| *own == source)
+            .map_or_else(Matrix2::zeros, |(_, own)| *own)
     }
 
     fn record_contribution(&mut self, source: CovarianceSource, own: Matrix2<f64>) {
         /// Relative rounding error of a covariance that is not raised.
         const ROUNDING: f64 = 1e-12;
-        match self.contributions.iter_mut().find(|(known, _)| *known == source) {
+        match self
+            .contributions
+            .iter_mut()
+            .find(|(known, _)| *known == source)
+        {
             Some((_, known)) => *known += own,
             None if own.norm() <= ROUNDING * self.sum.norm() => {}
             None => self.contributions.push((source, own)),
@@ -114,23 +126,33 @@ impl Deref for Covariance {
 
 impl From<Matrix2<f64>> for Covariance {
     fn from(given: Matrix2<f64>) -> Self {
-        Self { sum: given, contributions: vec![(CovarianceSource::Given, given)] }
+        Self {
+            sum: given,
+            contributions: vec![(CovarianceSource::Given, given)],
+        }
     }
 }
 
 /// Returns the squared Mahalanobis distance of two positions from their difference, px, and its covariance, px^2; infinite
 /// if that is singular.
 pub fn squared_mahalanobis(apart: &Vector2<f64>, covariance: &Matrix2<f64>) -> f64 {
-    covariance.try_inverse().map_or(f64::INFINITY, |inverse| apart.dot(&(inverse * apart)))
+    covariance
+        .try_inverse()
+        .map_or(f64::INFINITY, |inverse| apart.dot(&(inverse * apart)))
 }
 
 /// Raises the covariance `base` to `shown` in the directions in which `shown` is larger by more than a factor. Also
 /// returns the largest ratio; `None` if `base` is not positive definite.
-pub fn raise_covariance(base: &Matrix2<f64>, shown: &Matrix2<f64>, factor: f64) -> Option<(Matrix2<f64>, f64)> {
+pub fn raise_covariance(
+    base: &Matrix2<f64>,
+    shown: &Matrix2<f64>,
+    factor: f64,
+) -> Option<(Matrix2<f64>, f64)> {
     let root = Cholesky::new(*base)?.l();
     let inverse = root.try_inverse()?;
     let eigen = SymmetricEigen::new(inverse * shown * inverse.transpose());
-    let raised = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| if v > factor { v } else { 1.0 }));
+    let raised =
+        Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| if v > factor { v } else { 1.0 }));
     let back = root * eigen.eigenvectors;
     Some((back * raised * back.transpose(), eigen.eigenvalues.max()))
 }
@@ -141,18 +163,33 @@ mod tests {
 
     #[test]
     fn contributions_add_up_to_the_covariance() {
-        let mut all = Covariance::from_fit(Matrix2::new(0.04, 0.01, 0.01, 0.02), Matrix2::identity() * 0.01);
-        all.add_along(CovarianceSource::Contamination, Vector2::new(0.6, 0.8), 0.09);
-        all.add_along(CovarianceSource::Contamination, Vector2::new(0.6, 0.8), 0.01);
+        let mut all = Covariance::from_fit(
+            Matrix2::new(0.04, 0.01, 0.01, 0.02),
+            Matrix2::identity() * 0.01,
+        );
+        all.add_along(
+            CovarianceSource::Contamination,
+            Vector2::new(0.6, 0.8),
+            0.09,
+        );
+        all.add_along(
+            CovarianceSource::Contamination,
+            Vector2::new(0.6, 0.8),
+            0.01,
+        );
         all.add(CovarianceSource::ThroughGlare, Matrix2::zeros());
         let before = *all;
-        all.raise(CovarianceSource::FrameCorrelation, &(Matrix2::identity() * 0.05));
+        all.raise(
+            CovarianceSource::FrameCorrelation,
+            &(Matrix2::identity() * 0.05),
+        );
         // Across the dirt the variance was smaller than that, along it larger.
         let across = Vector2::new(-0.8, 0.6);
         assert!(across.dot(&(*all * across)) > 0.0499 && (all.trace() > before.trace()));
         let sum: Matrix2<f64> = all.contributions().map(|(_, own)| own).sum();
         assert!((sum - *all).norm() < 1e-15, "{sum} is not {all:?}");
-        let sources: Vec<CovarianceSource> = all.contributions().map(|(source, _)| source).collect();
+        let sources: Vec<CovarianceSource> =
+            all.contributions().map(|(source, _)| source).collect();
         assert_eq!(
             sources,
             [

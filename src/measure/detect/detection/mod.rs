@@ -36,14 +36,23 @@ pub struct Detection {
 impl Detection {
     pub(super) fn ellipse(&self) -> Ellipse {
         let (major, minor) = (self.semi_major_px, self.semi_minor_px);
-        Ellipse { centre: self.centre_px, major, minor, angle: self.angle_rad }
+        Ellipse {
+            centre: self.centre_px,
+            major,
+            minor,
+            angle: self.angle_rad,
+        }
     }
 
     /// Returns the sum of the position's variances, px^2, without the contributions of contamination, lost contrast and
     /// misfit.
     pub(super) fn variance(&self) -> f64 {
-        let foreign = [CovarianceSource::Contamination, CovarianceSource::LostContrast, CovarianceSource::Misfit]
-            .map(|source| self.covariance_px2.contribution(source).trace());
+        let foreign = [
+            CovarianceSource::Contamination,
+            CovarianceSource::LostContrast,
+            CovarianceSource::Misfit,
+        ]
+        .map(|source| self.covariance_px2.contribution(source).trace());
         self.covariance_px2.trace() - foreign.iter().sum::<f64>()
     }
 }
@@ -64,8 +73,19 @@ pub struct Rejected {
 impl Rejected {
     /// Creates a rejection from an outline.
     pub(super) fn from_ellipse(ellipse: &Ellipse, reason: RejectReason) -> Self {
-        let Ellipse { centre, major, minor, angle } = *ellipse;
-        Self { centre_px: centre, semi_major_px: major, semi_minor_px: minor, angle_rad: angle, reason }
+        let Ellipse {
+            centre,
+            major,
+            minor,
+            angle,
+        } = *ellipse;
+        Self {
+            centre_px: centre,
+            semi_major_px: major,
+            semi_minor_px: minor,
+            angle_rad: angle,
+            reason,
+        }
     }
 }
 
@@ -142,7 +162,8 @@ impl Detections {
     /// Adds markers and restores the order.
     pub fn add(&mut self, more: Vec<Detection>) {
         self.markers.extend(more);
-        self.markers.sort_by(|a, b| compare_positions(&a.centre_px, &b.centre_px));
+        self.markers
+            .sort_by(|a, b| compare_positions(&a.centre_px, &b.centre_px));
     }
 }
 
@@ -176,11 +197,24 @@ impl MarkerPrediction {
     pub(super) fn ellipse(&self) -> Option<Ellipse> {
         let (major, minor) = (self.semi_major_px, self.semi_minor_px);
         let [far_u, far_v] = self.search_px.into();
-        let numbers = [self.centre_px.x, self.centre_px.y, self.angle_rad, far_u, far_v];
+        let numbers = [
+            self.centre_px.x,
+            self.centre_px.y,
+            self.angle_rad,
+            far_u,
+            far_v,
+        ];
         /// Accepted semi-axes of a prediction, px: major, minor.
         const AXES_PX: [Range<f64>; 2] = [1.0..2000.0, 0.5..2000.0];
-        let sound = numbers.iter().all(|v| v.is_finite()) && AXES_PX[0].contains(&major) && AXES_PX[1].contains(&minor);
-        sound.then_some(Ellipse { centre: self.centre_px, major, minor, angle: self.angle_rad })
+        let sound = numbers.iter().all(|v| v.is_finite())
+            && AXES_PX[0].contains(&major)
+            && AXES_PX[1].contains(&minor);
+        sound.then_some(Ellipse {
+            centre: self.centre_px,
+            major,
+            minor,
+            angle: self.angle_rad,
+        })
     }
 }
 

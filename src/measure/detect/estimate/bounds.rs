@@ -1,8 +1,8 @@
 //! Plausible ranges of a marker's parameters, and the largest change of each parameter in one iteration.
 
 use crate::detect::appearance::parameters::{
-    ANGLE, BLUR, CHORD, DARK, GAMMA, HALO, LENGTH, LIGHT, MAJOR, MINOR, MarkerParameters, MarkerPattern, OVERSHOOT,
-    SHEAR, ShapeParameters, TANGENT, UNEVEN_BLUR, X, Y,
+    ANGLE, BLUR, CHORD, DARK, GAMMA, HALO, LENGTH, LIGHT, MAJOR, MINOR, MarkerParameters,
+    MarkerPattern, OVERSHOOT, SHEAR, ShapeParameters, TANGENT, UNEVEN_BLUR, X, Y,
 };
 use crate::detect::estimate::normal_equations::ParameterVector;
 use crate::detect::numbers::TINY;
@@ -37,8 +37,15 @@ numbers! {
 
 /// Maximum change per iteration for which the linearisation is valid; all of these limits were chosen. Position and blur,
 /// px; direction, rad; exponent of the tone curve; darkness, a fraction of the light; overshoot, a ratio.
-const MAX_STEP: [(usize, f64); 7] =
-    [(X, 3.0), (Y, 3.0), (BLUR, 0.5), (ANGLE, 0.2), (GAMMA, 0.2), (DARK, 0.1), (OVERSHOOT, 0.5)];
+const MAX_STEP: [(usize, f64); 7] = [
+    (X, 3.0),
+    (Y, 3.0),
+    (BLUR, 0.5),
+    (ANGLE, 0.2),
+    (GAMMA, 0.2),
+    (DARK, 0.1),
+    (OVERSHOOT, 0.5),
+];
 /// Maximum change of a disc's semi-axes per iteration, as a fraction of each.
 const MAX_STEP_AXES: [(usize, f64); 2] = [(MAJOR, 0.2), (MINOR, 0.3)];
 /// Maximum change of the edges of quadrants per iteration: a tangent, and a fraction of the blur.
@@ -48,17 +55,27 @@ const MAX_STEP_SHEAR: f64 = 0.1;
 const MAX_STEP_OUTLINE: [(usize, f64); 2] = [(LENGTH, 0.15), (CHORD, 0.2)];
 
 /// Shortens a step to the range in which the linearisation is valid and keeps its direction.
-pub fn limit_step(mut change: ParameterVector, m: &MarkerParameters, pixels: &Pixels) -> ParameterVector {
+pub fn limit_step(
+    mut change: ParameterVector,
+    m: &MarkerParameters,
+    pixels: &Pixels,
+) -> ParameterVector {
     let mut factor: f64 = 1.0;
     let mut bound = |k: usize, most: f64| factor = factor.min(most / change[k].abs().max(TINY));
     MAX_STEP.into_iter().for_each(|(k, most)| bound(k, most));
     match pixels.pattern {
-        MarkerPattern::Disc => MAX_STEP_AXES.into_iter().for_each(|(k, share)| bound(k, share * m[k])),
-        _ => MAX_STEP_EDGES.into_iter().for_each(|(k, most)| bound(k, most)),
+        MarkerPattern::Disc => MAX_STEP_AXES
+            .into_iter()
+            .for_each(|(k, share)| bound(k, share * m[k])),
+        _ => MAX_STEP_EDGES
+            .into_iter()
+            .for_each(|(k, most)| bound(k, most)),
     }
     if pixels.outlined {
         bound(SHEAR, MAX_STEP_SHEAR);
-        MAX_STEP_OUTLINE.into_iter().for_each(|(k, share)| bound(k, share * m[k]));
+        MAX_STEP_OUTLINE
+            .into_iter()
+            .for_each(|(k, share)| bound(k, share * m[k]));
     }
     change *= factor;
     change
@@ -81,10 +98,13 @@ pub fn is_plausible(pixels: &Pixels, m: &MarkerParameters) -> bool {
 pub fn has_shape(pattern: MarkerPattern, m: &MarkerParameters) -> bool {
     is_within(m[GAMMA], BOUNDS.gamma)
         && match ShapeParameters::from_parameters(pattern, m) {
-            ShapeParameters::Disc { major, minor } => major > BOUNDS.axes_px[0] && minor > BOUNDS.axes_px[1],
-            ShapeParameters::Quadrants { tangent, uneven_blur } => {
-                is_within(tangent, BOUNDS.tangent) && uneven_blur.abs() < BOUNDS.uneven_blur
+            ShapeParameters::Disc { major, minor } => {
+                major > BOUNDS.axes_px[0] && minor > BOUNDS.axes_px[1]
             }
+            ShapeParameters::Quadrants {
+                tangent,
+                uneven_blur,
+            } => is_within(tangent, BOUNDS.tangent) && uneven_blur.abs() < BOUNDS.uneven_blur,
         }
 }
 

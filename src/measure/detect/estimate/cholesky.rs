@@ -15,12 +15,16 @@ impl CholeskyFactor {
     /// Returns `None` if the normal matrix is not positive definite.
     pub fn new(normal: &NormalMatrix, free: &[bool; N], damping: f64) -> Option<Self> {
         let list = (0..N).filter(|&k| free[k]).collect();
-        let mut out = Self { list, lower: [[0.0; N]; N] };
+        let mut out = Self {
+            list,
+            lower: [[0.0; N]; N],
+        };
         for (row, &k) in out.list.iter().enumerate() {
             for column in 0..row {
                 let (done, rest) = out.lower.split_at(row);
                 let known = dot_product(&done[column][..column], &rest[0][..column]);
-                out.lower[row][column] = (normal[(k, out.list[column])] - known) * out.lower[column][column];
+                out.lower[row][column] =
+                    (normal[(k, out.list[column])] - known) * out.lower[column][column];
             }
             let own = &out.lower[row][..row];
             let square = normal[(k, k)] * (1.0 + damping) + MIN_WEIGHT - dot_product(own, own);
@@ -86,21 +90,31 @@ mod tests {
 
     fn normal() -> NormalMatrix {
         // Rows of an arbitrary Jacobian.
-        let rows = (0..60).map(|i| ParameterVector::from_fn(|k, _| (0.7 * (i * (k + 1)) as f64 + k as f64).sin()));
-        rows.fold(NormalMatrix::zeros(), |sum, row| sum + row * row.transpose())
+        let rows = (0..60).map(|i| {
+            ParameterVector::from_fn(|k, _| (0.7 * (i * (k + 1)) as f64 + k as f64).sin())
+        });
+        rows.fold(NormalMatrix::zeros(), |sum, row| {
+            sum + row * row.transpose()
+        })
     }
 
     #[test]
     fn solves_for_free_parameters_only() {
         let normal = normal();
         let free: [bool; N] = std::array::from_fn(|k| k % 3 != 1);
-        let factor = CholeskyFactor::new(&normal, &free, 0.0).expect("the rows determine all parameters");
+        let factor =
+            CholeskyFactor::new(&normal, &free, 0.0).expect("the rows determine all parameters");
         let right = ParameterVector::from_fn(|k, _| 1.0 + k as f64);
         let (solution, inverse) = (factor.solve(&right), factor.inverse());
         let product = normal * solution;
         for k in 0..N {
             if free[k] {
-                assert!((product[k] - right[k]).abs() < 1e-6, "{k}: {} of {}", product[k], right[k]);
+                assert!(
+                    (product[k] - right[k]).abs() < 1e-6,
+                    "{k}: {} of {}",
+                    product[k],
+                    right[k]
+                );
                 let unit = normal * inverse.column(k);
                 for l in (0..N).filter(|&l| free[l]) {
                     let want = if k == l { 1.0 } else { 0.0 };

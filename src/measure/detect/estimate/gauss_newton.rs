@@ -4,9 +4,13 @@ use nalgebra::Matrix2;
 
 use super::bounds::{is_plausible, limit_step};
 use super::cholesky::CholeskyFactor;
-use super::normal_equations::{BatchImages, Linearisation, NormalMatrix, ParameterVector, linearise_model};
+use super::normal_equations::{
+    BatchImages, Linearisation, NormalMatrix, ParameterVector, linearise_model,
+};
 use super::prior::FitUnknowns;
-use crate::detect::appearance::parameters::{LENGTH, MAJOR, MarkerParameters, MarkerPattern, N, X, Y, grey_contrast};
+use crate::detect::appearance::parameters::{
+    LENGTH, MAJOR, MarkerParameters, MarkerPattern, N, X, Y, grey_contrast,
+};
 use crate::detect::estimate::options::{ITERATION, WEIGHT};
 use crate::detect::sample::pixels::Pixels;
 
@@ -62,7 +66,10 @@ impl MarkerFit {
     pub fn with_zero(self, zero: &[usize]) -> Self {
         let mut out = self;
         for &k in zero {
-            let (column, variance) = (out.covariance.column(k).into_owned(), out.covariance[(k, k)]);
+            let (column, variance) = (
+                out.covariance.column(k).into_owned(),
+                out.covariance[(k, k)],
+            );
             if variance > 0.0 {
                 let value = out.parameters[k];
                 for i in 0..N {
@@ -112,7 +119,11 @@ pub fn fit_coarse(
 ) -> Option<(MarkerParameters, f64)> {
     let mut problem = FitProblem::new(pixels, start, unknowns, floor)?;
     // Most pixels are flat and contain no information on an edge that is still misplaced: reduce the scale slowly.
-    let end = problem.solve(*start, ITERATION.first_scale * grey_contrast(start), Tolerance::Coarse)?;
+    let end = problem.solve(
+        *start,
+        ITERATION.first_scale * grey_contrast(start),
+        Tolerance::Coarse,
+    )?;
     Some((end.parameters, end.scale))
 }
 
@@ -127,8 +138,13 @@ pub fn fit_final(
     let mut problem = FitProblem::new(pixels, start, unknowns, floor)?;
     problem.images = Some(BatchImages::new());
     let count = problem.unknowns.free.iter().filter(|&&f| f).count();
-    let ConvergedIteration { parameters, start, step, factor, .. } =
-        problem.solve(*start, scale.max(problem.floor), Tolerance::Final)?;
+    let ConvergedIteration {
+        parameters,
+        start,
+        step,
+        factor,
+        ..
+    } = problem.solve(*start, scale.max(problem.floor), Tolerance::Final)?;
     let variance = step.variance(count);
     let covariance = factor.inverse() * variance;
     let (rms, inliers) = (step.rms(), step.weight / problem.pixels.weight());
@@ -149,21 +165,51 @@ pub fn fit_final(
 }
 
 impl<'a> FitProblem<'a> {
-    fn new(pixels: &'a Pixels, start: &MarkerParameters, unknowns: &'a FitUnknowns, floor: f64) -> Option<Self> {
+    fn new(
+        pixels: &'a Pixels,
+        start: &MarkerParameters,
+        unknowns: &'a FitUnknowns,
+        floor: f64,
+    ) -> Option<Self> {
         let count = unknowns.free.iter().filter(|&&f| f).count();
         let enough = pixels.count() >= 2 * count;
         let floor = floor.max(WEIGHT.floor * grey_contrast(start));
-        enough.then_some(Self { pixels, images: None, unknowns, floor })
+        enough.then_some(Self {
+            pixels,
+            images: None,
+            unknowns,
+            floor,
+        })
     }
 
     /// Repeats the linear solution until the centre is stationary.
-    fn solve(&mut self, mut m: MarkerParameters, mut scale: f64, until: Tolerance) -> Option<ConvergedIteration> {
+    fn solve(
+        &mut self,
+        mut m: MarkerParameters,
+        mut scale: f64,
+        until: Tolerance,
+    ) -> Option<ConvergedIteration> {
         let (mut last, near_px) = (scale, ITERATION.coarse_tolerance_px);
-        let most = if until == Tolerance::Coarse { ITERATION.max_coarse_steps } else { ITERATION.max_final_steps };
+        let most = if until == Tolerance::Coarse {
+            ITERATION.max_coarse_steps
+        } else {
+            ITERATION.max_final_steps
+        };
         for iteration in 0..most {
-            let step = linearise_model(self.pixels, &m, self.unknowns, scale, self.floor, self.images.as_mut());
+            let step = linearise_model(
+                self.pixels,
+                &m,
+                self.unknowns,
+                scale,
+                self.floor,
+                self.images.as_mut(),
+            );
             let damped = until == Tolerance::Coarse && iteration < ITERATION.damped_steps;
-            let damping = if damped { ITERATION.damping } else { ITERATION.final_damping };
+            let damping = if damped {
+                ITERATION.damping
+            } else {
+                ITERATION.final_damping
+            };
             let factor = CholeskyFactor::new(&step.normal, &self.unknowns.free, damping)?;
             let mut change = factor.solve(&step.right);
             let moved = change[X].hypot(change[Y]);
@@ -185,7 +231,9 @@ impl<'a> FitProblem<'a> {
             last = step.scale;
             scale = step.scale.max(ITERATION.min_scale_ratio * scale);
             let settled = match until {
-                Tolerance::Coarse => moved < near_px && steady && self.is_length_steady(&change, near_px),
+                Tolerance::Coarse => {
+                    moved < near_px && steady && self.is_length_steady(&change, near_px)
+                }
                 // The tolerance is relative to the standard deviation, which may be as large as a pixel.
                 Tolerance::Final => {
                     ratio < ITERATION.final_scale_change && {
@@ -195,9 +243,17 @@ impl<'a> FitProblem<'a> {
                 }
             };
             if settled || (iteration + 1 == most && moved < near_px) {
-                return Some(ConvergedIteration { parameters: m, start, scale, step, factor });
+                return Some(ConvergedIteration {
+                    parameters: m,
+                    start,
+                    scale,
+                    step,
+                    factor,
+                });
             }
-            if until == Tolerance::Coarse && self.is_hopeless(iteration, step.scale / grey_contrast(&m)) {
+            if until == Tolerance::Coarse
+                && self.is_hopeless(iteration, step.scale / grey_contrast(&m))
+            {
                 return None;
             }
         }
@@ -229,6 +285,8 @@ impl<'a> FitProblem<'a> {
     fn centre_sigma(&self, step: &Linearisation, factor: &CholeskyFactor) -> f64 {
         let count = self.unknowns.free.iter().filter(|&&f| f).count();
         let along = |k: usize| factor.solve(&ParameterVector::ith(k, 1.0))[k];
-        ((along(X) + along(Y)) * step.variance(count)).max(0.0).sqrt()
+        ((along(X) + along(Y)) * step.variance(count))
+            .max(0.0)
+            .sqrt()
     }
 }

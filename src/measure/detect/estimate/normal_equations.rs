@@ -79,7 +79,10 @@ pub struct ColumnProducts {
 impl ColumnProducts {
     /// Creates zero sums for a number of columns and the residuals.
     pub fn new(columns: usize) -> Self {
-        Self { columns, sums: vec![Lanes::splat(0.0); (columns + 1) * columns / 2 + columns] }
+        Self {
+            columns,
+            sums: vec![Lanes::splat(0.0); (columns + 1) * columns / 2 + columns],
+        }
     }
 
     /// Totals over the lanes, column by column.
@@ -90,14 +93,20 @@ impl ColumnProducts {
     /// Sets the sums of the first columns to zero.
     pub fn clear_columns(&mut self, columns: usize) {
         let first = (0..columns).map(|i| self.columns + 1 - i).sum();
-        self.sums.iter_mut().take(first).for_each(|sum| *sum = Lanes::splat(0.0));
+        self.sums
+            .iter_mut()
+            .take(first)
+            .for_each(|sum| *sum = Lanes::splat(0.0));
     }
 }
 
 impl RowBlock {
     /// Creates a block without rows.
     pub fn new() -> Self {
-        Self { columns: [[Lanes::splat(0.0); BLOCK_BATCHES]; MAX_COLUMNS], batches: 0 }
+        Self {
+            columns: [[Lanes::splat(0.0); BLOCK_BATCHES]; MAX_COLUMNS],
+            batches: 0,
+        }
     }
 
     /// Appends the weighted columns of a batch, residuals last. Returns true if the block is full.
@@ -142,7 +151,11 @@ impl RowBlock {
 }
 
 #[inline(always)]
-fn add_batch_products(sum: &mut Lanes, one: &[Lanes; BLOCK_BATCHES], other: &[Lanes; BLOCK_BATCHES]) {
+fn add_batch_products(
+    sum: &mut Lanes,
+    one: &[Lanes; BLOCK_BATCHES],
+    other: &[Lanes; BLOCK_BATCHES],
+) {
     let mut lanes = *sum;
     for (x, y) in one.iter().zip(other) {
         for (lane, (p, q)) in lanes.iter_mut().zip(x.iter().zip(y.iter())) {
@@ -262,20 +275,31 @@ impl Pixels {
         }
         let mut discarded = GreyBatch::new();
         let model = MarkerModel::new(self.pattern, m, self.origin);
-        let sharpened =
-            SHARPENED.then(|| SharpenedModel::new(MarkerModel::new(self.pattern, m, self.origin), m, self.origin));
+        let sharpened = SHARPENED.then(|| {
+            SharpenedModel::new(
+                MarkerModel::new(self.pattern, m, self.origin),
+                m,
+                self.origin,
+            )
+        });
         let mut copy = SHARPENED.then(GreyBatch::new);
         let mut sums = ColumnProducts::new(list.len());
         let mut block = RowBlock::new();
-        let (mut weight, mut curvature, mut square) = (Lanes::splat(0.0), Lanes::splat(0.0), Lanes::splat(0.0));
+        let (mut weight, mut curvature, mut square) =
+            (Lanes::splat(0.0), Lanes::splat(0.0), Lanes::splat(0.0));
         let mut sizes = ResidualSizes::new(self.batches.len());
         for (k, batch) in self.batches.iter().enumerate() {
-            let image = images.as_mut().and_then(|images| images.get_mut(k)).unwrap_or(&mut discarded);
+            let image = images
+                .as_mut()
+                .and_then(|images| images.get_mut(k))
+                .unwrap_or(&mut discarded);
             match (&sharpened, &mut copy) {
                 (Some(model), Some(copy)) if OUTLINED => {
                     overshoot::sharpened_outlined_grey_values(model, batch, image, copy)
                 }
-                (Some(model), Some(copy)) => overshoot::sharpened_grey_values(model, batch, image, copy),
+                (Some(model), Some(copy)) => {
+                    overshoot::sharpened_grey_values(model, batch, image, copy)
+                }
                 _ if OUTLINED => quadrants::outlined_grey_values(&model, batch, image),
                 _ => grey_values(&model, batch, image),
             }
@@ -308,7 +332,10 @@ impl Pixels {
 /// Square roots of Tukey's biweights.
 #[inline(always)]
 pub fn biweight_roots(r: &Lanes, by_x: &Lanes, by_y: &Lanes, scale: f64) -> Lanes {
-    let (scale2, jitter2) = ((scale * scale) as f32, (WEIGHT.edge_jitter_px * WEIGHT.edge_jitter_px) as f32);
+    let (scale2, jitter2) = (
+        (scale * scale) as f32,
+        (WEIGHT.edge_jitter_px * WEIGHT.edge_jitter_px) as f32,
+    );
     let cut2 = (WEIGHT.cut_scales * WEIGHT.cut_scales) as f32;
     each(|i| {
         let edge2 = jitter2 * (by_x[i] * by_x[i] + by_y[i] * by_y[i]);
@@ -327,16 +354,39 @@ mod tests {
     #[test]
     fn every_processor_gives_the_same_bits() {
         let shapes = [
-            (MarkerPattern::Disc, false, [20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.8]),
-            (MarkerPattern::Disc, false, [20.3, 19.8, 0.3, 20.0, 15.0, 0.0, 0.8]),
-            (MarkerPattern::WhiteAlong, false, [20.3, 19.8, -0.4, 0.1, 4e-4, 2e-4, 0.8]),
-            (MarkerPattern::BlackAlong, true, [20.3, 19.8, -0.4, 0.3, 4e-4, 2e-4, 1.8]),
+            (
+                MarkerPattern::Disc,
+                false,
+                [20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.8],
+            ),
+            (
+                MarkerPattern::Disc,
+                false,
+                [20.3, 19.8, 0.3, 20.0, 15.0, 0.0, 0.8],
+            ),
+            (
+                MarkerPattern::WhiteAlong,
+                false,
+                [20.3, 19.8, -0.4, 0.1, 4e-4, 2e-4, 0.8],
+            ),
+            (
+                MarkerPattern::BlackAlong,
+                true,
+                [20.3, 19.8, -0.4, 0.3, 4e-4, 2e-4, 1.8],
+            ),
         ];
         let plain_and_sharpened = [[0.0, 0.0], [0.7, 1.3]].into_iter();
-        for ((pattern, rim, shape), halo) in plain_and_sharpened.flat_map(|halo| shapes.map(|shape| (shape, halo))) {
+        for ((pattern, rim, shape), halo) in
+            plain_and_sharpened.flat_map(|halo| shapes.map(|shape| (shape, halo)))
+        {
             let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
             let narrow = [30.0, 8.0, 0.1, 0.3, -0.2, 0.5, 0.05, -0.04];
-            let m: Vec<f64> = shape.into_iter().chain(light).chain(halo).chain(narrow).collect();
+            let m: Vec<f64> = shape
+                .into_iter()
+                .chain(light)
+                .chain(halo)
+                .chain(narrow)
+                .collect();
             let m: MarkerParameters = std::array::from_fn(|k| m[k]);
             let mut sorter = Sorter::new(pattern, [20.0, 20.0]);
             let mut batch = Batch::new();
@@ -344,7 +394,8 @@ mod tests {
                 let (x, y) = ((i % 60) as f32 - 28.3, (i / 60) as f32 - 13.3);
                 let k = batch.len;
                 batch.push(x, y, (i * 7919 % 190) as f32);
-                (batch.p[k], batch.q[k], batch.root[k]) = (x / 30.0, y / 10.0, (i % 5) as f32 / 4.0);
+                (batch.p[k], batch.q[k], batch.root[k]) =
+                    (x / 30.0, y / 10.0, (i % 5) as f32 / 4.0);
                 sorter.push(PixelKind::ClosedForm, &batch, k);
                 batch.len %= LANES;
             }
@@ -352,7 +403,11 @@ mod tests {
             pixels.outlined = rim;
             let list: [usize; N] = std::array::from_fn(|k| k);
             let wide = sum_batches(&pixels, &m, &list, 30.0, None);
-            assert_eq!(wide, pixels.sum_linearised_batches(&m, &list, 30.0, None), "{pattern:?}");
+            assert_eq!(
+                wide,
+                pixels.sum_linearised_batches(&m, &list, 30.0, None),
+                "{pattern:?}"
+            );
             assert!(
                 wide.weight > 100.0 && wide.products.totals().next().is_some_and(|sum| sum > 1.0),
                 "{pattern:?}: nothing was summed"

@@ -9,7 +9,9 @@ use super::cholesky::CholeskyFactor;
 use super::gauss_newton::fit_final;
 use super::normal_equations::{ParameterVector, linearise_model};
 use super::prior::FitUnknowns;
-use crate::detect::appearance::parameters::{BLUR, HALO, MarkerParameters, OVERSHOOT, grey_contrast};
+use crate::detect::appearance::parameters::{
+    BLUR, HALO, MarkerParameters, OVERSHOOT, grey_contrast,
+};
 use crate::detect::detection::Overshoot;
 use crate::detect::estimate::options::{ITERATION, OVERSHOT};
 use crate::detect::hypothesis::prior::PriorValue;
@@ -41,7 +43,9 @@ const HALOS: usize = OVERSHOT.halos_px.len();
 impl SharpeningEvidence {
     /// Returns the minimum root mean square of the remaining residuals, grey levels, and the amplitude of that fit.
     pub fn best_fit(&self) -> Option<(f64, f64)> {
-        let Self::Explained(all) = self else { return None };
+        let Self::Explained(all) = self else {
+            return None;
+        };
         let all = all.iter().map(|shown| (shown.rms, shown.amplitude));
         all.min_by(|one, other| one.0.total_cmp(&other.0))
     }
@@ -62,7 +66,11 @@ pub enum Sharpening {
 impl Sharpening {
     /// Returns amplitude and halo if the frame is sharpened; `None` if it is not or if that is undetermined.
     pub fn overshoot(self) -> Option<Overshoot> {
-        if let Self::Sharpened(overshoot) = self { Some(overshoot) } else { None }
+        if let Self::Sharpened(overshoot) = self {
+            Some(overshoot)
+        } else {
+            None
+        }
     }
 }
 
@@ -74,7 +82,10 @@ pub fn set_overshoot_start(known: &Overshoot, m: &mut MarkerParameters) {
 /// Frees the amplitude of a marker and sets its prior; the halo stays fixed because residuals hardly constrain it.
 pub fn add_overshoot_prior(known: &Overshoot, unknowns: &mut FitUnknowns) {
     unknowns.free[OVERSHOOT] = true;
-    unknowns.prior[OVERSHOOT] = PriorValue { value: known.amplitude, sigma: known.amplitude_sigma };
+    unknowns.prior[OVERSHOOT] = PriorValue {
+        value: known.amplitude,
+        sigma: known.amplitude_sigma,
+    };
 }
 
 /// Combines the evidence of several markers, with the halo of the smallest residuals. `without` is the number of further
@@ -82,13 +93,31 @@ pub fn add_overshoot_prior(known: &Overshoot, unknowns: &mut FitUnknowns) {
 pub fn combine_evidence(evidence: &[SharpeningEvidence], without: usize) -> Sharpening {
     let shown: Vec<&[HaloFit; HALOS]> = evidence
         .iter()
-        .filter_map(|seen| if let SharpeningEvidence::Explained(all) = seen { Some(all) } else { None })
+        .filter_map(|seen| {
+            if let SharpeningEvidence::Explained(all) = seen {
+                Some(all)
+            } else {
+                None
+            }
+        })
         .collect();
-    let without = without + evidence.iter().filter(|seen| **seen == SharpeningEvidence::Excluded).count();
+    let without = without
+        + evidence
+            .iter()
+            .filter(|seen| **seen == SharpeningEvidence::Excluded)
+            .count();
     if is_outvoted(shown.len(), without) {
-        return if without < OVERSHOT.min_markers { Sharpening::Undetermined } else { Sharpening::Absent };
+        return if without < OVERSHOT.min_markers {
+            Sharpening::Undetermined
+        } else {
+            Sharpening::Absent
+        };
     }
-    let overshoot = if shown.len() < OVERSHOT.min_markers { None } else { common_overshoot(&shown) };
+    let overshoot = if shown.len() < OVERSHOT.min_markers {
+        None
+    } else {
+        common_overshoot(&shown)
+    };
     overshoot.map_or(Sharpening::Undetermined, Sharpening::Sharpened)
 }
 
@@ -108,7 +137,11 @@ fn common_overshoot(shown: &[&[HaloFit; HALOS]]) -> Option<Overshoot> {
     let chance = OVERSHOT.significance * amplitude_sigma / (values.len() as f64).sqrt();
     let halo_px = OVERSHOT.halos_px[halo];
     let sure = amplitude > OVERSHOT.min_amplitude && amplitude > chance;
-    sure.then_some(Overshoot { amplitude, amplitude_sigma, halo_px })
+    sure.then_some(Overshoot {
+        amplitude,
+        amplitude_sigma,
+        halo_px,
+    })
 }
 
 /// Returns the evidence on sharpening from the root mean square of a marker's residuals alone, or `None` if sharpening is possible and
@@ -141,13 +174,27 @@ pub fn assess_sharpening(
         }
         Some(_) => {}
     }
-    let all = OVERSHOT.halos_px.map(|halo_px| fit_halo(pixels, plain, (scale, halo_px), unknowns, floor));
-    let shown = all.map(|one| if let Some(Ok(shown)) = one { Some(shown) } else { None });
+    let all = OVERSHOT
+        .halos_px
+        .map(|halo_px| fit_halo(pixels, plain, (scale, halo_px), unknowns, floor));
+    let shown = all.map(|one| {
+        if let Some(Ok(shown)) = one {
+            Some(shown)
+        } else {
+            None
+        }
+    });
     if let [Some(one), Some(two), Some(three)] = shown {
         return SharpeningEvidence::Explained([one, two, three]);
     }
-    let none = all.iter().all(|one| matches!(one, Some(Err(seen)) if excludes_sharpening(seen)));
-    if none { SharpeningEvidence::Excluded } else { SharpeningEvidence::Undetermined }
+    let none = all
+        .iter()
+        .all(|one| matches!(one, Some(Err(seen)) if excludes_sharpening(seen)));
+    if none {
+        SharpeningEvidence::Excluded
+    } else {
+        SharpeningEvidence::Undetermined
+    }
 }
 
 /// Returns true if an amplitude with an effect is excluded.
@@ -161,7 +208,11 @@ fn with_free_amplitude(
     unknowns: &FitUnknowns,
     [amplitude, halo_px]: [f64; 2],
 ) -> (MarkerParameters, FitUnknowns) {
-    let first = Overshoot { amplitude, amplitude_sigma: f64::INFINITY, halo_px };
+    let first = Overshoot {
+        amplitude,
+        amplitude_sigma: f64::INFINITY,
+        halo_px,
+    };
     let (mut start, mut unknowns) = (*plain, unknowns.clone());
     set_overshoot_start(&first, &mut start);
     add_overshoot_prior(&first, &mut unknowns);
@@ -176,13 +227,17 @@ fn estimate_in_one_step(
     unknowns: &FitUnknowns,
     floor: f64,
 ) -> Option<PriorValue> {
-    let (start, unknowns) = with_free_amplitude(plain, unknowns, [0.0, OVERSHOT.halos_px[HALOS / 2]]);
+    let (start, unknowns) =
+        with_free_amplitude(plain, unknowns, [0.0, OVERSHOT.halos_px[HALOS / 2]]);
     let step = linearise_model(pixels, &start, &unknowns, scale, floor, None);
     let factor = CholeskyFactor::new(&step.normal, &unknowns.free, ITERATION.final_damping)?;
     let count = unknowns.free.iter().filter(|&&free| free).count();
     let cofactor = factor.solve(&ParameterVector::ith(OVERSHOOT, 1.0))[OVERSHOOT];
     let sigma = (cofactor * step.variance(count)).max(0.0).sqrt();
-    Some(PriorValue { value: factor.solve(&step.right)[OVERSHOOT], sigma })
+    Some(PriorValue {
+        value: factor.solve(&step.right)[OVERSHOOT],
+        sigma,
+    })
 }
 
 /// Fits a marker with one halo. Returns the fit, or as an error the amplitude that is not significant; `None` if the fit
@@ -194,7 +249,8 @@ fn fit_halo(
     unknowns: &FitUnknowns,
     floor: f64,
 ) -> Option<Result<HaloFit, PriorValue>> {
-    let (mut start, unknowns) = with_free_amplitude(plain, unknowns, [OVERSHOT.first_amplitude, halo_px]);
+    let (mut start, unknowns) =
+        with_free_amplitude(plain, unknowns, [OVERSHOT.first_amplitude, halo_px]);
     start[BLUR] = start[BLUR].max(OVERSHOT.min_first_blur_px);
     let found = fit_final(pixels, &start, scale.max(floor), &unknowns, floor)?;
     let m = &found.parameters;
@@ -204,7 +260,17 @@ fn fit_halo(
         && gain > OVERSHOT.min_gain
         && grey_contrast(m) > OVERSHOT.min_contrast_ratio * grey_contrast(plain);
     let amplitude = m[OVERSHOOT];
-    Some(if explains { Ok(HaloFit { amplitude, rms: found.rms }) } else { Err(PriorValue { value: amplitude, sigma }) })
+    Some(if explains {
+        Ok(HaloFit {
+            amplitude,
+            rms: found.rms,
+        })
+    } else {
+        Err(PriorValue {
+            value: amplitude,
+            sigma,
+        })
+    })
 }
 
 #[cfg(test)]
@@ -223,12 +289,27 @@ mod tests {
         assert!((found.amplitude - 1.6).abs() < 1e-9 && found.amplitude_sigma >= 0.1 * 1.6);
         assert_eq!(found.halo_px, OVERSHOT.halos_px[1]);
         // Inconclusive evidence has no effect.
-        assert_eq!(combine_evidence(&[&seen[..], &[SharpeningEvidence::Undetermined; 9]].concat(), 0), combined);
+        assert_eq!(
+            combine_evidence(
+                &[&seen[..], &[SharpeningEvidence::Undetermined; 9]].concat(),
+                0
+            ),
+            combined
+        );
         // Too few; more that exclude it; too little to matter; no agreement.
         assert_eq!(combine_evidence(&seen[..3], 0), Sharpening::Undetermined);
-        assert_eq!(combine_evidence(&[&seen[..], &[SharpeningEvidence::Excluded; 6]].concat(), 0), Sharpening::Absent);
+        assert_eq!(
+            combine_evidence(&[&seen[..], &[SharpeningEvidence::Excluded; 6]].concat(), 0),
+            Sharpening::Absent
+        );
         assert_eq!(combine_evidence(&seen, 6), Sharpening::Absent);
-        assert_eq!(combine_evidence(&[0.05; 8].map(evidence), 0), Sharpening::Undetermined);
-        assert_eq!(combine_evidence(&[0.2, 5.8, 0.3, 6.0, 3.0].map(evidence), 0), Sharpening::Undetermined);
+        assert_eq!(
+            combine_evidence(&[0.05; 8].map(evidence), 0),
+            Sharpening::Undetermined
+        );
+        assert_eq!(
+            combine_evidence(&[0.2, 5.8, 0.3, 6.0, 3.0].map(evidence), 0),
+            Sharpening::Undetermined
+        );
     }
 }

@@ -1,8 +1,8 @@
 //! Free parameters of the image model for a marker, and their priors.
 
 use crate::detect::appearance::parameters::{
-    ANGLE, BEND, BLUR, DARK, GAMMA, HALO, LIGHT, MAJOR, MINOR, MarkerPattern, N, OUTLINE, OVERSHOOT, SAG, TAPER,
-    UNEVEN_BLUR,
+    ANGLE, BEND, BLUR, DARK, GAMMA, HALO, LIGHT, MAJOR, MINOR, MarkerPattern, N, OUTLINE,
+    OVERSHOOT, SAG, TAPER, UNEVEN_BLUR,
 };
 use crate::detect::estimate::options::PRIOR;
 use crate::detect::hypothesis::{Hypothesis, prior::PriorValue};
@@ -22,7 +22,11 @@ const FINE_LIGHT: [usize; 4] = [LIGHT + 3, DARK + 1, DARK + 2, GAMMA];
 pub fn select_unknowns(hypothesis: &Hypothesis) -> (FitUnknowns, &'static [usize]) {
     let ellipse = &hypothesis.ellipse;
     let disc = hypothesis.pattern == MarkerPattern::Disc;
-    let bends: &[usize] = if disc { &[SAG, TAPER] } else { &[BEND, BEND + 1] };
+    let bends: &[usize] = if disc {
+        &[SAG, TAPER]
+    } else {
+        &[BEND, BEND + 1]
+    };
     let thick = ellipse.minor >= PRIOR.thick_px;
     let mut free = [true; N];
     free[DARK + 1] = thick;
@@ -30,7 +34,10 @@ pub fn select_unknowns(hypothesis: &Hypothesis) -> (FitUnknowns, &'static [usize
     free[GAMMA] = thick;
     free[LIGHT + 3] = thick && ellipse.major >= PRIOR.light_px;
     free[TAPER] = disc || thick;
-    [OVERSHOOT, HALO].into_iter().chain(OUTLINE..N).for_each(|k| free[k] = false);
+    [OVERSHOOT, HALO]
+        .into_iter()
+        .chain(OUTLINE..N)
+        .for_each(|k| free[k] = false);
     let part = hypothesis.is_under_decal();
     if part {
         // The visible outline determines an ellipse and no more.
@@ -42,24 +49,36 @@ pub fn select_unknowns(hypothesis: &Hypothesis) -> (FitUnknowns, &'static [usize
     if !shows_bend || ellipse.major < PRIOR.bend_px || cut {
         bends.iter().for_each(|&k| free[k] = false);
     }
-    (FitUnknowns { free, prior: hypothesis_prior(hypothesis) }, bends)
+    (
+        FitUnknowns {
+            free,
+            prior: hypothesis_prior(hypothesis),
+        },
+        bends,
+    )
 }
 
 /// Selects the parameters of a coarse fit: an outline or two lines, their blur, and planes of light.
 pub fn coarse_unknowns(hypothesis: &Hypothesis) -> FitUnknowns {
     let (mut unknowns, _) = select_unknowns(hypothesis);
     FINE_LIGHT.iter().for_each(|&k| unknowns.free[k] = false);
-    unknowns.free[UNEVEN_BLUR] &= hypothesis.edges.is_none() || hypothesis.ellipse.minor > PRIOR.narrow_px;
+    unknowns.free[UNEVEN_BLUR] &=
+        hypothesis.edges.is_none() || hypothesis.ellipse.minor > PRIOR.narrow_px;
     if hypothesis.edges.is_some() && hypothesis.ellipse.minor > PRIOR.narrow_px {
         // The first crossing may be far off; long edges reach the right one by bending.
-        [BEND, BEND + 1].iter().for_each(|&k| unknowns.prior[k] = PriorValue::UNKNOWN);
+        [BEND, BEND + 1]
+            .iter()
+            .for_each(|&k| unknowns.prior[k] = PriorValue::UNKNOWN);
     }
     unknowns
 }
 
 /// Fixes the light of a disc except for its brightness and the darkness of its black.
 pub fn fix_fine_light(unknowns: &mut FitUnknowns) {
-    FINE_LIGHT.iter().chain(&[LIGHT + 1, LIGHT + 2]).for_each(|&k| unknowns.free[k] = false);
+    FINE_LIGHT
+        .iter()
+        .chain(&[LIGHT + 1, LIGHT + 2])
+        .for_each(|&k| unknowns.free[k] = false);
 }
 
 /// Returns the darkness at which the grey value is the fraction `left` of the light, with the default tone curve.
@@ -80,7 +99,10 @@ fn hypothesis_prior(hypothesis: &Hypothesis) -> [PriorValue; N] {
         out[BEND + 1] = out[BEND];
         out[UNEVEN_BLUR] = PriorValue::zero(PRIOR.uneven_blur);
     }
-    if let Some(size) = known.size.filter(|_| hypothesis.pattern == MarkerPattern::Disc) {
+    if let Some(size) = known
+        .size
+        .filter(|_| hypothesis.pattern == MarkerPattern::Disc)
+    {
         out[MAJOR] = size.major;
         if let Some(slope) = size.slope {
             (out[MINOR], out[ANGLE]) = (slope.minor, slope.angle);

@@ -32,7 +32,11 @@ wide! {
 }
 
 #[inline(always)]
-fn analyse_residuals_generic(pixels: &Pixels, fit: &MarkerFit, scale: f64) -> Option<ResidualAnalysis> {
+fn analyse_residuals_generic(
+    pixels: &Pixels,
+    fit: &MarkerFit,
+    scale: f64,
+) -> Option<ResidualAnalysis> {
     let m = &fit.parameters;
     let [by_x, by_y] = [X, Y].map(|k| fit.covariance.column(k).map(|v| (v / fit.variance) as f32));
     let mut list = [(0, [0.0f32; 3]); N];
@@ -57,7 +61,13 @@ fn analyse_residuals_generic(pixels: &Pixels, fit: &MarkerFit, scale: f64) -> Op
         let r = each(|i| batch.value[i] - image.value[i] - sums[0][i]);
         let tukey = biweight_roots(&r, &image.gradient[X], &image.gradient[Y], scale);
         let pull = each(|i| (batch.root[i] * tukey[i]) * (batch.root[i] * tukey[i]) * r[i]);
-        blocks.add(batch, [each(|i| sums[1][i] * pull[i]), each(|i| sums[2][i] * pull[i])]);
+        blocks.add(
+            batch,
+            [
+                each(|i| sums[1][i] * pull[i]),
+                each(|i| sums[2][i] * pull[i]),
+            ],
+        );
         let sector = pixel_sectors(batch);
         for i in 0..batch.len {
             if let Some(sum) = common.get_mut(sector[i] as usize) {
@@ -73,5 +83,12 @@ fn analyse_residuals_generic(pixels: &Pixels, fit: &MarkerFit, scale: f64) -> Op
     let seen = common.iter().filter(|sum| sum[1] > 2.0);
     let (sum, count) = seen.fold((0.0, 0.0), |(s, n), [r, w]| (s + r * r / w, n + 1.0));
     let uneven = sum / (fit.variance * f64::max(count, 1.0));
-    Some(ResidualAnalysis { covariance, ratio, mean, uneven, residuals, biweights: roots })
+    Some(ResidualAnalysis {
+        covariance,
+        ratio,
+        mean,
+        uneven,
+        residuals,
+        biweights: roots,
+    })
 }

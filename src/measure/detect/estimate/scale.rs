@@ -13,14 +13,30 @@ pub struct ResidualSizes {
 impl ResidualSizes {
     /// Creates an empty set with room for a number of batches.
     pub fn new(batches: usize) -> Self {
-        Self { sizes: Vec::with_capacity(batches), count: Lanes::splat(0.0) }
+        Self {
+            sizes: Vec::with_capacity(batches),
+            count: Lanes::splat(0.0),
+        }
     }
 
     /// Adds the residuals of a batch, of pixels that have at least half their weight.
     #[inline(always)]
     pub fn add(&mut self, r: &Lanes, root: &Lanes) {
-        self.sizes.push(each(|i| if root[i] > WEIGHT.scale_root { r[i].abs() } else { f32::MAX }));
-        self.count = each(|i| self.count[i] + if root[i] > WEIGHT.scale_root { 1.0 } else { 0.0 });
+        self.sizes.push(each(|i| {
+            if root[i] > WEIGHT.scale_root {
+                r[i].abs()
+            } else {
+                f32::MAX
+            }
+        }));
+        self.count = each(|i| {
+            self.count[i]
+                + if root[i] > WEIGHT.scale_root {
+                    1.0
+                } else {
+                    0.0
+                }
+        });
     }
 
     /// Returns the robust standard deviation from the median of the sizes, grey levels, to 0.001 of `scale`.
@@ -69,17 +85,25 @@ mod tests {
 
     #[test]
     fn halving_gives_the_median() {
-        let sizes: Vec<f32> = (0..4 * LANES).map(|i| (i * 37 % 64) as f32 * 0.11).collect();
+        let sizes: Vec<f32> = (0..4 * LANES)
+            .map(|i| (i * 37 % 64) as f32 * 0.11)
+            .collect();
         for scale in [2.0, 5.0, 9.0] {
             let mut halved = ResidualSizes::new(8);
             for some in sizes.chunks(LANES) {
-                halved.add(&each(|i| if i % 2 == 0 { some[i] } else { -some[i] }), &Lanes::splat(1.0));
+                halved.add(
+                    &each(|i| if i % 2 == 0 { some[i] } else { -some[i] }),
+                    &Lanes::splat(1.0),
+                );
                 halved.add(&Lanes::splat(1e6), &Lanes::splat(0.5));
             }
             // Between two sizes, which are 0.11 apart, or at one of them.
             let exact = robust_sigma(&mut sizes.clone()) - SIGMA_OVER_MEDIAN * 0.055;
             let got = halved.sigma(scale);
-            assert!((got - exact).abs() < SIGMA_OVER_MEDIAN * 0.055 + 0.002 * scale, "{got} against {exact}");
+            assert!(
+                (got - exact).abs() < SIGMA_OVER_MEDIAN * 0.055 + 0.002 * scale,
+                "{got} against {exact}"
+            );
         }
     }
 }

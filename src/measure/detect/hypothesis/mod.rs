@@ -41,7 +41,14 @@ pub struct EdgePair {
 impl Hypothesis {
     /// Creates a hypothesis with an outline and no prior.
     pub fn new(pattern: MarkerPattern, ellipse: Ellipse, blobs: Vec<usize>) -> Self {
-        Self { pattern, ellipse, edges: None, blobs, excluded: Vec::new(), prior: MarkerPrior::default() }
+        Self {
+            pattern,
+            ellipse,
+            edges: None,
+            blobs,
+            excluded: Vec::new(),
+            prior: MarkerPrior::default(),
+        }
     }
 
     /// Returns whether a point of the image, px, may show something else than the marker.
@@ -56,7 +63,9 @@ impl Hypothesis {
 
     /// Returns whether dark paint touches an end of the marker.
     pub fn is_painted(&self) -> bool {
-        self.excluded.iter().any(|region| matches!(region, Region::Paint(_)))
+        self.excluded
+            .iter()
+            .any(|region| matches!(region, Region::Paint(_)))
     }
 
     /// Returns the decals that may lie over the marker.
@@ -114,7 +123,11 @@ impl Hypothesis {
             greys.iter().map(|&grey| f64::from(grey)).sum::<f64>() / POSITIONS.len() as f64
         };
         let (along, across) = ([mean(along), mean(-along)], [mean(across), mean(-across)]);
-        let (black, white) = if self.pattern == MarkerPattern::BlackAlong { (along, across) } else { (across, along) };
+        let (black, white) = if self.pattern == MarkerPattern::BlackAlong {
+            (along, across)
+        } else {
+            (across, along)
+        };
         white[0].min(white[1]) - black[0].max(black[1])
     }
 }

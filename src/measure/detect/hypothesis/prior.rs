@@ -19,7 +19,10 @@ impl PriorValue {
 
     /// Creates a value with a relative standard deviation.
     pub fn with_relative_sigma(value: f64, relative: f64) -> Self {
-        Self { value, sigma: relative * value }
+        Self {
+            value,
+            sigma: relative * value,
+        }
     }
 }
 

@@ -24,7 +24,11 @@ impl Ellipse {
         let half = 0.5 * (covariance[(0, 0)] - covariance[(1, 1)]);
         let mixed = covariance[(0, 1)];
         let great = 0.5 * covariance.trace() + (half * half + mixed * mixed).sqrt();
-        let small = if great > 0.0 { covariance.determinant() / great } else { 0.0 };
+        let small = if great > 0.0 {
+            covariance.determinant() / great
+        } else {
+            0.0
+        };
         Self {
             centre,
             major: factor * great.max(0.0).sqrt(),
@@ -35,7 +39,11 @@ impl Ellipse {
 
     /// Returns the ellipse with semi-axes scaled by `factor` and then lengthened by `margin` px.
     pub fn enlarged(&self, factor: f64, margin: f64) -> Self {
-        Self { major: factor * self.major + margin, minor: factor * self.minor + margin, ..*self }
+        Self {
+            major: factor * self.major + margin,
+            minor: factor * self.minor + margin,
+            ..*self
+        }
     }
 
     /// Returns the unit vector along the major axis.
@@ -96,7 +104,11 @@ impl Ellipse {
 /// Wraps an angle into (-pi/2, pi/2].
 pub fn wrap_half_turn(angle: f64) -> f64 {
     let turned = angle.rem_euclid(PI);
-    if turned > PI / 2.0 { turned - PI } else { turned }
+    if turned > PI / 2.0 {
+        turned - PI
+    } else {
+        turned
+    }
 }
 
 #[cfg(test)]
@@ -109,16 +121,31 @@ mod tests {
             for k in 0..24 {
                 let angle = wrap_half_turn(0.13 + PI * f64::from(k) / 24.0);
                 let axes = Matrix2::new(angle.cos(), -angle.sin(), angle.sin(), angle.cos());
-                let squares = Matrix2::from_diagonal(&(Vector2::new(major * major, minor * minor) / 4.0));
-                let seen = Ellipse::from_moments(Vector2::zeros(), axes * squares * axes.transpose(), 2.0);
-                assert!((seen.major - major).abs() < 1e-9 * major, "{major} x {minor} at {angle}: {seen:?}");
-                assert!((seen.minor - minor).abs() < 1e-6 * minor, "{major} x {minor} at {angle}: {seen:?}");
+                let squares =
+                    Matrix2::from_diagonal(&(Vector2::new(major * major, minor * minor) / 4.0));
+                let seen =
+                    Ellipse::from_moments(Vector2::zeros(), axes * squares * axes.transpose(), 2.0);
+                assert!(
+                    (seen.major - major).abs() < 1e-9 * major,
+                    "{major} x {minor} at {angle}: {seen:?}"
+                );
+                assert!(
+                    (seen.minor - minor).abs() < 1e-6 * minor,
+                    "{major} x {minor} at {angle}: {seen:?}"
+                );
                 let off = wrap_half_turn(seen.angle - angle).abs();
-                assert!(major == minor || off < 1e-9 || PI - off < 1e-9, "{angle}: {seen:?}");
+                assert!(
+                    major == minor || off < 1e-9 || PI - off < 1e-9,
+                    "{angle}: {seen:?}"
+                );
             }
         }
         // An invalid covariance yields no ellipse and does not panic.
-        for none in [Matrix2::zeros(), -Matrix2::identity(), Matrix2::repeat(f64::NAN)] {
+        for none in [
+            Matrix2::zeros(),
+            -Matrix2::identity(),
+            Matrix2::repeat(f64::NAN),
+        ] {
             let seen = Ellipse::from_moments(Vector2::zeros(), none, 2.0);
             assert_eq!((seen.major, seen.minor), (0.0, 0.0));
         }

@@ -27,7 +27,11 @@ pub fn smooth_image(image: &Raster, tiles: &Tiles) -> Option<Raster> {
         let out = &mut out[wider.clone()];
         out.copy_from_slice(row(y));
         if y > 0 && y + 1 < height {
-            smooth_row([row(y - 1), row(y), row(y + 1)], &mut sums[..wider.len()], out);
+            smooth_row(
+                [row(y - 1), row(y), row(y + 1)],
+                &mut sums[..wider.len()],
+                out,
+            );
         }
     }
     Raster::new(width, height, luma)

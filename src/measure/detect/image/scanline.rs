@@ -80,14 +80,20 @@ pub struct Ring {
 impl Ring {
     /// Creates the ring between an ellipse enlarged by `inner` px and one enlarged by `outer` px.
     pub fn new(frame: &EllipseFrame, inner: f64, outer: f64) -> Self {
-        Self { outer: frame.enlarged_rows(outer), inner: frame.enlarged_rows(inner) }
+        Self {
+            outer: frame.enlarged_rows(outer),
+            inner: frame.enlarged_rows(inner),
+        }
     }
 
     /// Returns the columns of a row in the ring, before the hole and behind it; `None` if the row misses the ring.
     pub fn columns(&self, y: f64, area: PixelBox) -> Option<[Range<usize>; 2]> {
         let (from, to) = row_interval(&self.outer, y)?;
         let hole = row_interval(&self.inner, y).unwrap_or((to, to));
-        Some([columns_in_area(from, hole.0, area), columns_in_area(hole.1, to, area)])
+        Some([
+            columns_in_area(from, hole.0, area),
+            columns_in_area(hole.1, to, area),
+        ])
     }
 }
 

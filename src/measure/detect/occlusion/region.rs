@@ -28,12 +28,20 @@ impl Region {
 
     /// Returns the decal of a decal region.
     pub fn decal(&self) -> Option<&Decal> {
-        if let Self::Decal(decal) = self { Some(decal) } else { None }
+        if let Self::Decal(decal) = self {
+            Some(decal)
+        } else {
+            None
+        }
     }
 
     /// Returns the band of a glare region.
     pub fn glare(&self) -> Option<&OcclusionBand> {
-        if let Self::Glare(band) = self { Some(band) } else { None }
+        if let Self::Glare(band) = self {
+            Some(band)
+        } else {
+            None
+        }
     }
 }
 

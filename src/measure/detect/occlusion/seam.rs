@@ -6,7 +6,9 @@ use std::ops::Range;
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
 use super::region::OcclusionBand;
-use crate::detect::appearance::parameters::{BLUR, EDGE_END_BLURS, LIGHT, MarkerParameters, WHITEST, light_at};
+use crate::detect::appearance::parameters::{
+    BLUR, EDGE_END_BLURS, LIGHT, MarkerParameters, WHITEST, light_at,
+};
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::image::scanline::{self, EllipseFrame};
 use crate::detect::occlusion::options::SEAM;
@@ -23,7 +25,12 @@ struct RingPixel {
 
 /// Returns the seams next to a disc as bands of the image. The image of the disc is described by `m`; `scale` is that of
 /// its residuals, grey levels.
-pub fn find_seams(image: &Raster, ellipse: &Ellipse, m: &MarkerParameters, scale: f64) -> Vec<OcclusionBand> {
+pub fn find_seams(
+    image: &Raster,
+    ellipse: &Ellipse,
+    m: &MarkerParameters,
+    scale: f64,
+) -> Vec<OcclusionBand> {
     let ring = SeamRing::new(image, ellipse, m, scale);
     let mut signs = ring.dark_pixels();
     sort_by_value(&mut signs, |one| f64::from(-one.darker));
@@ -35,7 +42,11 @@ pub fn find_seams(image: &Raster, ellipse: &Ellipse, m: &MarkerParameters, scale
         let Some(line) = find_line(&signs) else { break };
         signs.retain(|s| line.distance_to(&s.at) > 2.0 * SEAM.half_width_px);
         if let Some(half) = half_width(&ring.ring_pixels_near_line(&line), &line) {
-            let band = OcclusionBand { axis: line.across, from: line.at - half, to: line.at + half };
+            let band = OcclusionBand {
+                axis: line.across,
+                from: line.at - half,
+                to: line.at + half,
+            };
             if ellipse.outline_fraction(|at| band.contains(at)) <= SEAM.max_hidden {
                 out.push(band);
             }
@@ -62,9 +73,17 @@ impl<'a> SeamRing<'a> {
         let all = [0, 0, image.width() - 1, image.height() - 1];
         let frame = EllipseFrame::new(ellipse);
         let ring = scanline::Ring::new(&frame, EDGE_END_BLURS * m[BLUR], SEAM.reach_px);
-        let rows = (row(low.y)..=row(high.y)).filter_map(|y| Some((y, ring.columns(y as f64, all)?)));
+        let rows =
+            (row(low.y)..=row(high.y)).filter_map(|y| Some((y, ring.columns(y as f64, all)?)));
         let rows = rows.collect();
-        Self { image, ellipse, frame, m, scale: scale.max(SEAM.min_scale), rows }
+        Self {
+            image,
+            ellipse,
+            frame,
+            m,
+            scale: scale.max(SEAM.min_scale),
+            rows,
+        }
     }
 
     /// Returns the position of a pixel in semi-axes.
@@ -76,7 +95,10 @@ impl<'a> SeamRing<'a> {
     fn ring_pixel(&self, x: usize, y: usize, value: u8) -> RingPixel {
         let (p, q) = self.normalized_position(x, y);
         let darker = ((light_at(self.m, p, q) - f64::from(value)) / self.scale) as f32;
-        RingPixel { at: Vector2::new(x as f64, y as f64), darker }
+        RingPixel {
+            at: Vector2::new(x as f64, y as f64),
+            darker,
+        }
     }
 
     /// Returns the ring's pixels that are darker than the skin by `SEAM.sign_scales`.
@@ -84,9 +106,13 @@ impl<'a> SeamRing<'a> {
         let (mut out, mut some) = (Vec::new(), Vec::new());
         for (y, parts) in &self.rows {
             for part in parts {
-                let Some(pixels) = self.image.row(*y).get(part.clone()) else { continue };
+                let Some(pixels) = self.image.row(*y).get(part.clone()) else {
+                    continue;
+                };
                 find_dark(pixels, self.sign_limit(part.start, *y), &mut some);
-                let spots = some.drain(..).filter_map(|k| Some(self.ring_pixel(part.start + k, *y, *pixels.get(k)?)));
+                let spots = some
+                    .drain(..)
+                    .filter_map(|k| Some(self.ring_pixel(part.start + k, *y, *pixels.get(k)?)));
                 out.extend(spots.filter(|s| s.darker > SEAM.sign_scales));
             }
         }
@@ -99,14 +125,22 @@ impl<'a> SeamRing<'a> {
         /// Possible rounding error in single precision, grey levels: for values below 256 and a few operations.
         const SAFE: f64 = 0.02;
         let [light, first, second] = self.skin_polynomial(x, y);
-        [light - f64::from(SEAM.sign_scales) * self.scale + SAFE, first, second].map(|v| v as f32)
+        [
+            light - f64::from(SEAM.sign_scales) * self.scale + SAFE,
+            first,
+            second,
+        ]
+        .map(|v| v as f32)
     }
 
     /// Returns the grey value of the skin along a row, as a polynomial of the distance from `x`, px.
     fn skin_polynomial(&self, x: usize, y: usize) -> [f64; 3] {
         let m = self.m;
         let (p, q) = self.normalized_position(x, y);
-        let (by_p, by_q) = (self.frame.cos / self.ellipse.major, -self.frame.sin / self.ellipse.minor);
+        let (by_p, by_q) = (
+            self.frame.cos / self.ellipse.major,
+            -self.frame.sin / self.ellipse.minor,
+        );
         [
             light_at(m, p, q),
             (m[LIGHT + 1] + 2.0 * m[LIGHT + 3] * p) * by_p + m[LIGHT + 2] * by_q,
@@ -115,7 +149,10 @@ impl<'a> SeamRing<'a> {
     }
 
     fn ring_pixels_near_line(&self, line: &SeamLine) -> Vec<RingPixel> {
-        let through = scanline::EdgeLine { at: line.across * line.at, across: line.across };
+        let through = scanline::EdgeLine {
+            at: line.across * line.at,
+            across: line.across,
+        };
         let mut out = Vec::new();
         for (y, parts) in &self.rows {
             let (from, to) = through.row_interval(*y as f64, SEAM.beside_px.1 + 1.0);
@@ -138,7 +175,9 @@ fn seam_contrast([sum, count]: [f64; 2], [other, others, squares]: [f64; 3]) -> 
         return None;
     }
     let skin = other / others;
-    let noise = (squares / others - skin * skin).max(SEAM.min_variance).sqrt();
+    let noise = (squares / others - skin * skin)
+        .max(SEAM.min_variance)
+        .sqrt();
     let peak = sum / count - skin;
     let certain = peak > SEAM.darker_scales && peak * count.sqrt() > SEAM.significance * noise;
     certain.then_some((peak, skin))
@@ -163,7 +202,11 @@ fn find_dark_pixels_generic(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>
             grey[i] - (c + (b + a * x) * x)
         });
         if !all_lanes(|i| over[i] >= 0.0) {
-            out.extend((0..some.len()).filter(|&i| over[i] < 0.0).map(|i| k * LANES + i));
+            out.extend(
+                (0..some.len())
+                    .filter(|&i| over[i] < 0.0)
+                    .map(|i| k * LANES + i),
+            );
         }
     }
 }
@@ -195,11 +238,24 @@ fn find_line(signs: &[RingPixel]) -> Option<SeamLine> {
     let [i, j] = best_pair(&places, few.len())?;
     let along = few.get(j)?.to_owned() - few.get(i)?.to_owned();
     let across = Vector2::new(-along.y, along.x).normalize();
-    let mut line = SeamLine { across, at: across.dot(few.get(i)?) };
+    let mut line = SeamLine {
+        across,
+        at: across.dot(few.get(i)?),
+    };
     for _ in 0..2 {
-        line = fit_line(signs.iter().map(|s| &s.at).filter(|at| line.distance_to(at) < SEAM.half_width_px))?;
+        line = fit_line(
+            signs
+                .iter()
+                .map(|s| &s.at)
+                .filter(|at| line.distance_to(at) < SEAM.half_width_px),
+        )?;
     }
-    (signs.iter().filter(|s| line.distance_to(&s.at) < SEAM.half_width_px).count() >= SEAM.min_signs).then_some(line)
+    (signs
+        .iter()
+        .filter(|s| line.distance_to(&s.at) < SEAM.half_width_px)
+        .count()
+        >= SEAM.min_signs)
+        .then_some(line)
 }
 
 /// Columns and rows of the candidates, px from the first; unused entries are far away.
@@ -241,8 +297,14 @@ fn fit_line<'a>(points: impl Iterator<Item = &'a Vector2<f64>> + Clone) -> Optio
     let mean = points.clone().sum::<Vector2<f64>>() / count;
     let scatter: Matrix2<f64> = points.map(|at| (at - mean) * (at - mean).transpose()).sum();
     let eigen = SymmetricEigen::new(scatter);
-    let across = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
-    Some(SeamLine { across, at: across.dot(&mean) })
+    let across = eigen
+        .eigenvectors
+        .column(eigen.eigenvalues.imin())
+        .into_owned();
+    Some(SeamLine {
+        across,
+        at: across.dot(&mean),
+    })
 }
 
 /// Returns half the width of the dark strip along a line, px, if it is a seam: darker than the skin next to it, over its
@@ -259,8 +321,15 @@ fn half_width(spots: &[RingPixel], line: &SeamLine) -> Option<f64> {
             bin[1] += 1.0;
         }
         if (SEAM.beside_px.0..SEAM.beside_px.1).contains(&distance) {
-            let darker = darker.clamp(-f64::from(SEAM.foreign_scales), f64::from(SEAM.foreign_scales));
-            nearby = [nearby[0] + darker, nearby[1] + 1.0, nearby[2] + darker * darker];
+            let darker = darker.clamp(
+                -f64::from(SEAM.foreign_scales),
+                f64::from(SEAM.foreign_scales),
+            );
+            nearby = [
+                nearby[0] + darker,
+                nearby[1] + 1.0,
+                nearby[2] + darker * darker,
+            ];
         }
         if distance < f64::from(SEAM.on_px) {
             let piece = (along.dot(&spot.at) / SEAM.piece_px).floor() as i32;
@@ -272,7 +341,10 @@ fn half_width(spots: &[RingPixel], line: &SeamLine) -> Option<f64> {
     }
     let (sum, count) = (profile[0][0] + profile[1][0], profile[0][1] + profile[1][1]);
     let (peak, skin) = seam_contrast([sum, count], nearby)?;
-    let dark = pieces.iter().filter(|(_, [sum, count])| sum / count - skin > SEAM.dark_piece * peak).count();
+    let dark = pieces
+        .iter()
+        .filter(|(_, [sum, count])| sum / count - skin > SEAM.dark_piece * peak)
+        .count();
     let certain = pieces.len() >= SEAM.pieces && dark as f64 >= SEAM.unbroken * pieces.len() as f64;
     let ended = |&[sum, count]: &[f64; 2]| count > 0.0 && sum / count - skin < SEAM.ended * peak;
     let half = (profile.iter().position(ended)? as f64 + 0.5) * SEAM.bin_px;

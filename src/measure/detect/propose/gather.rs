@@ -44,7 +44,13 @@ struct BackgroundLevels {
 
 impl BackgroundLevels {
     fn new(coarse: ReducedFrame, least: usize) -> Self {
-        Self { coarse, next: 0, least, done: HashMap::new(), open: Vec::new() }
+        Self {
+            coarse,
+            next: 0,
+            least,
+            done: HashMap::new(),
+            open: Vec::new(),
+        }
     }
 }
 
@@ -75,16 +81,37 @@ impl BlobCollector {
         let darkness = self.near.coarse.passed_levels(faint);
         let passes = |level: &usize| {
             *level < background::level_count(false)
-                || self.near.coarse.dark_regions(&darkness, *level, faint).len() <= GATHER.regions
+                || self
+                    .near
+                    .coarse
+                    .dark_regions(&darkness, *level, faint)
+                    .len()
+                    <= GATHER.regions
         };
         let new = (self.near.next..background::level_count(faint)).take_while(passes);
         let end = new.last().map(|level| level + 1);
         let Some(end) = end else { return false };
         self.unique.drop_provisional_blobs();
-        let Self { near, far, unique, uneven, swallowed, longest } = self;
+        let Self {
+            near,
+            far,
+            unique,
+            uneven,
+            swallowed,
+            longest,
+        } = self;
         let budget = GATHER.frames * near.coarse.width * near.coarse.height;
-        let mut findings = LevelFindings { unique, uneven, swallowed, budget, laxest: end - 1, longest: *longest };
-        let far = far.as_mut().map(|far| (far.coarse.passed_levels(faint), far));
+        let mut findings = LevelFindings {
+            unique,
+            uneven,
+            swallowed,
+            budget,
+            laxest: end - 1,
+            longest: *longest,
+        };
+        let far = far
+            .as_mut()
+            .map(|far| (far.coarse.passed_levels(faint), far));
         for (darkness, levels) in std::iter::once((darkness, near)).chain(far) {
             for level in levels.next..end {
                 let regions = levels.coarse.dark_regions(&darkness, level, faint);
@@ -93,7 +120,9 @@ impl BlobCollector {
             levels.next = end;
         }
         // Merged blobs are added again after the next levels.
-        self.swallowed.iter().for_each(|blob| self.unique.add(blob.clone(), Retention::Provisional));
+        self.swallowed
+            .iter()
+            .for_each(|blob| self.unique.add(blob.clone(), Retention::Provisional));
         self.unique.truncate_to(GATHER.blobs);
         keep_largest(&mut self.uneven, GATHER.uneven, |region| region.area as f64);
         true
@@ -127,7 +156,13 @@ impl LevelFindings<'_> {
         level: usize,
         mut regions: Vec<DarkRegion>,
     ) {
-        let BackgroundLevels { coarse, least, done, open, .. } = levels;
+        let BackgroundLevels {
+            coarse,
+            least,
+            done,
+            open,
+            ..
+        } = levels;
         let largest = (coarse.width * coarse.height / 8).max(64);
         regions.retain(|r| {
             let [width, height] = r.sides();
@@ -136,33 +171,55 @@ impl LevelFindings<'_> {
         regions.sort_by_key(|r| std::cmp::Reverse(r.area));
         regions.truncate(GATHER.regions);
         // Uneven regions are searched again at the end if nothing is found in them.
-        for region in open.drain(..).filter(|region| is_swallowed(region, &regions)) {
+        for region in open
+            .drain(..)
+            .filter(|region| is_swallowed(region, &regions))
+        {
             if !coarse.is_uneven(&region) {
-                self.swallowed.extend(blob::blobs_against_surround(image, coarse, &region));
+                self.swallowed
+                    .extend(blob::blobs_against_surround(image, coarse, &region));
             }
         }
         for region in regions {
-            if done.get(&region.least).is_some_and(|done| done.iter().any(|d| d.is_same_region(&region))) {
+            if done
+                .get(&region.least)
+                .is_some_and(|done| done.iter().any(|d| d.is_same_region(&region)))
+            {
                 continue;
             }
             let [width, height] = region.sides();
-            let Some(left) = self.budget.checked_sub(width * height) else { continue };
+            let Some(left) = self.budget.checked_sub(width * height) else {
+                continue;
+            };
             self.budget = left;
             let (blobs, cut) = blob::region_blobs(image, coarse, &region);
             let pale = region.least > GATHER.pale && width.min(height) >= BACKGROUND.thick / 2;
             let at_last = cut && level == self.laxest;
-            let segment_again = (at_last || (pale && !cut)) && width.max(height) as f64 <= self.longest;
+            let segment_again =
+                (at_last || (pale && !cut)) && width.max(height) as f64 <= self.longest;
             if !segment_again && coarse.is_uneven(&region) && !blobs.iter().any(is_disc) {
                 self.uneven.push(region.clone());
             }
-            blobs.into_iter().for_each(|blob| self.unique.add(blob, Retention::Firm));
+            blobs
+                .into_iter()
+                .for_each(|blob| self.unique.add(blob, Retention::Firm));
             if segment_again {
                 // At a laxer level the region may lie entirely in its window.
-                let kept = if at_last { Retention::Provisional } else { Retention::Firm };
+                let kept = if at_last {
+                    Retention::Provisional
+                } else {
+                    Retention::Firm
+                };
                 let again = blob::blobs_against_surround(image, coarse, &region);
-                again.into_iter().for_each(|blob| self.unique.add(blob, kept));
+                again
+                    .into_iter()
+                    .for_each(|blob| self.unique.add(blob, kept));
             }
-            if cut { open.push(region) } else { done.entry(region.least).or_default().push(region) }
+            if cut {
+                open.push(region)
+            } else {
+                done.entry(region.least).or_default().push(region)
+            }
         }
     }
 }
@@ -171,7 +228,12 @@ impl LevelFindings<'_> {
 /// band of a shadow, whose background is the light on both sides of the band.
 fn is_swallowed(region: &DarkRegion, next: &[DarkRegion]) -> bool {
     let dark = region.area >= GATHER.swallowed_least && region.least < GATHER.swallowed_dark;
-    let into = || next.iter().filter(|other| other.contains(region)).map(|other| other.area).min();
+    let into = || {
+        next.iter()
+            .filter(|other| other.contains(region))
+            .map(|other| other.area)
+            .min()
+    };
     dark && into().is_none_or(|area| area > GATHER.swallowed * region.area)
 }
 
@@ -211,7 +273,11 @@ impl UniqueBlobs {
     fn add(&mut self, blob: Blob, kept: Retention) {
         // With the near background, only the larger part of thick quadrants is visible.
         let in_part = blob.area > GATHER.thick_px && blob.fill() < GATHER.max_partial_fill;
-        let min_ratio = if in_part { GATHER.min_area_ratio_partial } else { GATHER.min_area_ratio };
+        let min_ratio = if in_part {
+            GATHER.min_area_ratio_partial
+        } else {
+            GATHER.min_area_ratio
+        };
         let same = |b: &Blob| {
             (b.centroid - blob.centroid).norm_squared() < NEIGHBOURS.same_px * NEIGHBOURS.same_px
                 && (min_ratio..1.0 / min_ratio).contains(&(b.area / blob.area))
@@ -231,31 +297,42 @@ impl UniqueBlobs {
         if self.blobs.len() > most {
             let mut all = self.drain_all();
             keep_largest(&mut all, most, |(blob, _)| blob.area);
-            all.into_iter().for_each(|(blob, kept)| self.insert(blob, kept));
+            all.into_iter()
+                .for_each(|(blob, kept)| self.insert(blob, kept));
         }
     }
 
     fn drop_provisional_blobs(&mut self) {
-        let firm = self.drain_all().into_iter().filter(|(_, kept)| *kept == Retention::Firm);
+        let firm = self
+            .drain_all()
+            .into_iter()
+            .filter(|(_, kept)| *kept == Retention::Firm);
         firm.for_each(|(blob, kept)| self.insert(blob, kept));
     }
 
     /// Removes and returns all blobs.
     fn drain_all(&mut self) -> Vec<(Blob, Retention)> {
         self.cells.clear();
-        std::mem::take(&mut self.blobs).into_iter().zip(std::mem::take(&mut self.kept)).collect()
+        std::mem::take(&mut self.blobs)
+            .into_iter()
+            .zip(std::mem::take(&mut self.kept))
+            .collect()
     }
 
     /// Returns the blobs of all cells with a position less than `NEIGHBOURS.same_px` away.
     fn blobs_near(&self, at: Vector2<f64>) -> impl Iterator<Item = &Blob> {
-        let [low, high] = [-NEIGHBOURS.same_px, NEIGHBOURS.same_px].map(|off| Self::cell_index(at.add_scalar(off)));
+        let [low, high] = [-NEIGHBOURS.same_px, NEIGHBOURS.same_px]
+            .map(|off| Self::cell_index(at.add_scalar(off)));
         let cells = (low[1]..=high[1]).flat_map(move |y| (low[0]..=high[0]).map(move |x| [x, y]));
         let places = cells.filter_map(|cell| self.cells.get(&cell)).flatten();
         places.filter_map(|&place| self.blobs.get(place))
     }
 
     fn insert(&mut self, blob: Blob, kept: Retention) {
-        self.cells.entry(Self::cell_index(blob.centroid)).or_default().push(self.blobs.len());
+        self.cells
+            .entry(Self::cell_index(blob.centroid))
+            .or_default()
+            .push(self.blobs.len());
         self.blobs.push(blob);
         self.kept.push(kept);
     }
@@ -268,10 +345,17 @@ impl UniqueBlobs {
 /// Returns hypotheses of quadrants from blobs and pairs of blobs: those that have the shape of two black quadrants and are
 /// lighter at the position of the white ones. A few real ones, thin relative to the blur, are not; they are found by their
 /// white.
-pub fn quadrant_hypotheses(image: &Raster, noise: f64, blobs: &[Blob], pairs: &[[usize; 2]]) -> Vec<Hypothesis> {
+pub fn quadrant_hypotheses(
+    image: &Raster,
+    noise: f64,
+    blobs: &[Blob],
+    pairs: &[[usize; 2]],
+) -> Vec<Hypothesis> {
     let single = (0..blobs.len()).map(|i| vec![i]);
     let mut pairs = pairs.to_vec();
-    keep_largest(&mut pairs, GATHER.pairs, |p| p.iter().filter_map(|&i| blobs.get(i)).map(|b| b.area).sum());
+    keep_largest(&mut pairs, GATHER.pairs, |p| {
+        p.iter().filter_map(|&i| blobs.get(i)).map(|b| b.area).sum()
+    });
     let double = pairs.into_iter().map(|p| p.to_vec());
     let least = MOMENTS.white_over_black.max(noise);
     let mut out: Vec<Hypothesis> = (single.chain(double))
@@ -284,7 +368,11 @@ pub fn quadrant_hypotheses(image: &Raster, noise: f64, blobs: &[Blob], pairs: &[
 
 /// Returns hypotheses of discs from blobs.
 pub fn disc_hypotheses(blobs: &[Blob]) -> Vec<Hypothesis> {
-    let mut out = blobs.iter().enumerate().filter_map(|(i, blob)| moments::disc_from_blob(i, blob)).collect();
+    let mut out = blobs
+        .iter()
+        .enumerate()
+        .filter_map(|(i, blob)| moments::disc_from_blob(i, blob))
+        .collect();
     keep_largest(&mut out, GATHER.hypotheses, Hypothesis::size);
     out
 }

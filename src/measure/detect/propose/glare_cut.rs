@@ -30,7 +30,11 @@ pub fn complete_disc(image: &Raster, hypothesis: &Hypothesis, blob: &Blob) -> Op
         .map(|at| {
             let normal = (inverse * (at - blob.centroid)).normalize() * GLARE_CUT.reach_px;
             let (inside, outside) = (grey(at - normal), grey(at + normal));
-            ContourPoint { at, along: at.dot(&axis), step: outside - inside }
+            ContourPoint {
+                at,
+                along: at.dot(&axis),
+                step: outside - inside,
+            }
         })
         .collect();
     let typical = median(points.iter().map(|p| p.step).collect())?;
@@ -39,7 +43,9 @@ pub fn complete_disc(image: &Raster, hypothesis: &Hypothesis, blob: &Blob) -> Op
         return None;
     }
     let open = |p: &&ContourPoint| {
-        p.step > GLARE_CUT.step * typical && ends[0].is_none_or(|e| p.along > e) && ends[1].is_none_or(|e| p.along < e)
+        p.step > GLARE_CUT.step * typical
+            && ends[0].is_none_or(|e| p.along > e)
+            && ends[1].is_none_or(|e| p.along < e)
     };
     let left: Vec<Vector2<f64>> = points.iter().filter(open).map(|p| p.at).collect();
     if left.len() < GLARE_CUT.min_points {
@@ -49,14 +55,25 @@ pub fn complete_disc(image: &Raster, hypothesis: &Hypothesis, blob: &Blob) -> Op
     let ellipse = visible_outline(&left, &seen).unwrap_or(seen);
     let band = |from: f64, to: f64| OcclusionBand { axis, from, to };
     let before = ends[0].map(|end| band(f64::NEG_INFINITY, end));
-    let bands = before.into_iter().chain(ends[1].map(|end| band(end, f64::INFINITY))).collect();
-    Some(Hypothesis { ellipse, ..hypothesis.clone() }.with_glare(bands))
+    let bands = before
+        .into_iter()
+        .chain(ends[1].map(|end| band(end, f64::INFINITY)))
+        .collect();
+    Some(
+        Hypothesis {
+            ellipse,
+            ..hypothesis.clone()
+        }
+        .with_glare(bands),
+    )
 }
 
 /// Returns the ellipse through points of the rim if it is larger than the part that is seen, but not by much.
 fn visible_outline(rim: &[Vector2<f64>], seen: &Ellipse) -> Option<Ellipse> {
-    let (centre, shape) = fit_conic(rim).filter(|(_, shape)| shape.determinant() > 0.0 && shape.trace() > 0.0)?;
+    let (centre, shape) =
+        fit_conic(rim).filter(|(_, shape)| shape.determinant() > 0.0 && shape.trace() > 0.0)?;
     let ellipse = Ellipse::from_moments(centre, shape, 1.0);
-    let fits = ellipse.major < GLARE_CUT.larger[0] * seen.major && ellipse.minor < GLARE_CUT.larger[1] * seen.minor;
+    let fits = ellipse.major < GLARE_CUT.larger[0] * seen.major
+        && ellipse.minor < GLARE_CUT.larger[1] * seen.minor;
     (fits && ellipse.major > seen.major).then_some(ellipse)
 }

@@ -21,7 +21,11 @@ struct BlobShape {
 
 fn combine_blob_shapes(blobs: &[&Blob]) -> BlobShape {
     let area: f64 = blobs.iter().map(|b| b.area).sum();
-    let centre = blobs.iter().map(|b| b.centroid * b.area).sum::<Vector2<f64>>() / area;
+    let centre = blobs
+        .iter()
+        .map(|b| b.centroid * b.area)
+        .sum::<Vector2<f64>>()
+        / area;
     let covariance = (blobs.iter())
         .map(|b| {
             let d = b.centroid - centre;
@@ -29,7 +33,11 @@ fn combine_blob_shapes(blobs: &[&Blob]) -> BlobShape {
         })
         .sum::<Matrix2<f64>>()
         / area;
-    BlobShape { area, centre, covariance }
+    BlobShape {
+        area,
+        centre,
+        covariance,
+    }
 }
 
 /// Returns the ellipse of inertia of some of the blobs together.
@@ -43,7 +51,11 @@ pub fn inertia_ellipse(indices: &[usize], all: &[Blob]) -> Option<Ellipse> {
 pub fn disc_from_blob(index: usize, blob: &Blob) -> Option<Hypothesis> {
     let ellipse = Ellipse::from_blob(blob);
     let (thin, square) = (MOMENTS.disc_thin, MOMENTS.disc_square);
-    let most = if ellipse.minor < thin.0 { thin.1 } else { square.0 + square.1 / (ellipse.minor * ellipse.minor) };
+    let most = if ellipse.minor < thin.0 {
+        thin.1
+    } else {
+        square.0 + square.1 / (ellipse.minor * ellipse.minor)
+    };
     (is_within(blob.fill(), MOMENTS.disc_fill) && squareness(blob) < most)
         .then(|| Hypothesis::new(MarkerPattern::Disc, ellipse, vec![index]))
 }
@@ -59,7 +71,9 @@ pub fn quadrants_from_blobs(indices: &[usize], all: &[Blob]) -> Option<Hypothesi
     let blobs: Vec<&Blob> = indices.iter().map(|&i| all.get(i)).collect::<Option<_>>()?;
     let shape = combine_blob_shapes(&blobs);
     let det = shape.covariance.determinant();
-    if det <= MOMENTS.min_determinant_px4 || !is_within(shape.area / (4.0 * PI * det.sqrt()), MOMENTS.fill) {
+    if det <= MOMENTS.min_determinant_px4
+        || !is_within(shape.area / (4.0 * PI * det.sqrt()), MOMENTS.fill)
+    {
         return None;
     }
     let (whiten, [one, other]) = split_wedges(&blobs, &shape)?;
@@ -84,7 +98,12 @@ pub fn quadrants_from_blobs(indices: &[usize], all: &[Blob]) -> Option<Hypothesi
 }
 
 /// Returns quadrants of which the black ones lie between two directions, and opposite.
-pub fn quadrants_from_edges(e1: Vector2<f64>, e2: Vector2<f64>, ellipse: Ellipse, blobs: &[usize]) -> Hypothesis {
+pub fn quadrants_from_edges(
+    e1: Vector2<f64>,
+    e2: Vector2<f64>,
+    ellipse: Ellipse,
+    blobs: &[usize],
+) -> Hypothesis {
     let (u1, u2) = (e1.normalize(), e2.normalize());
     let half = 0.5 * u1.dot(&u2).clamp(-1.0, 1.0).acos();
     let bisector = u1 + u2;
@@ -94,8 +113,14 @@ pub fn quadrants_from_edges(e1: Vector2<f64>, e2: Vector2<f64>, ellipse: Ellipse
     } else {
         (MarkerPattern::WhiteAlong, along + PI / 2.0, PI / 2.0 - half)
     };
-    let edges = EdgePair { along_rad, tangent: half.tan() };
-    Hypothesis { edges: Some(edges), ..Hypothesis::new(pattern, ellipse, blobs.to_vec()) }
+    let edges = EdgePair {
+        along_rad,
+        tangent: half.tan(),
+    };
+    Hypothesis {
+        edges: Some(edges),
+        ..Hypothesis::new(pattern, ellipse, blobs.to_vec())
+    }
 }
 
 /// Number of directions in which the kurtosis is computed, in equal steps over half a turn.
@@ -105,7 +130,13 @@ const DIRECTIONS: usize = 36;
 static FOURTH_POWERS: LazyLock<[[f64; 5]; DIRECTIONS]> = LazyLock::new(|| {
     std::array::from_fn(|k| {
         let (s, c) = direction_sin_cos(k);
-        [c.powi(4), 4.0 * c.powi(3) * s, 6.0 * c * c * s * s, 4.0 * c * s.powi(3), s.powi(4)]
+        [
+            c.powi(4),
+            4.0 * c.powi(3) * s,
+            6.0 * c * c * s * s,
+            4.0 * c * s.powi(3),
+            s.powi(4),
+        ]
     })
 });
 
@@ -115,7 +146,10 @@ fn direction_sin_cos(k: usize) -> (f64, f64) {
 }
 
 /// Returns the whitening transform of a shape, and its kurtosis in each of the whitened directions.
-fn directional_kurtosis(blobs: &[&Blob], shape: &BlobShape) -> Option<(Matrix2<f64>, [f64; DIRECTIONS])> {
+fn directional_kurtosis(
+    blobs: &[&Blob],
+    shape: &BlobShape,
+) -> Option<(Matrix2<f64>, [f64; DIRECTIONS])> {
     let inverse = shape.covariance.try_inverse()?;
     let eigen = SymmetricEigen::new(inverse);
     let scale = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()));
@@ -142,14 +176,20 @@ fn directional_kurtosis(blobs: &[&Blob], shape: &BlobShape) -> Option<(Matrix2<f
         fourth.iter_mut().zip(sums).for_each(|(f, v)| *f += v);
     }
     let [a, b, d, e, f] = fourth.map(|v| v / shape.area);
-    let along = |[xxxx, xxxy, xxyy, xyyy, yyyy]: [f64; 5]| xxxx * a + xxxy * b + xxyy * d + xyyy * e + yyyy * f;
+    let along = |[xxxx, xxxy, xxyy, xyyy, yyyy]: [f64; 5]| {
+        xxxx * a + xxxy * b + xxyy * d + xyyy * e + yyyy * f
+    };
     Some((whiten, FOURTH_POWERS.map(along)))
 }
 
 /// Returns the variation of the kurtosis with direction: 0 for an ellipse, 0.6 for a parallelogram.
 pub fn squareness(blob: &Blob) -> f64 {
-    let Some((_, k)) = directional_kurtosis(&[blob], &combine_blob_shapes(&[blob])) else { return 0.0 };
-    let (low, high) = k.iter().fold((f64::MAX, f64::MIN), |(l, h), &v| (l.min(v), h.max(v)));
+    let Some((_, k)) = directional_kurtosis(&[blob], &combine_blob_shapes(&[blob])) else {
+        return 0.0;
+    };
+    let (low, high) = k
+        .iter()
+        .fold((f64::MAX, f64::MIN), |(l, h), &v| (l.min(v), h.max(v)));
     high - low
 }
 
@@ -203,11 +243,19 @@ pub fn find_pairs(blobs: &[Blob]) -> Vec<[usize; 2]> {
     let sorted: Vec<(f64, Vector2<f64>, f64)> = order
         .iter()
         .map(|&i| &blobs[i])
-        .map(|b| (b.area, b.centroid, MOMENTS.pair.0 * b.covariance.trace().sqrt() + MOMENTS.pair.1))
+        .map(|b| {
+            (
+                b.area,
+                b.centroid,
+                MOMENTS.pair.0 * b.covariance.trace().sqrt() + MOMENTS.pair.1,
+            )
+        })
         .collect();
     let mut out = Vec::new();
     for (k, &(area, place, reach)) in sorted.iter().enumerate() {
-        let similar = sorted[k + 1..].iter().take_while(|other| other.0 < MAX_AREA_RATIO * area);
+        let similar = sorted[k + 1..]
+            .iter()
+            .take_while(|other| other.0 < MAX_AREA_RATIO * area);
         for (other, _) in (k + 1..).zip(similar).filter(|(_, other)| {
             let near = reach + other.2;
             (other.1 - place).norm_squared() < near * near

@@ -22,22 +22,34 @@ pub fn refine_outline(image: &Raster, hypothesis: Hypothesis, m: &MarkerParamete
     let saddle = Vector2::new(m[X], m[Y]);
     let ellipse = &hypothesis.ellipse;
     if hypothesis.prior.blur.is_some() || hypothesis.prior.size.is_some() {
-        return Hypothesis { ellipse: Ellipse { centre: saddle, ..*ellipse }, ..hypothesis };
+        return Hypothesis {
+            ellipse: Ellipse {
+                centre: saddle,
+                ..*ellipse
+            },
+            ..hypothesis
+        };
     }
     let found = OUTLINE.ends.iter().find_map(|share| {
         let level = (m[LIGHT] - share * grey_contrast(m)).clamp(0.0, f64::from(u8::MAX)) as u8;
         let own = blob::dark_parts(image, ellipse, 0.0, level);
-        moments::quadrants_from_blobs(&[0, 1], &own).or_else(|| moments::quadrants_from_blobs(&[0], &own))
+        moments::quadrants_from_blobs(&[0, 1], &own)
+            .or_else(|| moments::quadrants_from_blobs(&[0], &own))
     });
     let mut out = found.map_or(*ellipse, |f| f.ellipse);
-    if let Some(longer) = white_half_length(image, &out, m).filter(|longer| *longer > OUTLINE.longer * out.major) {
+    if let Some(longer) =
+        white_half_length(image, &out, m).filter(|longer| *longer > OUTLINE.longer * out.major)
+    {
         out.major = longer;
     }
     // Blur removes more of the thin end of one black part than of the other.
     if out.minor < OUTLINE.thick_px && (out.centre - saddle).norm() > OUTLINE.aside_px {
         out.centre = saddle;
     }
-    Hypothesis { ellipse: out, ..hypothesis }
+    Hypothesis {
+        ellipse: out,
+        ..hypothesis
+    }
 }
 
 /// Fits outline and edges of quadrants that are narrow for their blur. Returns the hypothesis and all parameters; `None` if
@@ -48,13 +60,19 @@ pub fn fit_outline_and_edges(
     m: &MarkerParameters,
 ) -> Option<(Hypothesis, MarkerParameters)> {
     let ellipse = &hypothesis.ellipse;
-    if hypothesis.edges.is_none() || hypothesis.is_in_glare() || ellipse.minor > OUTLINE.narrow_blurs * m[BLUR] {
+    if hypothesis.edges.is_none()
+        || hypothesis.is_in_glare()
+        || ellipse.minor > OUTLINE.narrow_blurs * m[BLUR]
+    {
         return None;
     }
     let reach = (ellipse.half_extent() * OUTLINE.about).add_scalar(BLURRED.skin_px);
     let skin = skin_grey(image, ellipse.centre - reach, ellipse.centre + reach)? as f64;
     let centre = Vector2::new(m[X], m[Y]);
-    let centred = Hypothesis { ellipse: Ellipse { centre, ..*ellipse }, ..hypothesis.clone() };
+    let centred = Hypothesis {
+        ellipse: Ellipse { centre, ..*ellipse },
+        ..hypothesis.clone()
+    };
     let start = outlined_quadrants::initial_parameters(&centred, m, skin)?;
     outlined_quadrants::refine_quadrants(
         image,
@@ -71,8 +89,13 @@ pub fn grey_values_inside(image: &Raster, ellipse: &Ellipse) -> impl Iterator<It
     let area = [0, 0, image.width() - 1, image.height() - 1];
     let lines = (centre - reach).max(0.0) as usize..(centre + reach).max(0.0) as usize + 1;
     lines.flat_map(move |y| {
-        let columns = row_interval(&rows, y as f64).map(|(from, to)| columns_in_area(from, to, area));
-        columns.and_then(|columns| image.row(y).get(columns)).unwrap_or(&[]).iter().copied()
+        let columns =
+            row_interval(&rows, y as f64).map(|(from, to)| columns_in_area(from, to, area));
+        columns
+            .and_then(|columns| image.row(y).get(columns))
+            .unwrap_or(&[])
+            .iter()
+            .copied()
     })
 }
 
@@ -95,8 +118,9 @@ fn white_half_length(image: &Raster, ellipse: &Ellipse, m: &MarkerParameters) ->
     if m[LIGHT] - skin < OUTLINED.whiter * grey_contrast(m) {
         return None;
     }
-    let own =
-        |s: f64, t: f64| s.abs() < OUTLINE.about_white * ellipse.major && t.abs() < ellipse.minor + OUTLINE.white_px;
+    let own = |s: f64, t: f64| {
+        s.abs() < OUTLINE.about_white * ellipse.major && t.abs() < ellipse.minor + OUTLINE.white_px
+    };
     let place = |at: Vector2<f64>| Ellipse { centre, ..*ellipse }.local_position(at);
     let (mut least, mut most) = (0.0f64, 0.0f64);
     let lighter = LevelSide::Lighter(level.clamp(0.0, f64::from(u8::MAX - 1)) as u8);
@@ -114,6 +138,7 @@ fn white_half_length(image: &Raster, ellipse: &Ellipse, m: &MarkerParameters) ->
     }
     let (far, unlike) = OUTLINE.white_ends;
     let (before, behind) = (-least, most);
-    let even = before.min(behind) > far * ellipse.major && before.max(behind) < unlike * before.min(behind);
+    let even = before.min(behind) > far * ellipse.major
+        && before.max(behind) < unlike * before.min(behind);
     even.then_some(0.5 * (before + behind))
 }

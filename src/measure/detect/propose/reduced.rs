@@ -31,20 +31,39 @@ impl ReducedImage {
         let reach = ellipse.half_extent() * OUTLINE.small_about;
         let corner = (ellipse.centre - reach).map(|v| v.max(0.0).floor());
         let most = Vector2::new(image.width() as f64, image.height() as f64);
-        let size = ((ellipse.centre + reach).inf(&most) - corner).map(|v| (v / factor).max(0.0) as usize);
+        let size =
+            ((ellipse.centre + reach).inf(&most) - corner).map(|v| (v / factor).max(0.0) as usize);
         let (x0, y0) = (corner.x as usize, corner.y as usize);
         let mean = |i: usize, j: usize| {
             let rows = (0..step).map(|k| image.row(y0 + j * step + k));
-            let parts = rows.map(|row| row.iter().skip(x0 + i * step).take(step).map(|&v| u32::from(v)).sum::<u32>());
+            let parts = rows.map(|row| {
+                row.iter()
+                    .skip(x0 + i * step)
+                    .take(step)
+                    .map(|&v| u32::from(v))
+                    .sum::<u32>()
+            });
             (f64::from(parts.sum::<u32>()) / (factor * factor)).round() as u8
         };
-        let means = (0..size.y).flat_map(|j| (0..size.x).map(move |i| (i, j))).map(|(i, j)| mean(i, j)).collect();
-        let mut out =
-            Self { image: Raster::new(size.x, size.y, means)?, hypothesis: hypothesis.clone(), corner, factor };
+        let means = (0..size.y)
+            .flat_map(|j| (0..size.x).map(move |i| (i, j)))
+            .map(|(i, j)| mean(i, j))
+            .collect();
+        let mut out = Self {
+            image: Raster::new(size.x, size.y, means)?,
+            hypothesis: hypothesis.clone(),
+            corner,
+            factor,
+        };
         // Occlusions are given in the original image.
         out.hypothesis = out.hypothesis.with_glare(Vec::new());
         let (major, minor) = (ellipse.major / factor, ellipse.minor / factor);
-        out.hypothesis.ellipse = Ellipse { centre: out.to_reduced(ellipse.centre), major, minor, ..*ellipse };
+        out.hypothesis.ellipse = Ellipse {
+            centre: out.to_reduced(ellipse.centre),
+            major,
+            minor,
+            ..*ellipse
+        };
         Some(out)
     }
 

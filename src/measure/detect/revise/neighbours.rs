@@ -3,7 +3,9 @@
 use nalgebra::Vector2;
 
 use crate::detect::accept::options::PREFERENCE;
-use crate::detect::accept::{found::FoundMarkers, preference::is_preferred, verdict::MeasuredMarker};
+use crate::detect::accept::{
+    found::FoundMarkers, preference::is_preferred, verdict::MeasuredMarker,
+};
 use crate::detect::appearance::parameters::MarkerPattern;
 use crate::detect::attempt::{strategies::Measurer, whole::looks_cut};
 use crate::detect::detection::{RejectReason, covariance::CovarianceSource};
@@ -22,20 +24,31 @@ use crate::setup::Shape;
 /// Measures partly hidden discs again with the length predicted from the whole discs around them, including those of which
 /// too little was visible before. Rejects discs whose length differs from the prediction: something else was taken for the
 /// hidden end.
-pub fn revise_with_size(measurer: &Measurer, found: &mut FoundMarkers, hidden: Vec<(Option<usize>, Hypothesis)>) {
+pub fn revise_with_size(
+    measurer: &Measurer,
+    found: &mut FoundMarkers,
+    hidden: Vec<(Option<usize>, Hypothesis)>,
+) {
     let mut wrong: Vec<usize> = Vec::new();
     let through_glare = measurer.through_glare();
     for (index, hypothesis) in hidden {
         let old = index.and_then(|i| found.measured.get(i));
         let Some(size) = predict_major_from_others(found, index, hypothesis.ellipse.centre) else {
             // The part under glare may be visible through it.
-            let better = |new: &MeasuredMarker| old.is_none_or(|old| is_preferred(&new.detection, &old.detection));
+            let better = |new: &MeasuredMarker| {
+                old.is_none_or(|old| is_preferred(&new.detection, &old.detection))
+            };
             let shown = if old.is_some_and(MeasuredMarker::is_sure) {
                 None
             } else {
-                through_glare.measure(&hypothesis).ok().filter(|new| new.through_glare && better(new))
+                through_glare
+                    .measure(&hypothesis)
+                    .ok()
+                    .filter(|new| new.through_glare && better(new))
             };
-            shown.into_iter().for_each(|shown| found.replace_or_add(index, shown));
+            shown
+                .into_iter()
+                .for_each(|shown| found.replace_or_add(index, shown));
             continue;
         };
         let fits = |m: &MeasuredMarker| has_predicted_length(m, size, PREFERENCE.same_sigmas);
@@ -44,7 +57,10 @@ pub fn revise_with_size(measurer: &Measurer, found: &mut FoundMarkers, hidden: V
             continue;
         }
         // The measurement with the predicted size uses more information than the previous one, and replaces it.
-        let remeasured = through_glare.measure(&with_predicted_size(hypothesis, size)).ok().filter(fits);
+        let remeasured = through_glare
+            .measure(&with_predicted_size(hypothesis, size))
+            .ok()
+            .filter(fits);
         match remeasured {
             Some(remeasured) => found.replace_or_add(index, remeasured),
             None => wrong.extend(index.filter(|_| old.is_some_and(|old| !fits(old)))),
@@ -85,14 +101,18 @@ pub fn is_unsure(reason: RejectReason, hypothesis: &Hypothesis) -> bool {
 
 /// Measures markers about as thin as the blur again, with blur and darkness from the markers around them. Discs must also
 /// have the length predicted by their neighbours.
-pub fn revise_with_edge_prior(measurer: &Measurer, found: &mut FoundMarkers, unsure: Vec<Hypothesis>) {
+pub fn revise_with_edge_prior(
+    measurer: &Measurer,
+    found: &mut FoundMarkers,
+    unsure: Vec<Hypothesis>,
+) {
     for mut hypothesis in unsure {
         let ellipse = hypothesis.ellipse;
         if found.contains(ellipse.centre) {
             continue;
         }
-        hypothesis.prior.edge =
-            edge_prior(found, ellipse.centre).filter(|edge| ellipse.minor < NEIGHBOUR.thin_blurs * edge.blur.value);
+        hypothesis.prior.edge = edge_prior(found, ellipse.centre)
+            .filter(|edge| ellipse.minor < NEIGHBOUR.thin_blurs * edge.blur.value);
         if hypothesis.prior.edge.is_none() {
             continue;
         }
@@ -104,8 +124,9 @@ pub fn revise_with_edge_prior(measurer: &Measurer, found: &mut FoundMarkers, uns
             hypothesis = with_predicted_size(hypothesis, size);
         }
         let measured = measurer.measure(&hypothesis).ok();
-        let sure =
-            |m: &MeasuredMarker| size.is_none_or(|size| has_predicted_length(m, size, NEIGHBOUR.max_thin_size_sigmas));
+        let sure = |m: &MeasuredMarker| {
+            size.is_none_or(|size| has_predicted_length(m, size, NEIGHBOUR.max_thin_size_sigmas))
+        };
         if let Some(measured) = measured.filter(sure) {
             let own = measured.detection.ellipse();
             found.rejected.retain(|r| !own.contains(r.centre_px));
@@ -139,8 +160,16 @@ pub fn find_against_one_level(
 }
 
 /// Predicts the semi-major axis of a disc at a position, px, from all measured markers except one.
-pub fn predict_major_from_others(found: &FoundMarkers, own: Option<usize>, at: Vector2<f64>) -> Option<PriorValue> {
-    let others = found.measured.iter().enumerate().filter(|(i, _)| Some(*i) != own);
+pub fn predict_major_from_others(
+    found: &FoundMarkers,
+    own: Option<usize>,
+    at: Vector2<f64>,
+) -> Option<PriorValue> {
+    let others = found
+        .measured
+        .iter()
+        .enumerate()
+        .filter(|(i, _)| Some(*i) != own);
     neighbours::predict_major(others.map(|(_, m)| &m.detection), at)
 }
 
@@ -151,8 +180,13 @@ pub fn inflate_length_outliers(found: &mut FoundMarkers) {
     let inflations: Vec<f64> = (found.measured.iter().enumerate())
         .map(|(i, own)| {
             let d = &own.detection;
-            let thin = d.shape == Shape::Circle && d.semi_minor_px < NEIGHBOUR.thin_blurs * own.blur;
-            let size = if thin { predict_major_from_others(found, Some(i), d.centre_px) } else { None };
+            let thin =
+                d.shape == Shape::Circle && d.semi_minor_px < NEIGHBOUR.thin_blurs * own.blur;
+            let size = if thin {
+                predict_major_from_others(found, Some(i), d.centre_px)
+            } else {
+                None
+            };
             let Some(major) = size else { return 0.0 };
             let longer = (d.semi_major_px - major.value).powi(2);
             let chance = own.major_sigma_px.powi(2) + major.sigma * major.sigma;
@@ -164,10 +198,17 @@ pub fn inflate_length_outliers(found: &mut FoundMarkers) {
         })
         .collect();
     let mut none = Vec::new();
-    for (i, (MeasuredMarker { detection: own, .. }, inflation)) in found.measured.iter_mut().zip(inflations).enumerate()
+    for (i, (MeasuredMarker { detection: own, .. }, inflation)) in
+        found.measured.iter_mut().zip(inflations).enumerate()
     {
-        own.covariance_px2.add_along(CovarianceSource::NeighbourLength, own.ellipse().major_direction(), inflation);
-        none.extend((inflation > (NEIGHBOUR.max_length_error * own.semi_major_px).powi(2)).then_some(i));
+        own.covariance_px2.add_along(
+            CovarianceSource::NeighbourLength,
+            own.ellipse().major_direction(),
+            inflation,
+        );
+        none.extend(
+            (inflation > (NEIGHBOUR.max_length_error * own.semi_major_px).powi(2)).then_some(i),
+        );
     }
     found.reject_indices(RejectReason::Uncertain, &none);
 }
@@ -186,7 +227,10 @@ fn edge_prior(found: &FoundMarkers, at: Vector2<f64>) -> Option<EdgePrior> {
     let dark = darkness_for_grey_ratio((1.0 - darkness).max(0.0));
     Some(EdgePrior {
         blur: PriorValue::with_relative_sigma(blur, PRIOR.edge_scatter),
-        dark: PriorValue { value: dark, sigma: PRIOR.edge_scatter },
+        dark: PriorValue {
+            value: dark,
+            sigma: PRIOR.edge_scatter,
+        },
     })
 }
 

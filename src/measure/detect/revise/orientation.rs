@@ -7,7 +7,9 @@
 use nalgebra::Vector2;
 
 use crate::detect::accept::{correlated, dirt, lost_contrast, misfit};
-use crate::detect::accept::{options::CONSISTENCY, preference::is_preferred, verdict::MeasuredMarker};
+use crate::detect::accept::{
+    options::CONSISTENCY, preference::is_preferred, verdict::MeasuredMarker,
+};
 use crate::detect::appearance::parameters::MarkerPattern;
 use crate::detect::attempt::{measure::Bounds, strategies::Measurer};
 use crate::detect::detection::covariance::CovarianceSource;
@@ -62,21 +64,44 @@ impl ReliableDiscs {
     /// leading and trailing edge.
     fn size_deviations(&self, expected: &MarkerPrediction) -> SizeDeviations {
         let mut similar: Vec<_> = self.0.iter().collect();
-        let difference = |p: &MarkerPrediction| wrap_half_turn(p.angle_rad - expected.angle_rad).abs();
+        let difference =
+            |p: &MarkerPrediction| wrap_half_turn(p.angle_rad - expected.angle_rad).abs();
         sort_by_value(&mut similar, |(one, _)| difference(one));
         let few = similar.len().min(ORIENTATION.similar_discs);
-        let typical = |count: usize, value: &dyn Fn(&MarkerPrediction, &Detection) -> f64, least: f64| {
-            let all: Vec<f64> = similar[..count].iter().map(|(p, d)| value(p, d)).collect();
-            let value = median(all.clone()).filter(|_| all.len() >= ORIENTATION.min_discs)?;
-            let off = median(all.iter().map(|v| (v - value).abs()).collect())?;
-            Some(PriorValue { value, sigma: least.max(SIGMA_OVER_MEDIAN * off) })
-        };
-        let major = typical(similar.len(), &|p, d| d.semi_major_px / p.semi_major_px, ORIENTATION.major_sigma);
-        let minor = typical(few, &|p, d| d.semi_minor_px / p.semi_minor_px, ORIENTATION.minor_sigma);
-        let angle = typical(few, &|p, d| wrap_half_turn(d.angle_rad - p.angle_rad), ORIENTATION.angle_sigma_rad);
+        let typical =
+            |count: usize, value: &dyn Fn(&MarkerPrediction, &Detection) -> f64, least: f64| {
+                let all: Vec<f64> = similar[..count].iter().map(|(p, d)| value(p, d)).collect();
+                let value = median(all.clone()).filter(|_| all.len() >= ORIENTATION.min_discs)?;
+                let off = median(all.iter().map(|v| (v - value).abs()).collect())?;
+                Some(PriorValue {
+                    value,
+                    sigma: least.max(SIGMA_OVER_MEDIAN * off),
+                })
+            };
+        let major = typical(
+            similar.len(),
+            &|p, d| d.semi_major_px / p.semi_major_px,
+            ORIENTATION.major_sigma,
+        );
+        let minor = typical(
+            few,
+            &|p, d| d.semi_minor_px / p.semi_minor_px,
+            ORIENTATION.minor_sigma,
+        );
+        let angle = typical(
+            few,
+            &|p, d| wrap_half_turn(d.angle_rad - p.angle_rad),
+            ORIENTATION.angle_sigma_rad,
+        );
         SizeDeviations {
-            major: major.unwrap_or(PriorValue { value: 1.0, sigma: ORIENTATION.unknown_major_sigma }),
-            minor: minor.unwrap_or(PriorValue { value: 1.0, sigma: 2.0 * ORIENTATION.minor_sigma }),
+            major: major.unwrap_or(PriorValue {
+                value: 1.0,
+                sigma: ORIENTATION.unknown_major_sigma,
+            }),
+            minor: minor.unwrap_or(PriorValue {
+                value: 1.0,
+                sigma: 2.0 * ORIENTATION.minor_sigma,
+            }),
             angle: angle.unwrap_or(PriorValue::zero(2.0 * ORIENTATION.angle_sigma_rad)),
         }
     }
@@ -86,17 +111,31 @@ impl SizeDeviations {
     /// Builds the hypothesis of a predicted marker.
     fn hypothesis(&self, image: &Raster, expected: &MarkerPrediction) -> Option<Hypothesis> {
         let ellipse = expected.ellipse()?;
-        let (major, minor) = (self.major.value * ellipse.major, self.minor.value * ellipse.minor);
-        let ellipse = Ellipse { major, minor, angle: wrap_half_turn(ellipse.angle + self.angle.value), ..ellipse };
+        let (major, minor) = (
+            self.major.value * ellipse.major,
+            self.minor.value * ellipse.minor,
+        );
+        let ellipse = Ellipse {
+            major,
+            minor,
+            angle: wrap_half_turn(ellipse.angle + self.angle.value),
+            ..ellipse
+        };
         let (bands, hypothesis) = match expected.shape {
             Shape::Circle => {
                 let bands = glare::find_glare_bands(image, &ellipse, GLARE.begin_ratio);
-                (bands, Hypothesis::new(MarkerPattern::Disc, ellipse, Vec::new()))
+                (
+                    bands,
+                    Hypothesis::new(MarkerPattern::Disc, ellipse, Vec::new()),
+                )
             }
             Shape::Point => return None,
             Shape::Quadrant => {
                 // White must not be taken for lit skin. Without glare, something dark may touch the quadrants.
-                let wider = Ellipse { minor: ellipse.minor + ORIENTATION.outline_error_px, ..ellipse };
+                let wider = Ellipse {
+                    minor: ellipse.minor + ORIENTATION.outline_error_px,
+                    ..ellipse
+                };
                 let bands = glare::find_slanting_glare(image, &wider, GLARE.bright_ratio);
                 let inner = ellipse.enlarged(ORIENTATION.inner_fraction, 0.0);
                 let hypothesis = quadrant_edges::place_quadrants(&inner, image, &bands)?;
@@ -104,13 +143,34 @@ impl SizeDeviations {
             }
         };
         let slope = SlopePrior {
-            minor: PriorValue { value: ellipse.minor, sigma: self.minor.sigma * expected.semi_minor_px },
-            angle: PriorValue { value: ellipse.angle, sigma: self.angle.sigma },
+            minor: PriorValue {
+                value: ellipse.minor,
+                sigma: self.minor.sigma * expected.semi_minor_px,
+            },
+            angle: PriorValue {
+                value: ellipse.angle,
+                sigma: self.angle.sigma,
+            },
         };
-        let major = PriorValue { value: ellipse.major, sigma: self.major.sigma * expected.semi_major_px };
-        let size = SizePrior { major, slope: Some(slope) };
-        let prior = MarkerPrior { size: Some(size), ..hypothesis.prior };
-        Some(Hypothesis { prior, ..hypothesis }.with_glare(bands))
+        let major = PriorValue {
+            value: ellipse.major,
+            sigma: self.major.sigma * expected.semi_major_px,
+        };
+        let size = SizePrior {
+            major,
+            slope: Some(slope),
+        };
+        let prior = MarkerPrior {
+            size: Some(size),
+            ..hypothesis.prior
+        };
+        Some(
+            Hypothesis {
+                prior,
+                ..hypothesis
+            }
+            .with_glare(bands),
+        )
     }
 
     /// Increases the covariance of a disc that is longer or thicker than predicted: something next to an edge was taken for
@@ -123,35 +183,71 @@ impl SizeDeviations {
         let ellipse = disc.ellipse();
         let variance = |axis: Vector2<f64>, size: f64, ratio: PriorValue, predicted: f64| {
             // Both ends determine the size as precisely as the centre.
-            let chance = axis.dot(&(*disc.covariance_px2 * axis)) + (ratio.sigma * predicted).powi(2);
+            let chance =
+                axis.dot(&(*disc.covariance_px2 * axis)) + (ratio.sigma * predicted).powi(2);
             let off = (size - ratio.value * predicted).powi(2);
-            let is_unlike = off > ORIENTATION.max_size_sigmas * ORIENTATION.max_size_sigmas * chance;
+            let is_unlike =
+                off > ORIENTATION.max_size_sigmas * ORIENTATION.max_size_sigmas * chance;
             axis * axis.transpose() * if is_unlike { off - chance } else { 0.0 }
         };
-        let variance = variance(ellipse.major_direction(), disc.semi_major_px, self.major, expected.semi_major_px)
-            + variance(ellipse.minor_direction(), disc.semi_minor_px, self.minor, expected.semi_minor_px);
-        disc.covariance_px2.add(CovarianceSource::SurveyedSize, variance);
+        let variance = variance(
+            ellipse.major_direction(),
+            disc.semi_major_px,
+            self.major,
+            expected.semi_major_px,
+        ) + variance(
+            ellipse.minor_direction(),
+            disc.semi_minor_px,
+            self.minor,
+            expected.semi_minor_px,
+        );
+        disc.covariance_px2
+            .add(CovarianceSource::SurveyedSize, variance);
     }
 }
 
 /// Measures predicted discs that were not found or have a poorly determined position again, with the predicted size, and
 /// predicted quadrants that were not found. Returns whether any measurement improved. The markers stay in order.
 pub fn second_pass(image: &Raster, found: &mut Detections, expected: &[ExpectedMarker]) -> bool {
-    let Some(psf) = found.psf_sigma_px else { return false };
+    let Some(psf) = found.psf_sigma_px else {
+        return false;
+    };
     let sure = ReliableDiscs::new(&found.markers, expected);
     let off = |(p, d): &(MarkerPrediction, Detection)| (d.centre_px - p.centre_px).norm();
     let near_px = ORIENTATION.max_distance_px;
     let typical = median(sure.0.iter().map(off).collect());
-    let max_distance_px = typical.map_or(near_px, |typical| near_px.max(ORIENTATION.distance_factor * typical));
+    let max_distance_px = typical.map_or(near_px, |typical| {
+        near_px.max(ORIENTATION.distance_factor * typical)
+    });
     let (blur, overshoot) = (ORIENTATION.max_blur_ratio * psf, found.overshoot);
-    let bounds = Bounds { blur, through_glare: true, overshoot, ..Bounds::from_noise(found.noise) };
+    let bounds = Bounds {
+        blur,
+        through_glare: true,
+        overshoot,
+        ..Bounds::from_noise(found.noise)
+    };
     let measurer = Measurer::new(image, &[], bounds);
-    let pass = SecondPass { measurer, found, sure: &sure, psf, max_distance_px };
-    let new: Vec<_> = expected.iter().filter_map(|expected| pass.remeasure(expected)).collect();
+    let pass = SecondPass {
+        measurer,
+        found,
+        sure: &sure,
+        psf,
+        max_distance_px,
+    };
+    let new: Vec<_> = expected
+        .iter()
+        .filter_map(|expected| pass.remeasure(expected))
+        .collect();
     let changed = !new.is_empty();
-    for ExpectedMarker { prediction, found: own, .. } in expected {
+    for ExpectedMarker {
+        prediction,
+        found: own,
+        ..
+    } in expected
+    {
         if let Some(disc) = own.and_then(|i| found.markers.get_mut(i)) {
-            sure.size_deviations(prediction).inflate_size_outlier(prediction, disc);
+            sure.size_deviations(prediction)
+                .inflate_size_outlier(prediction, disc);
         }
     }
     replace_markers(found, new);
@@ -172,8 +268,12 @@ fn replace_markers(found: &mut Detections, new: Vec<(Option<usize>, MeasuredMark
     }
     // A black part of the quadrants may have been taken for a disc.
     let part = |d: &Detection, q: &Ellipse| q.centre != d.centre_px && q.contains(d.centre_px);
-    found.markers.retain(|d| !quadrants.iter().any(|q| part(d, q)));
-    found.markers.sort_by(|a, b| compare_positions(&a.centre_px, &b.centre_px));
+    found
+        .markers
+        .retain(|d| !quadrants.iter().any(|q| part(d, q)));
+    found
+        .markers
+        .sort_by(|a, b| compare_positions(&a.centre_px, &b.centre_px));
 }
 
 /// Predicted marker, the errors of its size, and the outlines of all other markers.
@@ -199,58 +299,107 @@ impl SecondPass<'_> {
     /// one.
     fn remeasure(
         &self,
-        ExpectedMarker { prediction, found: own, .. }: &ExpectedMarker,
+        ExpectedMarker {
+            prediction,
+            found: own,
+            ..
+        }: &ExpectedMarker,
     ) -> Option<(Option<usize>, MeasuredMarker)> {
         let markers = &self.found.markers;
         let old = own.and_then(|i| markers.get(i));
         let is_below = |than: f64| old.is_some_and(|d| d.variance() < than);
         // A detected crossing is precise enough.
         let is_disc = prediction.shape == Shape::Circle;
-        if is_below(if is_disc { ORIENTATION.recheck_px2 } else { f64::INFINITY }) {
+        if is_below(if is_disc {
+            ORIENTATION.recheck_px2
+        } else {
+            f64::INFINITY
+        }) {
             return None;
         }
         let is_sure = is_below(if is_disc { UNSURE_PX2 } else { f64::INFINITY });
         let others = markers.iter().enumerate().filter(|(i, _)| Some(*i) != *own);
         let others = others.map(|(_, d)| d.ellipse()).collect();
-        let target = SearchTarget { prediction, sizes: self.sure.size_deviations(prediction), others };
-        self.hypotheses(&target, is_sure).into_iter().find_map(|hypothesis| {
-            let (measured, whole) = self.measure(&target, hypothesis)?;
-            let centre = measured.detection.centre_px;
-            // The marker may have been found but not identified.
-            let own = own.or_else(|| {
-                markers.iter().position(|d| d.ellipse().normalized_radius(centre) < CONSISTENCY.same_radius)
-            });
-            let mut old = own.and_then(|i| markers.get(i)).cloned();
-            // A marker of another size than predicted may have another position too.
-            old.iter_mut().for_each(|old| target.sizes.inflate_size_outlier(prediction, old));
-            // Only quadrants have a crossing; a dark area may be another disc or dirt.
-            let search_px = if is_disc { 0.0 } else { prediction.search_px.norm() };
-            let near = (centre - prediction.centre_px).norm() < self.max_distance_px.max(search_px);
-            let new = &measured.detection;
-            // A marker assumed to be hidden may be seen whole.
-            let is_sure = |old: &Detection| whole || new.variance() < ORIENTATION.max_variance_ratio * old.variance();
-            let beats = |old: &Detection| new.shape == old.shape && is_preferred(new, old) && is_sure(old);
-            let better = near && old.as_ref().is_none_or(beats);
-            better.then_some((own, measured))
-        })
+        let target = SearchTarget {
+            prediction,
+            sizes: self.sure.size_deviations(prediction),
+            others,
+        };
+        self.hypotheses(&target, is_sure)
+            .into_iter()
+            .find_map(|hypothesis| {
+                let (measured, whole) = self.measure(&target, hypothesis)?;
+                let centre = measured.detection.centre_px;
+                // The marker may have been found but not identified.
+                let own = own.or_else(|| {
+                    markers.iter().position(|d| {
+                        d.ellipse().normalized_radius(centre) < CONSISTENCY.same_radius
+                    })
+                });
+                let mut old = own.and_then(|i| markers.get(i)).cloned();
+                // A marker of another size than predicted may have another position too.
+                old.iter_mut()
+                    .for_each(|old| target.sizes.inflate_size_outlier(prediction, old));
+                // Only quadrants have a crossing; a dark area may be another disc or dirt.
+                let search_px = if is_disc {
+                    0.0
+                } else {
+                    prediction.search_px.norm()
+                };
+                let near =
+                    (centre - prediction.centre_px).norm() < self.max_distance_px.max(search_px);
+                let new = &measured.detection;
+                // A marker assumed to be hidden may be seen whole.
+                let is_sure = |old: &Detection| {
+                    whole || new.variance() < ORIENTATION.max_variance_ratio * old.variance()
+                };
+                let beats = |old: &Detection| {
+                    new.shape == old.shape && is_preferred(new, old) && is_sure(old)
+                };
+                let better = near && old.as_ref().is_none_or(beats);
+                better.then_some((own, measured))
+            })
     }
 
     /// Returns the hypotheses for a predicted marker, in the order in which they are tried; for a precise one only the part
     /// outside a decal.
     fn hypotheses(&self, target: &SearchTarget, is_sure: bool) -> Vec<Hypothesis> {
-        let SearchTarget { prediction, sizes, others } = target;
+        let SearchTarget {
+            prediction,
+            sizes,
+            others,
+        } = target;
         let whole = sizes.hypothesis(self.measurer.image, prediction);
         // The disc is assumed to be hidden only if it does not look whole.
-        let hidden = |whole| decal_cut::occluded_disc(self.measurer.image, whole, others, ROW_DIRECTION, self.psf);
+        let hidden = |whole| {
+            decal_cut::occluded_disc(self.measurer.image, whole, others, ROW_DIRECTION, self.psf)
+        };
         let hidden = whole.as_ref().and_then(hidden);
-        whole.filter(|_| !is_sure).into_iter().chain(hidden).collect()
+        whole
+            .filter(|_| !is_sure)
+            .into_iter()
+            .chain(hidden)
+            .collect()
     }
 
     /// Measures a hypothesis, with the contributions of the frame's markers and its size to the covariance; also returns
     /// whether it was seen whole.
-    fn measure(&self, target: &SearchTarget, mut hypothesis: Hypothesis) -> Option<(MeasuredMarker, bool)> {
-        let (SearchTarget { prediction, sizes, others }, psf) = (target, self.psf);
-        if prediction.shape == Shape::Circle && hypothesis.ellipse.minor < NEIGHBOUR.thin_blurs * psf {
+    fn measure(
+        &self,
+        target: &SearchTarget,
+        mut hypothesis: Hypothesis,
+    ) -> Option<(MeasuredMarker, bool)> {
+        let (
+            SearchTarget {
+                prediction,
+                sizes,
+                others,
+            },
+            psf,
+        ) = (target, self.psf);
+        if prediction.shape == Shape::Circle
+            && hypothesis.ellipse.minor < NEIGHBOUR.thin_blurs * psf
+        {
             hypothesis.prior.edge = Some(EdgePrior {
                 blur: PriorValue::with_relative_sigma(psf, PRIOR.edge_scatter),
                 dark: PriorValue::UNKNOWN,

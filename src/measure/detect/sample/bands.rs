@@ -30,21 +30,30 @@ impl EdgeBands {
     /// Returns the bands for an edge with this blur, px.
     pub fn from_blur(blur: f64) -> Self {
         let blur = clamp_blur(blur) as f32;
-        Self { edge: EDGE_BAND.0 * blur + EDGE_BAND.1, flat: FLAT_BAND.0 * blur + FLAT_BAND.1 }
+        Self {
+            edge: EDGE_BAND.0 * blur + EDGE_BAND.1,
+            flat: FLAT_BAND.0 * blur + FLAT_BAND.1,
+        }
     }
 
     /// Returns the bands for a disc of this semi-minor axis and blur, px, with at least the fraction `nearest` of the flat
     /// background.
     pub fn for_disc(minor: f64, blur: f64, nearest: f64) -> Self {
         let Self { edge, flat } = Self::from_blur(blur);
-        Self { edge, flat: flat * (minor / (THIN_BLURS * blur)).clamp(nearest, 1.0) as f32 }
+        Self {
+            edge,
+            flat: flat * (minor / (THIN_BLURS * blur)).clamp(nearest, 1.0) as f32,
+        }
     }
 
     /// Returns the weight of a pixel at a distance from the edge, px, given the fractions that are kept at the edge and
     /// next to it.
     #[inline(always)]
     pub fn weight(self, keep: [f32; 2], distance: f32) -> f32 {
-        let (edge, flat) = (keep[0] * fade_weight(self.edge - distance), keep[1] * fade_weight(self.flat - distance));
+        let (edge, flat) = (
+            keep[0] * fade_weight(self.edge - distance),
+            keep[1] * fade_weight(self.flat - distance),
+        );
         if edge > flat { edge } else { flat }
     }
 }

@@ -36,7 +36,10 @@ pub struct Sorter {
 impl Pixels {
     /// Returns the sum of the weights.
     pub fn weight(&self) -> f64 {
-        self.batches.iter().map(|b| sum_lanes(&each(|i| b.root[i] * b.root[i]))).sum()
+        self.batches
+            .iter()
+            .map(|b| sum_lanes(&each(|i| b.root[i] * b.root[i])))
+            .sum()
     }
 
     /// Returns the number of pixels.
@@ -48,8 +51,16 @@ impl Pixels {
 impl Sorter {
     /// Creates a sorter without pixels.
     pub fn new(pattern: MarkerPattern, origin: [f64; 2]) -> Self {
-        let pixels = Pixels { pattern, origin, outlined: false, batches: Vec::with_capacity(128) };
-        Self { pixels, open: [Batch::new(), Batch::new(), Batch::new()] }
+        let pixels = Pixels {
+            pattern,
+            origin,
+            outlined: false,
+            batches: Vec::with_capacity(128),
+        };
+        Self {
+            pixels,
+            open: [Batch::new(), Batch::new(), Batch::new()],
+        }
     }
 
     /// Adds the `i`-th pixel of a batch.
@@ -61,7 +72,9 @@ impl Sorter {
         (open.p[k], open.q[k], open.root[k]) = (from.p[i], from.q[i], from.root[i]);
         open.len = k + 1;
         if open.is_full() {
-            self.pixels.batches.extend_from_slice(std::slice::from_ref(open));
+            self.pixels
+                .batches
+                .extend_from_slice(std::slice::from_ref(open));
             open.len = 0;
         }
     }

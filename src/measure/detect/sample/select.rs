@@ -31,11 +31,23 @@ pub struct PixelBudget {
 }
 
 /// Budget of a final fit: more pixels would only cost time.
-pub const FINAL: PixelBudget = PixelBudget { edge: 450.0, flat: 550.0, nearest: 0.55 };
+pub const FINAL: PixelBudget = PixelBudget {
+    edge: 450.0,
+    flat: 550.0,
+    nearest: 0.55,
+};
 /// Budget of a coarse fit: enough for the geometry by which the pixels of the final fit are selected.
-pub const COARSE: PixelBudget = PixelBudget { edge: 130.0, flat: 70.0, nearest: 1.0 };
+pub const COARSE: PixelBudget = PixelBudget {
+    edge: 130.0,
+    flat: 70.0,
+    nearest: 1.0,
+};
 /// Budget of all available pixels, for a marker whose outline is hidden in large part.
-pub const UNLIMITED: PixelBudget = PixelBudget { edge: 1e9, flat: 1e9, nearest: 0.55 };
+pub const UNLIMITED: PixelBudget = PixelBudget {
+    edge: 1e9,
+    flat: 1e9,
+    nearest: 0.55,
+};
 /// Length above which not all pixels of an edge are used, px.
 const LONG_EDGE_PX: f64 = 150.0;
 /// Minimum fraction of the flat pixels that is used around the longest edges.
@@ -81,16 +93,22 @@ impl PatternShare {
         let (edge, flat) = (f64::from(bands.edge), f64::from(bands.flat));
         // A blurred edge spreads its information over more pixels.
         let more = (edge / SHARP_BAND_PX).max(1.0);
-        let share =
-            |budget: f64, width: f64| PERIOD as f64 * (more * budget / (2.0 * width * length).max(1.0)).min(1.0);
+        let share = |budget: f64, width: f64| {
+            PERIOD as f64 * (more * budget / (2.0 * width * length).max(1.0)).min(1.0)
+        };
         // A long edge has enough pixels for less precise grey levels.
         let levels = budget.flat * (LONG_EDGE_PX / length.max(1.0)).clamp(MIN_FLAT_SHARE, 1.0);
-        Self { edge: share(budget.edge, edge), flat: share(levels, flat - edge) }
+        Self {
+            edge: share(budget.edge, edge),
+            flat: share(levels, flat - edge),
+        }
     }
 
     /// Returns the weight of a pixel at the edge and next to it, for each position in the pattern.
     fn weight_table(self) -> [[f32; 2]; PERIOD] {
-        std::array::from_fn(|turn| [self.edge, self.flat].map(|keep| (keep - turn as f64).clamp(0.0, 1.0) as f32))
+        std::array::from_fn(|turn| {
+            [self.edge, self.flat].map(|keep| (keep - turn as f64).clamp(0.0, 1.0) as f32)
+        })
     }
 }
 
@@ -104,23 +122,36 @@ impl PatternBits {
         /// Factor that repeats the bits of the pattern in a word.
         const EVERY: u64 = u64::MAX / ((1 << PERIOD) - 1);
         let bits = |counts: fn(&[f32; 2]) -> bool| -> u64 {
-            (0..PERIOD).map(|k| u64::from(counts(&shares[COLUMN_SHIFT * k % PERIOD])) << k).sum()
+            (0..PERIOD)
+                .map(|k| u64::from(counts(&shares[COLUMN_SHIFT * k % PERIOD])) << k)
+                .sum()
         };
-        Self([bits(|[edge, flat]| edge.max(*flat) > 0.0), bits(|[_, flat]| *flat > 0.0)].map(|b| b * EVERY))
+        Self(
+            [
+                bits(|[edge, flat]| edge.max(*flat) > 0.0),
+                bits(|[_, flat]| *flat > 0.0),
+            ]
+            .map(|b| b * EVERY),
+        )
     }
 
     /// Returns the masks of used pixels for a row that starts at another position of the sampling pattern.
     fn for_row(self, turn: usize) -> [u64; 2] {
         /// Columns that advance the pattern by one position: `COLUMN_SHIFT` times this is 1 modulo `PERIOD`.
         const COLUMNS_PER_POSITION: usize = 13;
-        self.0.map(|bits| bits.rotate_right((COLUMNS_PER_POSITION * turn % PERIOD) as u32))
+        self.0
+            .map(|bits| bits.rotate_right((COLUMNS_PER_POSITION * turn % PERIOD) as u32))
     }
 }
 
 /// Returns the bits of the pixels of a word, starting at column `first`, that lie in a range of columns.
 fn column_bits(columns: &ColumnRange, first: usize) -> u64 {
     // All bits from a position on; a shift by all of them leaves none.
-    let from = |x: usize| u64::MAX.checked_shl(x.saturating_sub(first) as u32).unwrap_or(0);
+    let from = |x: usize| {
+        u64::MAX
+            .checked_shl(x.saturating_sub(first) as u32)
+            .unwrap_or(0)
+    };
     from(columns.start) & !from(columns.end)
 }
 
@@ -141,20 +172,36 @@ struct PixelSource<'a> {
 
 impl PixelSource<'_> {
     /// Adds the used pixels of a row in a range of columns; those in `near` are near an edge.
-    fn take_row(&self, y: usize, columns: ColumnRange, near: &[ColumnRange; 2], taker: &mut PixelCollector) {
-        let Some(row) = self.image.row(y).get(columns.clone()) else { return };
+    fn take_row(
+        &self,
+        y: usize,
+        columns: ColumnRange,
+        near: &[ColumnRange; 2],
+        taker: &mut PixelCollector,
+    ) {
+        let Some(row) = self.image.row(y).get(columns.clone()) else {
+            return;
+        };
         let turn = (columns.start * COLUMN_SHIFT + y * ROW_SHIFT) % PERIOD;
         let [edge, flat] = self.places.for_row(turn);
-        for (first, pixels) in (columns.start..).step_by(WORD_BITS).zip(row.chunks(WORD_BITS)) {
+        for (first, pixels) in (columns.start..)
+            .step_by(WORD_BITS)
+            .zip(row.chunks(WORD_BITS))
+        {
             let close = column_bits(&near[0], first) | column_bits(&near[1], first);
-            let mut marks = (edge & close | flat & !close) & column_bits(&(first..first + pixels.len()), first);
+            let mut marks =
+                (edge & close | flat & !close) & column_bits(&(first..first + pixels.len()), first);
             let [left, down] = taker.relative_position(first, y);
             while marks != 0 {
                 let k = marks.trailing_zeros() as usize;
                 marks &= marks - 1;
                 let Some(&value) = pixels.get(k) else { break };
                 if self.clear || !self.is_pixel_hidden(first + k, y) {
-                    taker.push([left + k as f32, down], value, self.shares[(turn + COLUMN_SHIFT * k) % PERIOD]);
+                    taker.push(
+                        [left + k as f32, down],
+                        value,
+                        self.shares[(turn + COLUMN_SHIFT * k) % PERIOD],
+                    );
                 }
             }
         }
@@ -162,7 +209,9 @@ impl PixelSource<'_> {
 
     fn is_pixel_hidden(&self, x: usize, y: usize) -> bool {
         let [x0, y0, x1, _] = self.area;
-        self.masked.as_ref().is_some_and(|m| m[(y - y0) * (x1 - x0 + 1) + x - x0])
+        self.masked
+            .as_ref()
+            .is_some_and(|m| m[(y - y0) * (x1 - x0 + 1) + x - x0])
             || self.hypothesis.excludes(&Vector2::new(x as f64, y as f64))
     }
 }
@@ -215,12 +264,23 @@ pub fn select_pixels(
     let length = edges.map_or_else(
         || outline_length(ellipse),
         |e: EdgeLines| {
-            e.lines.iter().map(|l| 2.0 * ellipse.radius_along(Vector2::new(l.across.y, -l.across.x))).sum::<f64>()
+            e.lines
+                .iter()
+                .map(|l| 2.0 * ellipse.radius_along(Vector2::new(l.across.y, -l.across.x)))
+                .sum::<f64>()
         },
     );
     let shares = PatternShare::new(budget, bands, length).weight_table();
     let clear = masked.is_none() && hypothesis.excluded.is_empty();
-    let source = PixelSource { image, hypothesis, area, shares, places: PatternBits::new(&shares), masked, clear };
+    let source = PixelSource {
+        image,
+        hypothesis,
+        area,
+        shares,
+        places: PatternBits::new(&shares),
+        masked,
+        clear,
+    };
     let mut taker = PixelCollector::new(EdgeGeometry {
         pattern: hypothesis.pattern,
         bands,
@@ -232,7 +292,9 @@ pub fn select_pixels(
     });
     let strips = RowStrips::new(&frame, edges, bands, area);
     for y in area[1]..=area[3] {
-        let Some((both, near)) = strips.columns(y as f64) else { continue };
+        let Some((both, near)) = strips.columns(y as f64) else {
+            continue;
+        };
         for columns in both {
             source.take_row(y, columns, &near, &mut taker);
         }
@@ -268,12 +330,25 @@ struct RowStrips {
 type ColumnPair = [ColumnRange; 2];
 
 impl RowStrips {
-    fn new(frame: &EllipseFrame, edges: Option<EdgeLines>, bands: EdgeBands, area: PixelBox) -> Self {
+    fn new(
+        frame: &EllipseFrame,
+        edges: Option<EdgeLines>,
+        bands: EdgeBands,
+        area: PixelBox,
+    ) -> Self {
         let flat = f64::from(bands.flat);
         let near = f64::from(bands.edge) + 0.5 * FADE_PX + 1.0;
         let ring = |by: f64| Ring::new(frame, -by, by);
         let inside = edges.and_then(|e: EdgeLines| frame.enlarged_rows(FADE_PX - e.margin));
-        Self { area, edges, flat, near, far: ring(flat + 1.0), close: ring(near), inside }
+        Self {
+            area,
+            edges,
+            flat,
+            near,
+            far: ring(flat + 1.0),
+            close: ring(near),
+            inside,
+        }
     }
 
     /// Returns the ranges of a row, of all pixels and of those near an edge; `None` if the row has none.
@@ -288,7 +363,11 @@ impl RowStrips {
                 let part = l.row_interval(y, reach);
                 columns_in_area(from.max(part.0), to.min(part.1), self.area)
             });
-            let (first, second) = if one.start <= other.start { (one, other) } else { (other, one) };
+            let (first, second) = if one.start <= other.start {
+                (one, other)
+            } else {
+                (other, one)
+            };
             // Columns near both edges only once.
             let second = second.start.max(first.end)..second.end;
             [first, second]
@@ -308,6 +387,9 @@ fn edge_lines(edges: EdgePair, crossing: Vector2<f64>) -> [EdgeLine; 2] {
     let half = edges.tangent.atan();
     [half, -half].map(|turn| {
         let (sin, cos) = (edges.along_rad + turn).sin_cos();
-        EdgeLine { at: crossing, across: Vector2::new(-sin, cos) }
+        EdgeLine {
+            at: crossing,
+            across: Vector2::new(-sin, cos),
+        }
     })
 }

@@ -54,7 +54,15 @@ impl<'a> PixelCollector<'a> {
         let centre = ruler.edges.map_or(ruler.ellipse.centre, |e| e.lines[0].at);
         let origin = [centre.x.round(), centre.y.round()];
         let sorter = Sorter::new(ruler.pattern, origin);
-        Self { ruler, origin, waiting: PendingPixels { batch: Batch::new(), keep: [Lanes::splat(0.0); 2] }, sorter }
+        Self {
+            ruler,
+            origin,
+            waiting: PendingPixels {
+                batch: Batch::new(),
+                keep: [Lanes::splat(0.0); 2],
+            },
+            sorter,
+        }
     }
 
     /// Returns column and row of a pixel relative to the origin of the pixels.
@@ -65,12 +73,20 @@ impl<'a> PixelCollector<'a> {
     /// Adds a pixel with its factors at an edge and next to it.
     #[inline(always)]
     pub fn push(&mut self, [x, y]: [f32; 2], value: u8, keep: [f32; 2]) {
-        let PendingPixels { batch, keep: of_batch } = &mut self.waiting;
+        let PendingPixels {
+            batch,
+            keep: of_batch,
+        } = &mut self.waiting;
         let i = batch.len % LANES;
         (of_batch[0][i], of_batch[1][i]) = (keep[0], keep[1]);
         batch.push(x, y, f32::from(value));
         if batch.is_full() {
-            weigh_batch(&mut self.waiting, &mut self.sorter, &self.ruler, self.origin);
+            weigh_batch(
+                &mut self.waiting,
+                &mut self.sorter,
+                &self.ruler,
+                self.origin,
+            );
             self.waiting.batch.len = 0;
         }
     }
@@ -79,7 +95,12 @@ impl<'a> PixelCollector<'a> {
     pub fn finish(mut self) -> Pixels {
         if self.waiting.batch.len > 0 {
             self.waiting.batch.fill_lanes();
-            weigh_batch(&mut self.waiting, &mut self.sorter, &self.ruler, self.origin);
+            weigh_batch(
+                &mut self.waiting,
+                &mut self.sorter,
+                &self.ruler,
+                self.origin,
+            );
         }
         self.sorter.finish()
     }
@@ -92,9 +113,19 @@ wide! {
 }
 
 #[inline(always)]
-fn weigh_batch_generic(waiting: &mut PendingPixels, sorter: &mut Sorter, ruler: &EdgeGeometry, origin: [f64; 2]) {
+fn weigh_batch_generic(
+    waiting: &mut PendingPixels,
+    sorter: &mut Sorter,
+    ruler: &EdgeGeometry,
+    origin: [f64; 2],
+) {
     let PendingPixels { batch, keep } = waiting;
-    let EdgeGeometry { bands, ellipse, edges, .. } = ruler;
+    let EdgeGeometry {
+        bands,
+        ellipse,
+        edges,
+        ..
+    } = ruler;
     let (sin, cos) = (ruler.frame.sin as f32, ruler.frame.cos as f32);
     let (a, b, centre) = (ellipse.major as f32, ellipse.minor as f32, ellipse.centre);
     let (cx, cy) = ((centre.x - origin[0]) as f32, (centre.y - origin[1]) as f32);
@@ -108,7 +139,12 @@ fn weigh_batch_generic(waiting: &mut PendingPixels, sorter: &mut Sorter, ruler: 
     let blur = ruler.blur as f32;
     let integrated;
     let mut nothing = Lanes::splat(0.0);
-    if let Some(EdgeLines { lines, margin, along }) = edges {
+    if let Some(EdgeLines {
+        lines,
+        margin,
+        along,
+    }) = edges
+    {
         let inside = each(|i| fade_weight(distance[i] - *margin as f32));
         for keep in &mut *keep {
             *keep = each(|i| keep[i] * inside[i]);
@@ -123,11 +159,23 @@ fn weigh_batch_generic(waiting: &mut PendingPixels, sorter: &mut Sorter, ruler: 
         let off = (centre - lines[0].at).dot(along) as f32;
         let (u, v) = (along.x as f32, along.y as f32);
         let near = NEAR_SIGMAS as f32 * blur + MOVE_PX;
-        integrated = each(|i| if (off + dx[i] * u + dy[i] * v).abs() < near { 1.0 } else { 0.0 });
+        integrated = each(|i| {
+            if (off + dx[i] * u + dy[i] * v).abs() < near {
+                1.0
+            } else {
+                0.0
+            }
+        });
     } else {
         let end = a - END_SIGMAS as f32 * blur - MOVE_PX;
         integrated = each(|i| if s[i].abs() > end { 1.0 } else { 0.0 });
-        nothing = mask_beyond_end(&s, &t, [a, b], ruler.sag as f32, END_SIGMAS as f32 * blur + MOVE_PX);
+        nothing = mask_beyond_end(
+            &s,
+            &t,
+            [a, b],
+            ruler.sag as f32,
+            END_SIGMAS as f32 * blur + MOVE_PX,
+        );
     }
     batch.root = each(|i| bands.weight([keep[0][i], keep[1][i]], distance[i]).sqrt());
     for i in (0..batch.len).filter(|&i| batch.root[i] > 0.0) {

@@ -38,9 +38,27 @@ impl ReducedFrame {
         if !self.part.has_thick {
             return None;
         }
-        let Self { factor, width, height, ref mean, ref part, .. } = *self;
-        let (mean, part, background) = (Rc::clone(mean), part.clone(), part.copy_known(&self.background, width));
-        let mut far = Self { factor, width, height, mean, background, part };
+        let Self {
+            factor,
+            width,
+            height,
+            ref mean,
+            ref part,
+            ..
+        } = *self;
+        let (mean, part, background) = (
+            Rc::clone(mean),
+            part.clone(),
+            part.copy_known(&self.background, width),
+        );
+        let mut far = Self {
+            factor,
+            width,
+            height,
+            mean,
+            background,
+            part,
+        };
         far.raise_background(&BACKGROUND.far);
         Some(far)
     }
@@ -106,7 +124,14 @@ pub fn reduce_frame(image: &Raster, part: SearchArea) -> ReducedFrame {
         }
     }
     let background = part.copy_known(&mean, width);
-    let mut coarse = ReducedFrame { factor, width, height, mean: Rc::new(mean), background, part };
+    let mut coarse = ReducedFrame {
+        factor,
+        width,
+        height,
+        mean: Rc::new(mean),
+        background,
+        part,
+    };
     coarse.raise_background(&BACKGROUND.reach);
     coarse
 }
@@ -143,7 +168,14 @@ fn means_of_4(rows: [&[u8]; 2], out: &mut [u8]) {
 impl ReducedFrame {
     /// Raises the background of every pixel to the maximum, over distances and directions, of the lower of both sides.
     fn raise_background(&mut self, reach: &[usize]) {
-        let Self { width, height, mean, background, part, .. } = self;
+        let Self {
+            width,
+            height,
+            mean,
+            background,
+            part,
+            ..
+        } = self;
         for (y, span) in &part.searched {
             let row = |y: usize| &mean[y * *width..][..*width];
             let out = &mut background[y * *width..][..*width];
@@ -151,11 +183,18 @@ impl ReducedFrame {
                 let inner = span.start.max(d)..span.end.min(width.saturating_sub(d));
                 if !inner.is_empty() {
                     let own = row(*y);
-                    let (left, right) = (inner.start - d..inner.end - d, inner.start + d..inner.end + d);
+                    let (left, right) = (
+                        inner.start - d..inner.end - d,
+                        inner.start + d..inner.end + d,
+                    );
                     raise_row(&mut out[inner], &own[left], &own[right]);
                 }
                 if *y >= d && y + d < *height {
-                    raise_row(&mut out[span.clone()], &row(y - d)[span.clone()], &row(y + d)[span.clone()]);
+                    raise_row(
+                        &mut out[span.clone()],
+                        &row(y - d)[span.clone()],
+                        &row(y + d)[span.clone()],
+                    );
                 }
             }
         }
@@ -173,9 +212,17 @@ fn raise_row_to_lower_side_generic(out: &mut [u8], one: &[u8], other: &[u8]) {
     const STEP: usize = 32;
     let raise = |(o, (&a, &b)): (&mut u8, (&u8, &u8))| *o = (*o).max(a.min(b));
     let last = out.len().checked_sub(STEP);
-    for from in last.into_iter().flat_map(|last| (0..last).step_by(STEP).chain([last])) {
-        let (one, other) = (one[from..].first_chunk::<STEP>(), other[from..].first_chunk::<STEP>());
-        if let (Some(out), Some(one), Some(other)) = (out[from..].first_chunk_mut::<STEP>(), one, other) {
+    for from in last
+        .into_iter()
+        .flat_map(|last| (0..last).step_by(STEP).chain([last]))
+    {
+        let (one, other) = (
+            one[from..].first_chunk::<STEP>(),
+            other[from..].first_chunk::<STEP>(),
+        );
+        if let (Some(out), Some(one), Some(other)) =
+            (out[from..].first_chunk_mut::<STEP>(), one, other)
+        {
             out.iter_mut().zip(one.iter().zip(other)).for_each(raise);
         }
     }
@@ -208,8 +255,14 @@ wide! {
 fn count_passed_generic<const COUNT: usize>(mean: &[u8], background: &[u8], out: &mut [u8]) {
     let levels: [u16; COUNT] = std::array::from_fn(|i| BACKGROUND.levels[i]);
     for ((o, &v), &b) in out.iter_mut().zip(mean).zip(background) {
-        let (grey, bright) = (u16::from(v) * 256, u16::from(b.saturating_sub(BACKGROUND.above_noise)));
-        *o = levels.iter().map(|&level| u8::from(grey < bright * level)).sum();
+        let (grey, bright) = (
+            u16::from(v) * 256,
+            u16::from(b.saturating_sub(BACKGROUND.above_noise)),
+        );
+        *o = levels
+            .iter()
+            .map(|&level| u8::from(grey < bright * level))
+            .sum();
     }
 }
 
@@ -217,7 +270,11 @@ impl ReducedFrame {
     /// Counts the levels that each pixel passes.
     pub fn passed_levels(&self, faint: bool) -> PassedLevels {
         let (mut runs, mut passed, mut row) = (Vec::new(), Vec::new(), vec![0u8; self.width]);
-        let pass = if faint { count_passed_faint } else { count_passed };
+        let pass = if faint {
+            count_passed_faint
+        } else {
+            count_passed
+        };
         for (y, span) in &self.part.searched {
             let part = y * self.width + span.start..y * self.width + span.end;
             let (first, row) = (runs.len(), &mut row[..span.len()]);
@@ -249,11 +306,18 @@ impl ReducedFrame {
     pub fn dark_regions(&self, dark: &PassedLevels, level: usize, faint: bool) -> Vec<DarkRegion> {
         let least = (level_count(faint) - level) as u8;
         let runs = components::runs_at_least(&dark.runs, &dark.passed, least);
-        components::connected_sets(&runs).iter().map(|set| self.region_from_runs(set)).collect()
+        components::connected_sets(&runs)
+            .iter()
+            .map(|set| self.region_from_runs(set))
+            .collect()
     }
 
     fn region_from_runs(&self, runs: &[Run]) -> DarkRegion {
-        let mut region = DarkRegion { bounds: [usize::MAX, usize::MAX, 0, 0], area: 0, least: 256 };
+        let mut region = DarkRegion {
+            bounds: [usize::MAX, usize::MAX, 0, 0],
+            area: 0,
+            least: 256,
+        };
         // Grey and background of the darkest pixel, compared by products.
         let mut darkest = [256u32, 255];
         for &Run { y, from, to } in runs {
@@ -262,7 +326,10 @@ impl ReducedFrame {
             let [x0, y0, x1, y1] = region.bounds;
             region.bounds = [x0.min(from), y0.min(y), x1.max(to), y1.max(y)];
             let pixels = y * self.width + from..=y * self.width + to;
-            for (&v, &b) in self.mean[pixels.clone()].iter().zip(&self.background[pixels]) {
+            for (&v, &b) in self.mean[pixels.clone()]
+                .iter()
+                .zip(&self.background[pixels])
+            {
                 let [v, b] = [u32::from(v), u32::from(b).max(1)];
                 if v * darkest[1] < darkest[0] * b {
                     darkest = [v, b];

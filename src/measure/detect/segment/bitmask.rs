@@ -39,9 +39,15 @@ fn mark_below_generic(row: &[u8], limits: &[u8], out: &mut [u64]) {
 
 /// Marks the positions of several rows at which a test holds, word by word.
 #[inline(always)]
-fn mark_rows<const ROWS: usize>(rows: [&[u8]; ROWS], out: &mut [u64], holds: impl Fn([u8; ROWS]) -> bool) {
+fn mark_rows<const ROWS: usize>(
+    rows: [&[u8]; ROWS],
+    out: &mut [u64],
+    holds: impl Fn([u8; ROWS]) -> bool,
+) {
     let parts = rows.map(|row| row.as_chunks::<WORD_BITS>());
-    let count = parts.iter().fold(out.len(), |count, (words, _)| count.min(words.len()));
+    let count = parts
+        .iter()
+        .fold(out.len(), |count, (words, _)| count.min(words.len()));
     for (k, out) in out[..count].iter_mut().enumerate() {
         *out = mark_word(parts.map(|(words, _)| &words[k]), &holds);
     }
@@ -60,7 +66,10 @@ pub fn pad_row(rest: &[u8]) -> [u8; WORD_BITS] {
 
 /// Returns one bit for each of 64 positions in several rows: set if the test holds for their values.
 #[inline(always)]
-pub fn mark_word<const ROWS: usize>(rows: [&[u8; WORD_BITS]; ROWS], holds: impl Fn([u8; ROWS]) -> bool) -> u64 {
+pub fn mark_word<const ROWS: usize>(
+    rows: [&[u8; WORD_BITS]; ROWS],
+    holds: impl Fn([u8; ROWS]) -> bool,
+) -> u64 {
     // One byte for each first: wide registers compare many bytes in one step.
     let mut bytes = [0u8; WORD_BITS];
     for (i, byte) in bytes.iter_mut().enumerate() {
@@ -87,14 +96,22 @@ mod tests {
         for width in [1, 7, 63, 64, 65, 128, 200] {
             let row: Vec<u8> = (0..width).map(value).collect();
             // Limits end with a whole word.
-            let limits: Vec<u8> = (0..width.next_multiple_of(WORD_BITS)).map(|k| value(3 * k + 11)).collect();
+            let limits: Vec<u8> = (0..width.next_multiple_of(WORD_BITS))
+                .map(|k| value(3 * k + 11))
+                .collect();
             let mut words: [_; 3] = std::array::from_fn(|_| vec![0; width.div_ceil(WORD_BITS)]);
             mark_side(&row, LevelSide::Darker(100), &mut words[0]);
             mark_side(&row, LevelSide::Lighter(100), &mut words[1]);
             mark_below(&row, &limits, &mut words[2]);
             for (k, &v) in row.iter().enumerate() {
-                let got = words.each_ref().map(|words| words[k / WORD_BITS] >> (k % WORD_BITS) & 1 == 1);
-                assert_eq!(got, [v < 100, v > 100, v < limits[k]], "place {k} of {width}");
+                let got = words
+                    .each_ref()
+                    .map(|words| words[k / WORD_BITS] >> (k % WORD_BITS) & 1 == 1);
+                assert_eq!(
+                    got,
+                    [v < 100, v > 100, v < limits[k]],
+                    "place {k} of {width}"
+                );
             }
         }
     }

@@ -40,15 +40,30 @@ struct RegionWindow {
 const ROW_GROUP: usize = 16;
 
 /// Returns the blobs of one region, and true if one of them extends beyond its window.
-pub fn region_blobs(image: &Raster, coarse: &ReducedFrame, region: &DarkRegion) -> (Vec<Blob>, bool) {
+pub fn region_blobs(
+    image: &Raster,
+    coarse: &ReducedFrame,
+    region: &DarkRegion,
+) -> (Vec<Blob>, bool) {
     let least = f64::from(region.least) / 256.0;
     let at = |share: f64| {
         let level = ((least + share * (1.0 - least)) * 256.0) as u32;
-        blobs_below(image, coarse, region, [BLOB.pad; 2], Threshold::Share(level))
+        blobs_below(
+            image,
+            coarse,
+            region,
+            [BLOB.pad; 2],
+            Threshold::Share(level),
+        )
     };
     let (mut out, cut) = at(BLOB.default_share);
     if out.iter().any(Blob::is_ragged) {
-        out.extend(at(BLOB.strict_share).0.into_iter().filter(|blob| blob.area > BLOB.min_ragged_px));
+        out.extend(
+            at(BLOB.strict_share)
+                .0
+                .into_iter()
+                .filter(|blob| blob.area > BLOB.min_ragged_px),
+        );
     }
     (out, cut)
 }
@@ -57,20 +72,43 @@ pub fn region_blobs(image: &Raster, coarse: &ReducedFrame, region: &DarkRegion) 
 /// next to the white of a quadrant or below the sky, so that the skin counted as dark. Here the level of the region's
 /// surroundings is the limit, and the window is larger, because faint tips are not part of the region: up to half of a flat
 /// marker, and more of flat quadrants.
-pub fn blobs_against_surround(image: &Raster, coarse: &ReducedFrame, region: &DarkRegion) -> Vec<Blob> {
+pub fn blobs_against_surround(
+    image: &Raster,
+    coarse: &ReducedFrame,
+    region: &DarkRegion,
+) -> Vec<Blob> {
     let (dark, skin) = dark_and_skin(coarse, region);
     let sides = region.sides();
     let longest = sides[0].max(sides[1]);
     let flat = 3 * region.area < longest * longest;
     // A region longer than a marker already contains the marker.
-    let most = BLOB.max_length_px.max(image.width().max(image.height()) / BLOB.long_side_divisor) / coarse.factor;
-    let more = |side: usize| if flat { side.max(longest / 4) } else { longest / 4 };
+    let most = BLOB
+        .max_length_px
+        .max(image.width().max(image.height()) / BLOB.long_side_divisor)
+        / coarse.factor;
+    let more = |side: usize| {
+        if flat {
+            side.max(longest / 4)
+        } else {
+            longest / 4
+        }
+    };
     let window = |times: usize| {
         let pad = sides.map(|side| times * (BLOB.pad + more(side).min(most.saturating_sub(side))));
-        blobs_below(image, coarse, region, pad, Threshold::Between { dark, skin })
+        blobs_below(
+            image,
+            coarse,
+            region,
+            pad,
+            Threshold::Between { dark, skin },
+        )
     };
     let (blobs, cut) = window(1);
-    let mut out = if cut && blobs.is_empty() { window(2).0 } else { blobs };
+    let mut out = if cut && blobs.is_empty() {
+        window(2).0
+    } else {
+        blobs
+    };
     // A large window also shows other objects.
     out.retain(|blob| region.overlaps_box(&blob.bounds, coarse.factor));
     out
@@ -80,7 +118,10 @@ pub fn blobs_against_surround(image: &Raster, coarse: &ReducedFrame, region: &Da
 fn dark_and_skin(coarse: &ReducedFrame, region: &DarkRegion) -> (u32, u32) {
     let [x0, y0, x1, y1] = region.bounds;
     let (x0, y0) = (x0.saturating_sub(2), y0.saturating_sub(2));
-    let (x1, y1) = ((x1 + 2).min(coarse.width - 1), (y1 + 2).min(coarse.height - 1));
+    let (x1, y1) = (
+        (x1 + 2).min(coarse.width - 1),
+        (y1 + 2).min(coarse.height - 1),
+    );
     let (mut dark, mut ring) = (255, Vec::new());
     for y in y0..=y1 {
         let row = &coarse.mean[y * coarse.width..][..coarse.width];
@@ -92,7 +133,10 @@ fn dark_and_skin(coarse: &ReducedFrame, region: &DarkRegion) -> (u32, u32) {
         }
     }
     let middle = ring.len() / 2;
-    (u32::from(dark), u32::from(*ring.select_nth_unstable(middle).1))
+    (
+        u32::from(dark),
+        u32::from(*ring.select_nth_unstable(middle).1),
+    )
 }
 
 /// Returns the blobs of pixels below a level with their centroid in an outline, the largest first, that lie entirely in a
@@ -112,7 +156,12 @@ pub fn enlarged_box(ellipse: &Ellipse, margin: f64) -> (Vector2<f64>, Vector2<f6
 }
 
 /// Returns the blobs of pixels on one side of a level that lie entirely in a box.
-pub fn blobs_in_box(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, side: LevelSide) -> Vec<Blob> {
+pub fn blobs_in_box(
+    image: &Raster,
+    low: Vector2<f64>,
+    high: Vector2<f64>,
+    side: LevelSide,
+) -> Vec<Blob> {
     let end = |v: f64, most: usize| (v.ceil().max(0.0) as usize).saturating_add(1).min(most);
     let window = RegionWindow {
         x0: low.x.floor().max(0.0) as usize,
@@ -123,7 +172,12 @@ pub fn blobs_in_box(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, side:
     if window.x0 >= window.x1 || window.y0 >= window.y1 {
         return Vec::new();
     }
-    window.blobs(image, &mut window.marked_runs(image, |_, row, marks| mark_side(row, side, marks))).0
+    window
+        .blobs(
+            image,
+            &mut window.marked_runs(image, |_, row, marks| mark_side(row, side, marks)),
+        )
+        .0
 }
 
 /// Rule for the grey value below which a pixel is dark, given its background.
@@ -144,13 +198,17 @@ wide! {
 fn background_to_thresholds_generic(values: &mut [u8], threshold: Threshold) {
     match threshold {
         Threshold::Share(level) => {
-            values.iter_mut().for_each(|v| *v = (u32::from(*v) * level).div_ceil(256).min(255) as u8);
+            values
+                .iter_mut()
+                .for_each(|v| *v = (u32::from(*v) * level).div_ceil(256).min(255) as u8);
         }
         Threshold::Between { dark, skin } => {
             // A value nearer to the dark level is not background: the background lies beyond the examined distances.
             let half = (dark + skin) / 2;
             let background = |v: u32| if v < half { skin } else { v.min(skin) };
-            values.iter_mut().for_each(|v| *v = (dark + background(u32::from(*v))).div_ceil(2).min(255) as u8);
+            values
+                .iter_mut()
+                .for_each(|v| *v = (dark + background(u32::from(*v))).div_ceil(2).min(255) as u8);
         }
     }
 }
@@ -171,15 +229,26 @@ fn blobs_below(
 /// Repeats the value of each block for its `factor` pixels in a row, as far as there are blocks.
 fn repeat_blocks(blocks: &[u8], factor: usize, out: &mut [u8]) {
     if factor == 4 {
-        out.as_chunks_mut::<4>().0.iter_mut().zip(blocks).for_each(|(pixels, &v)| *pixels = [v; 4]);
+        out.as_chunks_mut::<4>()
+            .0
+            .iter_mut()
+            .zip(blocks)
+            .for_each(|(pixels, &v)| *pixels = [v; 4]);
     } else {
-        out.chunks_mut(factor).zip(blocks).for_each(|(pixels, &v)| pixels.fill(v));
+        out.chunks_mut(factor)
+            .zip(blocks)
+            .for_each(|(pixels, &v)| pixels.fill(v));
     }
 }
 
 impl RegionWindow {
     /// Creates a window with a margin of reduced pixels around a region: left and right, above and below.
-    fn from_region(image: &Raster, coarse: &ReducedFrame, region: &DarkRegion, pad: [usize; 2]) -> Self {
+    fn from_region(
+        image: &Raster,
+        coarse: &ReducedFrame,
+        region: &DarkRegion,
+        pad: [usize; 2],
+    ) -> Self {
         let (f, [x0, y0, x1, y1]) = (coarse.factor, region.bounds);
         let [beside, above] = pad.map(|pad| pad * f);
         Self {
@@ -192,7 +261,11 @@ impl RegionWindow {
 
     /// Returns the runs of marked pixels. `mark` is called for each row, with its pixels up to the end of the last word
     /// within the image, and sets the marks word by word.
-    fn marked_runs(&self, image: &Raster, mut mark: impl FnMut(usize, &[u8], &mut [u64])) -> Vec<Run> {
+    fn marked_runs(
+        &self,
+        image: &Raster,
+        mut mark: impl FnMut(usize, &[u8], &mut [u64]),
+    ) -> Vec<Run> {
         let width = self.x1 - self.x0;
         let end = (self.x0 + width.next_multiple_of(WORD_BITS)).min(image.width());
         let words = width.div_ceil(WORD_BITS).max(1);
@@ -218,7 +291,8 @@ impl RegionWindow {
         self.marked_runs(image, |y, pixels, marks| {
             if y == self.y0 || y % f == 0 {
                 // Windows begin with a block; pixels beyond the last complete block use its value.
-                let row = &coarse.background[(y / f).min(coarse.height - 1) * coarse.width..][..coarse.width];
+                let row = &coarse.background[(y / f).min(coarse.height - 1) * coarse.width..]
+                    [..coarse.width];
                 blocks.clear();
                 blocks.extend(row[self.x0 / f..].iter().take(width.div_ceil(f)));
                 blocks.resize(width.div_ceil(f), row.last().copied().unwrap_or(0));
@@ -261,10 +335,14 @@ impl RegionWindow {
 
 impl Blob {
     fn new(image: &Raster, set: &[Run]) -> Self {
-        let mut blob = Self { runs: set.iter().map(|r| [r.y, r.from, r.to]).collect(), ..Self::default() };
+        let mut blob = Self {
+            runs: set.iter().map(|r| [r.y, r.from, r.to]).collect(),
+            ..Self::default()
+        };
         blob.measure();
         let b = blob.bounds;
-        blob.at_edge = b[0] == 0 || b[1] == 0 || b[2] + 1 >= image.width() || b[3] + 1 >= image.height();
+        blob.at_edge =
+            b[0] == 0 || b[1] == 0 || b[2] + 1 >= image.width() || b[3] + 1 >= image.height();
         blob
     }
 
@@ -342,7 +420,13 @@ mod tests {
     fn background_nearer_to_the_dark_than_to_the_skin_is_ignored() {
         // The sky, the skin, skin in the shade, another marker.
         let mut values = [230, 120, 90, 50];
-        to_thresholds(&mut values, Threshold::Between { dark: 40, skin: 120 });
+        to_thresholds(
+            &mut values,
+            Threshold::Between {
+                dark: 40,
+                skin: 120,
+            },
+        );
         assert_eq!(values, [80, 80, 65, 80]);
     }
 }

@@ -14,16 +14,28 @@ pub struct Run {
 pub fn find_runs(row: &[u8], y: usize, out: &mut Vec<Run>) {
     let (words, rest) = row.as_chunks();
     let rest = pad_row(rest);
-    let words = words.iter().chain([&rest]).map(|pixels| mark_word([pixels], |[v]| v > 0));
+    let words = words
+        .iter()
+        .chain([&rest])
+        .map(|pixels| mark_word([pixels], |[v]| v > 0));
     find_runs_in_words(words, row.len(), y, out);
 }
 
 /// Appends the runs of row `y` of `width` pixels, given its marks word by word; marks beyond the width are ignored.
-pub fn find_runs_in_words(words: impl Iterator<Item = u64>, width: usize, y: usize, out: &mut Vec<Run>) {
+pub fn find_runs_in_words(
+    words: impl Iterator<Item = u64>,
+    width: usize,
+    y: usize,
+    out: &mut Vec<Run>,
+) {
     let mut open: Option<usize> = None;
     for (k, marks) in words.enumerate() {
         let left = width.saturating_sub(k * WORD_BITS);
-        let marks = if left < WORD_BITS { marks & ((1 << left) - 1) } else { marks };
+        let marks = if left < WORD_BITS {
+            marks & ((1 << left) - 1)
+        } else {
+            marks
+        };
         let before = u64::from(open.is_some());
         let mut changes = marks ^ (marks << 1 | before);
         while changes != 0 {
@@ -60,7 +72,11 @@ pub fn runs_at_least(runs: &[Run], mut pixels: &[u8], least: u8) -> Vec<Run> {
 
 fn close_open_run(open: &mut Option<usize>, end: usize, y: usize, out: &mut Vec<Run>) {
     if let Some(from) = open.take() {
-        out.push(Run { y: y as u32, from: from as u32, to: end as u32 - 1 });
+        out.push(Run {
+            y: y as u32,
+            from: from as u32,
+            to: end as u32 - 1,
+        });
     }
 }
 
@@ -72,7 +88,9 @@ pub fn connected_sets(runs: &[Run]) -> ConnectedSets {
         while above < i && (runs[above].y + 1 < run.y || ends_before(&runs[above], run)) {
             above += 1;
         }
-        let touching = runs[above..i].iter().take_while(|r| r.y < run.y && r.from <= run.to + 1);
+        let touching = runs[above..i]
+            .iter()
+            .take_while(|r| r.y < run.y && r.from <= run.to + 1);
         for k in above..above + touching.count() {
             join_sets(&mut parent, i, k);
         }
@@ -111,7 +129,9 @@ impl ConnectedSets {
     /// Returns the runs of each set, ordered by row.
     pub fn iter(&self) -> impl Iterator<Item = &[Run]> {
         let begins = std::iter::once(0).chain(self.ends.iter().copied());
-        begins.zip(&self.ends).map(|(begin, &end)| &self.runs[begin..end])
+        begins
+            .zip(&self.ends)
+            .map(|(begin, &end)| &self.runs[begin..end])
     }
 }
 
@@ -151,7 +171,10 @@ mod tests {
                 })
                 .collect();
             let mut runs = Vec::new();
-            marks.chunks(width).enumerate().for_each(|(y, row)| find_runs(row, y, &mut runs));
+            marks
+                .chunks(width)
+                .enumerate()
+                .for_each(|(y, row)| find_runs(row, y, &mut runs));
             let sets = connected_sets(&runs);
             let mut label = vec![0usize; marks.len()];
             for (k, set) in sets.iter().enumerate() {
@@ -159,13 +182,21 @@ mod tests {
                     (r.from..=r.to).for_each(|x| label[r.y as usize * width + x as usize] = k + 1);
                 }
             }
-            let level: Vec<u8> = marks.iter().enumerate().map(|(i, m)| m * (1 + (i % 3) as u8)).collect();
+            let level: Vec<u8> = marks
+                .iter()
+                .enumerate()
+                .map(|(i, m)| m * (1 + (i % 3) as u8))
+                .collect();
             for least in 1..=3 {
-                let own = |r: &Run| level[r.y as usize * width..][r.from as usize..=r.to as usize].to_vec();
+                let own = |r: &Run| {
+                    level[r.y as usize * width..][r.from as usize..=r.to as usize].to_vec()
+                };
                 let passed: Vec<u8> = runs.iter().flat_map(own).collect();
                 let dark: Vec<u8> = level.iter().map(|&v| u8::from(v >= least)).collect();
                 let mut want = Vec::new();
-                dark.chunks(width).enumerate().for_each(|(y, row)| find_runs(row, y, &mut want));
+                dark.chunks(width)
+                    .enumerate()
+                    .for_each(|(y, row)| find_runs(row, y, &mut want));
                 assert_eq!(runs_at_least(&runs, &passed, least), want);
             }
             assert!(label.iter().zip(&marks).all(|(&l, &m)| (l > 0) == (m > 0)));
@@ -182,7 +213,10 @@ mod tests {
     fn neighbours(i: usize, width: usize, height: usize) -> Vec<usize> {
         let (x, y) = (i % width, i / width);
         let rows = y.saturating_sub(1)..=(y + 1).min(height - 1);
-        rows.flat_map(|v| (x.saturating_sub(1)..=(x + 1).min(width - 1)).map(move |u| v * width + u)).collect()
+        rows.flat_map(|v| {
+            (x.saturating_sub(1)..=(x + 1).min(width - 1)).map(move |u| v * width + u)
+        })
+        .collect()
     }
 
     fn flooded(marks: &[u8], width: usize) -> usize {

@@ -49,27 +49,41 @@ impl SearchWindow {
         let rows = reduced(low[1], height)..reduced(high[1] + factor as f64, height);
         let (near, far) = (BACKGROUND.reach.last(), BACKGROUND.far.last());
         let reach = *if self.may_be_thick(factor) { far } else { near }.unwrap_or(&0);
-        let (wider, higher) = (widen_range(&columns, reach, width), widen_range(&rows, reach, height));
-        [[columns.clone(), rows.clone()], [wider, rows], [columns, higher]]
+        let (wider, higher) = (
+            widen_range(&columns, reach, width),
+            widen_range(&rows, reach, height),
+        );
+        [
+            [columns.clone(), rows.clone()],
+            [wider, rows],
+            [columns, higher],
+        ]
     }
 }
 
 /// Returns the tiles that must be decoded of a frame of `width` x `height` px to search the windows, with a margin around
 /// each, px.
-pub fn required_tiles(windows: &[SearchWindow], width: usize, height: usize, margin: usize) -> Tiles {
+pub fn required_tiles(
+    windows: &[SearchWindow],
+    width: usize,
+    height: usize,
+    margin: usize,
+) -> Tiles {
     let factor = block_size(width, height);
     let mut tiles = Tiles::none(width, height);
     for window in windows {
         // Smoothing needs one pixel more than the means.
         let margins = [margin, 1, 1];
-        for ([columns, rows], margin) in
-            window.reduced_boxes(factor, [width, height].map(|v| v / factor)).into_iter().zip(margins)
+        for ([columns, rows], margin) in window
+            .reduced_boxes(factor, [width, height].map(|v| v / factor))
+            .into_iter()
+            .zip(margins)
         {
             if columns.is_empty() || rows.is_empty() {
                 continue;
             }
-            let [columns, rows] =
-                [columns, rows].map(|r| (r.start * factor).saturating_sub(margin)..r.end * factor + margin);
+            let [columns, rows] = [columns, rows]
+                .map(|r| (r.start * factor).saturating_sub(margin)..r.end * factor + margin);
             tiles.mark(columns, rows);
         }
     }
@@ -80,8 +94,14 @@ impl SearchArea {
     /// Returns the full area of a frame of `width` x `height` px.
     pub fn full_frame(width: usize, height: usize) -> Self {
         let factor = block_size(width, height);
-        let rows: Vec<RowSpan> = (0..height / factor).map(|y| (y, 0..width / factor)).collect();
-        Self { searched: rows.clone(), means: rows, has_thick: true }
+        let rows: Vec<RowSpan> = (0..height / factor)
+            .map(|y| (y, 0..width / factor))
+            .collect();
+        Self {
+            searched: rows.clone(),
+            means: rows,
+            has_thick: true,
+        }
     }
 
     /// Returns the area of windows in a frame of `width` x `height` px.
@@ -96,7 +116,11 @@ impl SearchArea {
         }
         let [searched, means] = [searched, means].map(|boxes| merge_spans(&boxes, height));
         let has_thick = windows.iter().any(|window| window.may_be_thick(factor));
-        Self { searched, means, has_thick }
+        Self {
+            searched,
+            means,
+            has_thick,
+        }
     }
 
     /// Copies the known reduced pixels, `width` to a row, and sets the others to 0: with windows, most of a frame is never
@@ -121,11 +145,18 @@ fn merge_spans(boxes: &[ReducedBox], height: usize) -> Vec<RowSpan> {
     let mut out: Vec<RowSpan> = Vec::new();
     let mut row: Vec<&Range<usize>> = Vec::new();
     for y in 0..height {
-        row.extend(boxes.iter().filter(|[_, rows]| rows.contains(&y)).map(|[columns, _]| columns));
+        row.extend(
+            boxes
+                .iter()
+                .filter(|[_, rows]| rows.contains(&y))
+                .map(|[columns, _]| columns),
+        );
         row.sort_unstable_by_key(|columns| columns.start);
         for columns in row.drain(..).filter(|columns| columns.start < columns.end) {
             match out.last_mut() {
-                Some((last, span)) if *last == y && columns.start <= span.end => span.end = span.end.max(columns.end),
+                Some((last, span)) if *last == y && columns.start <= span.end => {
+                    span.end = span.end.max(columns.end)
+                }
                 _ => out.push((y, columns.clone())),
             }
         }

@@ -24,7 +24,15 @@ impl Batch {
     /// Creates a batch without pixels.
     pub fn new() -> Self {
         let [x, y, value, p, q, root] = [Lanes::splat(0.0); 6];
-        Self { x, y, value, p, q, root, len: 0 }
+        Self {
+            x,
+            y,
+            value,
+            p,
+            q,
+            root,
+            len: 0,
+        }
     }
 
     /// Returns whether the batch is full.
@@ -43,7 +51,13 @@ impl Batch {
     /// Fills the remaining lanes with copies of the first pixel that have no weight.
     pub fn fill_lanes(&mut self) {
         for i in self.len..LANES {
-            for lanes in [&mut self.x, &mut self.y, &mut self.value, &mut self.p, &mut self.q] {
+            for lanes in [
+                &mut self.x,
+                &mut self.y,
+                &mut self.value,
+                &mut self.p,
+                &mut self.q,
+            ] {
                 lanes[i] = lanes[0];
             }
             self.root[i] = 0.0;

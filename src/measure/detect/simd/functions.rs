@@ -4,7 +4,10 @@
 /// Evaluates a polynomial in `x`, its highest coefficient first. Multiplication and addition are fused on every processor.
 #[inline(always)]
 fn evaluate_polynomial<const K: usize>(x: f32, coefficients: [f32; K]) -> f32 {
-    coefficients.into_iter().skip(1).fold(coefficients[0], |sum, c| sum.mul_add(x, c))
+    coefficients
+        .into_iter()
+        .skip(1)
+        .fold(coefficients[0], |sum, c| sum.mul_add(x, c))
 }
 
 /// Computes e to the power `x`, relative error below 6e-6 up to 30; `x` is limited to -80 to 80.
@@ -22,7 +25,16 @@ fn power_of_two(x: f32) -> f32 {
     let x = if x > -115.0 { x } else { -115.0 };
     let shifted = x + ROUNDING_SHIFT;
     let rest = x - (shifted - ROUNDING_SHIFT);
-    let p = evaluate_polynomial(rest, [9.570_101e-3, 5.591_786e-2, 2.402_474_5e-1, 6.931_218e-1, 9.999_993e-1]);
+    let p = evaluate_polynomial(
+        rest,
+        [
+            9.570_101e-3,
+            5.591_786e-2,
+            2.402_474_5e-1,
+            6.931_218e-1,
+            9.999_993e-1,
+        ],
+    );
     f32::from_bits(p.to_bits().wrapping_add(shifted.to_bits() << 23))
 }
 
@@ -36,7 +48,14 @@ pub fn ln(x: f32) -> f32 {
     let r = f32::from_bits(bits.wrapping_sub(power << 23) as u32) - 1.0;
     let p = evaluate_polynomial(
         r,
-        [-1.432_078e-1, 2.232_924_7e-1, -2.547_203e-1, 3.322_599e-1, -4.998_508e-1, 1.000_012_7],
+        [
+            -1.432_078e-1,
+            2.232_924_7e-1,
+            -2.547_203e-1,
+            3.322_599e-1,
+            -4.998_508e-1,
+            1.000_012_7,
+        ],
     );
     (power as f32).mul_add(std::f32::consts::LN_2, p * r)
 }
@@ -45,7 +64,16 @@ pub fn ln(x: f32) -> f32 {
 #[inline(always)]
 pub fn sin_quarter(x: f32) -> f32 {
     let y = x * x;
-    let p = evaluate_polynomial(y, [-2.505_210_8e-8, 2.755_731_9e-6, -1.984_127e-4, 8.333_333e-3, -1.666_666_7e-1]);
+    let p = evaluate_polynomial(
+        y,
+        [
+            -2.505_210_8e-8,
+            2.755_731_9e-6,
+            -1.984_127e-4,
+            8.333_333e-3,
+            -1.666_666_7e-1,
+        ],
+    );
     (x * y).mul_add(p, x)
 }
 
@@ -54,11 +82,28 @@ pub fn sin_quarter(x: f32) -> f32 {
 pub fn asin(x: f32) -> f32 {
     let size = if x.abs() < 1.0 { x.abs() } else { 1.0 };
     let large = size > 0.5;
-    let square = if large { 0.5 * (1.0 - size) } else { size * size };
+    let square = if large {
+        0.5 * (1.0 - size)
+    } else {
+        size * size
+    };
     let base = if large { square.sqrt() } else { size };
-    let p = evaluate_polynomial(square, [4.216_32e-2, 2.418_131e-2, 4.547_002_6e-2, 7.495_303e-2, 1.666_675_2e-1]);
+    let p = evaluate_polynomial(
+        square,
+        [
+            4.216_32e-2,
+            2.418_131e-2,
+            4.547_002_6e-2,
+            7.495_303e-2,
+            1.666_675_2e-1,
+        ],
+    );
     let angle = (base * square).mul_add(p, base);
-    let angle = if large { std::f32::consts::FRAC_PI_2 - 2.0 * angle } else { angle };
+    let angle = if large {
+        std::f32::consts::FRAC_PI_2 - 2.0 * angle
+    } else {
+        angle
+    };
     angle.copysign(x)
 }
 
@@ -77,7 +122,10 @@ pub fn normal_distribution(z: f32) -> (f32, f32) {
 pub fn normal_distributions(z: [f32; 2]) -> [(f32, f32); 2] {
     let [one, other] = z.map(|z| NORMAL_TAIL_P.mul_add(z.abs(), 1.0));
     let by_both = 1.0 / (one * other);
-    [normal_density_and_distribution(z[0], by_both * other), normal_density_and_distribution(z[1], by_both * one)]
+    [
+        normal_density_and_distribution(z[0], by_both * other),
+        normal_density_and_distribution(z[1], by_both * one),
+    ]
 }
 
 /// Constant p of Abramowitz and Stegun 26.2.16.
@@ -133,25 +181,41 @@ mod tests {
         for k in -3000..=3000 {
             let x = k as f32 * 0.01;
             let wide = f64::from(x);
-            assert!((f64::from(exp(x)) / wide.exp() - 1.0).abs() < 6e-6, "exp {x}");
+            assert!(
+                (f64::from(exp(x)) / wide.exp() - 1.0).abs() < 6e-6,
+                "exp {x}"
+            );
             let y = (wide * 0.2).exp() as f32;
-            assert!((f64::from(ln(y)) - f64::from(y).ln()).abs() < 2e-6, "ln {y}");
+            assert!(
+                (f64::from(ln(y)) - f64::from(y).ln()).abs() < 2e-6,
+                "ln {y}"
+            );
             let z = (wide / 30.0).clamp(-1.0, 1.0);
-            assert!((f64::from(asin(z as f32)) - z.asin()).abs() < 1e-6, "asin {z}");
+            assert!(
+                (f64::from(asin(z as f32)) - z.asin()).abs() < 1e-6,
+                "asin {z}"
+            );
             let quarter = z * std::f64::consts::FRAC_PI_2;
-            assert!((f64::from(sin_quarter(quarter as f32)) - quarter.sin()).abs() < 1e-6, "sin {quarter}");
+            assert!(
+                (f64::from(sin_quarter(quarter as f32)) - quarter.sin()).abs() < 1e-6,
+                "sin {quarter}"
+            );
         }
         assert_eq!(exp(-1e9), exp(-80.0));
         assert!(
             (normal_distribution(1.0).1 - 0.841_344_7).abs() < 1.2e-5
                 && (normal_distribution(-1.0).1 - 0.158_655_3).abs() < 1.2e-5
         );
-        assert!((normal_distribution(9.0).1 - 1.0).abs() < 1e-7 && normal_distribution(-9.0).1 < 1e-7);
+        assert!(
+            (normal_distribution(9.0).1 - 1.0).abs() < 1e-7 && normal_distribution(-9.0).1 < 1e-7
+        );
     }
 
     #[test]
     fn the_nodes_integrate_polynomials() {
-        let integral = |rule: &[(f32, f32)], power: i32| rule.iter().map(|(x, w)| w * x.powi(power)).sum::<f32>();
+        let integral = |rule: &[(f32, f32)], power: i32| {
+            rule.iter().map(|(x, w)| w * x.powi(power)).sum::<f32>()
+        };
         for power in [0, 2, 8, 14] {
             let exact = 2.0 / (power + 1) as f32;
             assert!((integral(&GAUSS_8, power) - exact).abs() < 1e-5);

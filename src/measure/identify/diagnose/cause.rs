@@ -46,23 +46,42 @@ type MarkAxesRow = (&'static str, fn(Vector2<f64>, Vector2<f64>) -> Vector2<f64>
 
 /// Image axes in which other programs count.
 const MARK_AXES: [MarkAxesRow; 9] = [
-    ("v is counted from below", |p, s| Vector2::new(p.x, s.y - 1.0 - p.y)),
-    ("u is counted from the right", |p, s| Vector2::new(s.x - 1.0 - p.x, p.y)),
+    ("v is counted from below", |p, s| {
+        Vector2::new(p.x, s.y - 1.0 - p.y)
+    }),
+    ("u is counted from the right", |p, s| {
+        Vector2::new(s.x - 1.0 - p.x, p.y)
+    }),
     ("u and v are exchanged", |p, _| p.yx()),
     ("they are of an image of half the size", |p, _| 2.0 * p),
     ("they are of an image of double size", |p, _| 0.5 * p),
-    ("they are fractions of width and height", |p, s| p.component_mul(&s)),
-    ("they are fractions of width and height with v from below", |p, s| Vector2::new(p.x * s.x, (1.0 - p.y) * s.y)),
-    ("they are counted from the middle of the image", |p, s| p + 0.5 * s),
-    ("they are counted from the middle of the image with v upwards", |p, s| {
-        Vector2::new(p.x + 0.5 * s.x, 0.5 * s.y - p.y)
+    ("they are fractions of width and height", |p, s| {
+        p.component_mul(&s)
     }),
+    (
+        "they are fractions of width and height with v from below",
+        |p, s| Vector2::new(p.x * s.x, (1.0 - p.y) * s.y),
+    ),
+    ("they are counted from the middle of the image", |p, s| {
+        p + 0.5 * s
+    }),
+    (
+        "they are counted from the middle of the image with v upwards",
+        |p, s| Vector2::new(p.x + 0.5 * s.x, 0.5 * s.y - p.y),
+    ),
 ];
 
 /// Number of signed permutations of three axes.
 const AXES: usize = 48;
 /// Orders of three axes.
-const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+const ORDERS: [[usize; 3]; 6] = [
+    [0, 1, 2],
+    [0, 2, 1],
+    [1, 0, 2],
+    [1, 2, 0],
+    [2, 0, 1],
+    [2, 1, 0],
+];
 
 /// Returns the axis and the sign that each coordinate is taken from.
 fn axis_sources(index: usize) -> [(usize, f64); 3] {
@@ -102,7 +121,11 @@ impl Cause {
             Self::PrincipalPoint | Self::Mark(_) => 2,
             Self::Centre(None) | Self::Turn => 3,
             Self::Flexible => 4,
-            Self::Axes(_) | Self::UpsideDown | Self::Mirrored | Self::Exchange(..) | Self::MarkAxes(_) => 0,
+            Self::Axes(_)
+            | Self::UpsideDown
+            | Self::Mirrored
+            | Self::Exchange(..)
+            | Self::MarkAxes(_) => 0,
         }
     }
 
@@ -132,7 +155,11 @@ impl Cause {
     pub(super) fn step(self) -> f64 {
         match self {
             Self::PrincipalPoint | Self::Mark(_) => 1e-2,
-            Self::ImageScale | Self::SurveyScale | Self::PointScale | Self::Turn | Self::Flexible => 1e-6,
+            Self::ImageScale
+            | Self::SurveyScale
+            | Self::PointScale
+            | Self::Turn
+            | Self::Flexible => 1e-6,
             _ => 1e-5,
         }
     }
@@ -155,44 +182,74 @@ impl Cause {
         let size = Vector2::new(f64::from(setup.lens.width), f64::from(setup.lens.height));
         match self {
             Self::ImageScale | Self::Flexible => {
-                setup.lens = setup.lens.with_flight_change(value(0).exp_m1(), &Vector2::zeros());
+                setup.lens = setup
+                    .lens
+                    .with_flight_change(value(0).exp_m1(), &Vector2::zeros());
                 if self == Self::Flexible {
                     setup.projection_centre_m += Vector3::new(value(1), value(2), value(3));
                 }
             }
             Self::PrincipalPoint => {
-                setup.lens = setup.lens.with_flight_change(0.0, &Vector2::new(value(0), value(1)));
+                setup.lens = setup
+                    .lens
+                    .with_flight_change(0.0, &Vector2::new(value(0), value(1)));
             }
             Self::Centre(Some(axis)) => setup.projection_centre_m[axis] += value(0),
-            Self::Centre(None) => setup.projection_centre_m += Vector3::new(value(0), value(1), value(2)),
+            Self::Centre(None) => {
+                setup.projection_centre_m += Vector3::new(value(0), value(1), value(2))
+            }
             // Angles depend on ratios of lengths alone.
-            Self::SurveyScale => setup.markers.iter_mut().for_each(|m| m.diameter_m *= (-value(0)).exp()),
-            Self::PointScale => setup.markers.iter_mut().for_each(|m| m.position_m *= value(0).exp()),
+            Self::SurveyScale => setup
+                .markers
+                .iter_mut()
+                .for_each(|m| m.diameter_m *= (-value(0)).exp()),
+            Self::PointScale => setup
+                .markers
+                .iter_mut()
+                .for_each(|m| m.position_m *= value(0).exp()),
             Self::Axes(index) => {
                 let sources = axis_sources(index);
                 for marker in &mut setup.markers {
                     let given = marker.position_m;
-                    marker.position_m = Vector3::from(sources.map(|(axis, sign)| sign * given[axis]));
+                    marker.position_m =
+                        Vector3::from(sources.map(|(axis, sign)| sign * given[axis]));
                 }
             }
             Self::Bend => new.bend_m += value(0),
-            Self::Turn => new.turn = Rotation3::new(Vector3::new(value(0), value(1), value(2))) * new.turn,
+            Self::Turn => {
+                new.turn = Rotation3::new(Vector3::new(value(0), value(1), value(2))) * new.turn
+            }
             Self::UpsideDown => new.map_pixels(|_, p| size - Vector2::repeat(1.0) - p),
             Self::Mirrored => new.map_pixels(|_, p| Vector2::new(size.x - 1.0 - p.x, p.y)),
             Self::Point(marker, axis) => setup.markers[marker].position_m[axis] += value(0),
             Self::Mark(marker) => {
-                new.map_pixels(|m, p| if m == marker { p + Vector2::new(value(0), value(1)) } else { p });
+                new.map_pixels(|m, p| {
+                    if m == marker {
+                        p + Vector2::new(value(0), value(1))
+                    } else {
+                        p
+                    }
+                });
             }
             Self::Exchange(a, b) => new.exchange_names(a, b),
-            Self::MarkAxes(index) => new.map_pixels(|_, p| MARK_AXES[index % MARK_AXES.len()].1(p, size)),
+            Self::MarkAxes(index) => {
+                new.map_pixels(|_, p| MARK_AXES[index % MARK_AXES.len()].1(p, size))
+            }
         }
         new
     }
 
     /// Describes the cause with its size and the correction, one sentence. `in_flight`: of a frame in flight.
     pub(super) fn describe(self, size: &[Estimate], setup: &Setup, in_flight: bool) -> String {
-        let sizes = CauseSize { size, setup, in_flight };
-        sizes.camera_text(self).or_else(|| sizes.survey_text(self)).unwrap_or_else(|| sizes.image_text(self))
+        let sizes = CauseSize {
+            size,
+            setup,
+            in_flight,
+        };
+        sizes
+            .camera_text(self)
+            .or_else(|| sizes.survey_text(self))
+            .unwrap_or_else(|| sizes.image_text(self))
     }
 }
 
@@ -210,7 +267,9 @@ impl CauseSize<'_> {
 
     fn with_sigma(&self, k: usize, factor: f64, decimals: usize) -> String {
         let sigma = self.size.get(k).and_then(|e| e.sigma);
-        let sigma = sigma.map_or(String::new(), |s| format!(" ± {:.decimals$}", factor.abs() * s));
+        let sigma = sigma.map_or(String::new(), |s| {
+            format!(" ± {:.decimals$}", factor.abs() * s)
+        });
         format!("{:.decimals$}{sigma}", factor * self.value(k))
     }
 
@@ -238,9 +297,16 @@ impl CauseSize<'_> {
             Cause::Centre(axis) => {
                 let [off, axes] = match axis {
                     Some(axis) => [self.with_sigma(0, 1.0, 3), AXIS_NAMES[axis].to_owned()],
-                    None => [[0, 1, 2].map(|k| self.with_sigma(k, 1.0, 3)).join(", "), AXIS_NAMES.join(", ")],
+                    None => [
+                        [0, 1, 2].map(|k| self.with_sigma(k, 1.0, 3)).join(", "),
+                        AXIS_NAMES.join(", "),
+                    ],
                 };
-                let or = if self.in_flight { ", or take a ground frame from this place" } else { "" };
+                let or = if self.in_flight {
+                    ", or take a ground frame from this place"
+                } else {
+                    ""
+                };
                 format!(
                     "the lens is off by {off} m in {axes}: correct camera.projection_centre_m of installation.toml{or}"
                 )
@@ -262,11 +328,17 @@ impl CauseSize<'_> {
     fn survey_text(&self, cause: Cause) -> Option<String> {
         Some(match cause {
             Cause::SurveyScale => {
-                let (factor, sigma) = ((-self.value(0)).exp(), self.size.first().and_then(|e| e.sigma).unwrap_or(0.0));
+                let (factor, sigma) = (
+                    (-self.value(0)).exp(),
+                    self.size.first().and_then(|e| e.sigma).unwrap_or(0.0),
+                );
                 format!(
                     "the markers look {factor:.3} ± {:.3} times as large as their distances predict: {}",
                     factor * sigma,
-                    unit_hint(self.value(0), "check the scale of x_m, y_m, z_m, or diameter_m of survey.csv")
+                    unit_hint(
+                        self.value(0),
+                        "check the scale of x_m, y_m, z_m, or diameter_m of survey.csv"
+                    )
                 )
             }
             Cause::PointScale => format!(
@@ -275,7 +347,9 @@ impl CauseSize<'_> {
                 unit_hint(self.value(0), "check their scale and origin")
             ),
             Cause::Axes(index) => {
-                let name = |(k, sign): (usize, f64)| format!("{}{}", if sign < 0.0 { "-" } else { "" }, AXIS_NAMES[k]);
+                let name = |(k, sign): (usize, f64)| {
+                    format!("{}{}", if sign < 0.0 { "-" } else { "" }, AXIS_NAMES[k])
+                };
                 let axes = axis_sources(index).map(name).join(", ");
                 format!(
                     "the axes of survey.csv are not those of camera.projection_centre_m, whose x, y, z are its {axes}"
@@ -338,18 +412,28 @@ pub(super) fn is_bent(tip_m: f64, setup: &Setup) -> bool {
 
 /// Returns the span from the projection centre to the outermost marker, m.
 pub(in super::super) fn span_m(setup: &Setup) -> f64 {
-    setup.wing_markers().iter().map(|(_, point)| point.x).fold(1.0, f64::max)
+    setup
+        .wing_markers()
+        .iter()
+        .map(|(_, point)| point.x)
+        .fold(1.0, f64::max)
 }
 
 /// Units of length that are confused with metres, in metres.
-pub const UNITS: [(&str, f64); 4] =
-    [("feet", 0.3048), ("inches", 0.0254), ("centimetres", 0.01), ("millimetres", 1e-3)];
+pub const UNITS: [(&str, f64); 4] = [
+    ("feet", 0.3048),
+    ("inches", 0.0254),
+    ("centimetres", 0.01),
+    ("millimetres", 1e-3),
+];
 
 /// Returns the remedy for a scale that is the logarithm of metres per unit, or of its inverse.
 fn unit_hint(log_scale: f64, otherwise: &str) -> String {
     let is_unit = |(_, m): &&(&str, f64)| (log_scale.abs() + m.ln()).abs() < 0.03;
     match UNITS.iter().find(is_unit) {
-        Some((name, _)) => format!("a part of survey.csv and installation.toml is in {name}; give metres"),
+        Some((name, _)) => {
+            format!("a part of survey.csv and installation.toml is in {name}; give metres")
+        }
         None => otherwise.to_owned(),
     }
 }

@@ -86,41 +86,72 @@ pub(super) fn predict_outlines(
 ) -> Vec<Option<DiscOutline>> {
     let camera_from_survey = subject.turn * pose.camera_from_survey;
     let ground = orientation.map_or(vec![], |o| o.ground.clone());
-    let attitude = Orientation { camera_from_survey, covariance_rad2: None, ground, templates: vec![] };
-    let view = WingView::with_beam(&subject.setup, &attitude, orientation.is_some(), subject.beam(&attitude));
+    let attitude = Orientation {
+        camera_from_survey,
+        covariance_rad2: None,
+        ground,
+        templates: vec![],
+    };
+    let view = WingView::with_beam(
+        &subject.setup,
+        &attitude,
+        orientation.is_some(),
+        subject.beam(&attitude),
+    );
     let mut state = pose.state;
     state[0] += 3.0 * subject.bend_m / view.beam.length_m.powi(2);
     view.marker_outlines(&state)
 }
 
 /// Returns misclosures, observed minus predicted; `None` if a marker is behind the camera.
-fn misclosures(subject: &Subject, orientation: Option<&Orientation>, pose: &Pose) -> Option<DVector<f64>> {
+fn misclosures(
+    subject: &Subject,
+    orientation: Option<&Orientation>,
+    pose: &Pose,
+) -> Option<DVector<f64>> {
     let outlines = predict_outlines(subject, orientation, pose);
     let mut all = DVector::zeros(ROWS * subject.images.len());
     for (k, image) in subject.images.iter().enumerate() {
         let predicted = outlines.get(image.marker).copied().flatten()?;
         let off = image.pixel - predicted.point_px;
-        let size = image.size_px().map_or(0.0, |major| (major / predicted.semi_major_px).ln());
-        all.fixed_rows_mut::<ROWS>(ROWS * k).copy_from_slice(&[off.x, off.y, size]);
+        let size = image
+            .size_px()
+            .map_or(0.0, |major| (major / predicted.semi_major_px).ln());
+        all.fixed_rows_mut::<ROWS>(ROWS * k)
+            .copy_from_slice(&[off.x, off.y, size]);
     }
     all.iter().all(|v| v.is_finite()).then_some(all)
 }
 
 impl<'a> Evidence<'a> {
     /// Creates the evidence of a subject; `near`: a subject and a pose at which its images are linearised.
-    pub(super) fn new(subject: Subject, orientation: Option<&'a Orientation>, near: (&Subject, &Pose)) -> Option<Self> {
+    pub(super) fn new(
+        subject: Subject,
+        orientation: Option<&'a Orientation>,
+        near: (&Subject, &Pose),
+    ) -> Option<Self> {
         let (linear, pose) = near;
         let start = misclosures(linear, orientation, pose)?;
-        let column = |changed: Subject, step: f64| Some((&start - misclosures(&changed, orientation, pose)?) / step);
+        let column = |changed: Subject, step: f64| {
+            Some((&start - misclosures(&changed, orientation, pose)?) / step)
+        };
         let shifted = |axis: usize| {
             let mut changed = linear.clone();
-            changed.setup.markers.iter_mut().for_each(|m| m.position_m[axis] += SHIFT_M);
+            changed
+                .setup
+                .markers
+                .iter_mut()
+                .for_each(|m| m.position_m[axis] += SHIFT_M);
             column(changed, SHIFT_M)
         };
         let by_shift = DMatrix::from_columns(&[shifted(0)?, shifted(1)?, shifted(2)?]);
         let setup = &linear.setup;
         let mut covariance = image_covariance(linear, orientation.is_some(), &by_shift);
-        let shift = if orientation.is_some() { setup.uncertainty[Width::MountShift] } else { 0.0 };
+        let shift = if orientation.is_some() {
+            setup.uncertainty[Width::MountShift]
+        } else {
+            0.0
+        };
         let centre_m = setup.projection_centre_sigma_m.hypot(shift);
         covariance += &by_shift * by_shift.transpose() * centre_m.powi(2);
         if let Some(lens) = &setup.uncertainty.lens {
@@ -134,7 +165,8 @@ impl<'a> Evidence<'a> {
             };
             let columns: Option<Vec<_>> = (0..9).map(by).collect();
             let by_lens = DMatrix::from_columns(&columns?);
-            covariance += &by_lens * DMatrix::from_column_slice(9, 9, lens.as_slice()) * by_lens.transpose();
+            covariance +=
+                &by_lens * DMatrix::from_column_slice(9, 9, lens.as_slice()) * by_lens.transpose();
         }
         let widths: &[(Cause, f64)] = match orientation {
             Some(_) => &[(Cause::ImageScale, setup.uncertainty[Width::FlightScale])],
@@ -144,12 +176,22 @@ impl<'a> Evidence<'a> {
             let by = column(cause.apply(linear, &[cause.step()]), cause.step())?;
             covariance += &by * by.transpose() * sigma.powi(2);
         }
-        Some(Self { subject, orientation, factor: covariance.cholesky()?, by_shift })
+        Some(Self {
+            subject,
+            orientation,
+            factor: covariance.cholesky()?,
+            by_shift,
+        })
     }
 
     /// Returns the number of observations less the unknowns without a cause.
     pub(super) fn redundancy(&self) -> usize {
-        let rows: usize = self.subject.images.iter().map(|i| if i.size_px().is_some() { 3 } else { 2 }).sum();
+        let rows: usize = self
+            .subject
+            .images
+            .iter()
+            .map(|i| if i.size_px().is_some() { 3 } else { 2 })
+            .sum();
         rows.saturating_sub(3)
     }
 
@@ -163,37 +205,57 @@ impl<'a> Evidence<'a> {
         self.solve_with(None, &[], true)
     }
 
-    fn solve_with(&self, cause: Option<Cause>, values: &[f64], keeps_design: bool) -> Option<CauseFit> {
+    fn solve_with(
+        &self,
+        cause: Option<Cause>,
+        values: &[f64],
+        keeps_design: bool,
+    ) -> Option<CauseFit> {
         let states = self.free_states();
         let count = cause.map_or(0, Cause::parameters);
         let unknowns = states.len() + count;
         let mut x = DVector::from_fn(unknowns, |k, _| {
-            k.checked_sub(states.len()).map_or(0.0, |k| values.get(k).copied().unwrap_or(0.0))
+            k.checked_sub(states.len())
+                .map_or(0.0, |k| values.get(k).copied().unwrap_or(0.0))
         });
         let apply = |x: &DVector<f64>| {
             let values = &x.as_slice()[states.len()..];
-            cause.map_or_else(|| self.subject.clone(), |cause| cause.apply(&self.subject, values))
+            cause.map_or_else(
+                || self.subject.clone(),
+                |cause| cause.apply(&self.subject, values),
+            )
         };
         let start = start_pose(&apply(&x), self.orientation)?;
         let place = |x: &DVector<f64>| {
             let mut pose = start.clone();
-            states.clone().enumerate().for_each(|(k, state)| pose.state[state] = x[k]);
+            states
+                .clone()
+                .enumerate()
+                .for_each(|(k, state)| pose.state[state] = x[k]);
             pose
         };
         let evaluate = |x: &DVector<f64>| self.whitened(&apply(x), &place(x));
         let weights = self.prior_weights(cause, unknowns);
-        let cost = |r: &DVector<f64>, x: &DVector<f64>| r.norm_squared() + weights.component_mul(x).dot(x);
+        let cost =
+            |r: &DVector<f64>, x: &DVector<f64>| r.norm_squared() + weights.component_mul(x).dot(x);
         let mut now = evaluate(&x)?;
         let mut kept = None;
         for iteration in 0.. {
             let column = |k: usize| {
-                let step =
-                    if k < states.len() { STATE_STEPS[states.start + k] } else { cause.map_or(1.0, Cause::step) };
+                let step = if k < states.len() {
+                    STATE_STEPS[states.start + k]
+                } else {
+                    cause.map_or(1.0, Cause::step)
+                };
                 let mut other = x.clone();
                 other[k] += step;
                 Some((&now - evaluate(&other)?) / step)
             };
-            let columns = || (0..unknowns).map(column).collect::<Option<Vec<DVector<f64>>>>();
+            let columns = || {
+                (0..unknowns)
+                    .map(column)
+                    .collect::<Option<Vec<DVector<f64>>>>()
+            };
             let design = match kept.take() {
                 Some(design) => design,
                 None => DMatrix::from_columns(&columns()?),
@@ -205,7 +267,9 @@ impl<'a> Evidence<'a> {
             let mut better = None;
             for _ in 0..MAX_HALVINGS {
                 let next = &x + &step;
-                better = evaluate(&next).map(|r| (cost(&r, &next), r, next)).filter(|(cost, ..)| *cost < before);
+                better = evaluate(&next)
+                    .map(|r| (cost(&r, &next), r, next))
+                    .filter(|(cost, ..)| *cost < before);
                 if better.is_some() {
                     break;
                 }
@@ -217,7 +281,10 @@ impl<'a> Evidence<'a> {
             }
             if before - after < SETTLED * (1.0 + 1e-6 * after) || iteration == MAX_ITERATIONS {
                 let covariance = cholesky.inverse();
-                let estimate = |k: usize| Estimate { value: x[k], sigma: Some(covariance[(k, k)].max(0.0).sqrt()) };
+                let estimate = |k: usize| Estimate {
+                    value: x[k],
+                    sigma: Some(covariance[(k, k)].max(0.0).sqrt()),
+                };
                 return Some(CauseFit {
                     size: (states.len()..unknowns).map(estimate).collect(),
                     sum_of_squares: after,
@@ -235,9 +302,15 @@ impl<'a> Evidence<'a> {
     /// Estimates a single coordinate of each marker in one linear step from a solution, and returns the causes with the
     /// decrease of the sum of squares, the largest first.
     pub(super) fn score_points(&self, base: &CauseFit) -> Vec<(Cause, f64)> {
-        let Some(normal) = (base.design.transpose() * &base.design).cholesky() else { return vec![] };
+        let Some(normal) = (base.design.transpose() * &base.design).cholesky() else {
+            return vec![];
+        };
         // The position of a manual mark is more likely wrong than its marker's survey.
-        let detected = self.subject.images.iter().filter(|image| image.outline.is_some());
+        let detected = self
+            .subject
+            .images
+            .iter()
+            .filter(|image| image.outline.is_some());
         let mut markers: Vec<usize> = detected.map(|i| i.marker).collect();
         markers.sort_unstable();
         markers.dedup();
@@ -245,13 +318,19 @@ impl<'a> Evidence<'a> {
         for marker in markers {
             for axis in 0..3 {
                 let mut by = DVector::zeros(self.by_shift.nrows());
-                for k in (0..self.subject.images.len()).filter(|k| self.subject.images[*k].marker == marker) {
-                    by.rows_mut(ROWS * k, ROWS).copy_from(&self.by_shift.view((ROWS * k, axis), (ROWS, 1)));
+                for k in (0..self.subject.images.len())
+                    .filter(|k| self.subject.images[*k].marker == marker)
+                {
+                    by.rows_mut(ROWS * k, ROWS)
+                        .copy_from(&self.by_shift.view((ROWS * k, axis), (ROWS, 1)));
                 }
-                let Some(by) = self.factor.l_dirty().solve_lower_triangular(&by) else { continue };
+                let Some(by) = self.factor.l_dirty().solve_lower_triangular(&by) else {
+                    continue;
+                };
                 let mut by = with_row(by, 0.0);
                 by -= &base.design * normal.solve(&(base.design.transpose() * &by));
-                let score = by.dot(&base.residuals).powi(2) / by.norm_squared().max(f64::MIN_POSITIVE);
+                let score =
+                    by.dot(&base.residuals).powi(2) / by.norm_squared().max(f64::MIN_POSITIVE);
                 scores.push((Cause::Point(marker, axis), score));
             }
         }
@@ -261,8 +340,9 @@ impl<'a> Evidence<'a> {
 
     /// Estimates a cause with one parameter in one linear step from a solution, and returns the decrease of the sum of squares.
     pub(super) fn score_cause(&self, base: &CauseFit, cause: Cause) -> Option<f64> {
-        let by =
-            (self.whitened(&cause.apply(&base.subject, &[cause.step()]), &base.pose)? - &base.residuals) / cause.step();
+        let by = (self.whitened(&cause.apply(&base.subject, &[cause.step()]), &base.pose)?
+            - &base.residuals)
+            / cause.step();
         let weights = self.prior_weights(None, base.design.ncols());
         let normal = base.design.transpose() * &base.design + DMatrix::from_diagonal(&weights);
         let across = base.design.transpose() * &by;
@@ -274,12 +354,20 @@ impl<'a> Evidence<'a> {
     pub(super) fn worst_images(&self, base: &CauseFit, count: usize) -> Vec<usize> {
         let images = &self.subject.images;
         let square = |k: usize| {
-            let wrong = if self.subject.has_wrong_shape(&images[k]) { WRONG_SHAPE.powi(2) } else { 0.0 };
+            let wrong = if self.subject.has_wrong_shape(&images[k]) {
+                WRONG_SHAPE.powi(2)
+            } else {
+                0.0
+            };
             wrong + self.image_square(base, k)
         };
         let mut order: Vec<usize> = (0..images.len()).collect();
         sort_by_value(&mut order, |one| -square(*one));
-        order.iter().take(count).map(|k| images[*k].marker).collect()
+        order
+            .iter()
+            .take(count)
+            .map(|k| images[*k].marker)
+            .collect()
     }
 
     /// Returns the sum of the squared normalised misclosures of an image, given the images before it.
@@ -298,7 +386,11 @@ impl<'a> Evidence<'a> {
 
     /// Returns the columns of the state that are free: all in flight, the rotation on the ground.
     fn free_states(&self) -> std::ops::Range<usize> {
-        if self.orientation.is_some() { 0..8 } else { 5..8 }
+        if self.orientation.is_some() {
+            0..8
+        } else {
+            5..8
+        }
     }
 
     /// Returns the prior weights of state and cause, 0 without a prior.
@@ -306,18 +398,25 @@ impl<'a> Evidence<'a> {
         let mut sigmas = DVector::repeat(unknowns, f64::INFINITY);
         let states = self.free_states().len();
         if let Some(orientation) = self.orientation {
-            sigmas.rows_mut(0, WING_SIGMAS.len()).copy_from_slice(&WING_SIGMAS);
+            sigmas
+                .rows_mut(0, WING_SIGMAS.len())
+                .copy_from_slice(&WING_SIGMAS);
             let turn = WingView::in_flight(&self.subject.setup, orientation).turn_sigmas();
             sigmas.rows_mut(WING_SIGMAS.len(), 3).copy_from_slice(&turn);
         }
-        (states..unknowns).for_each(|k| sigmas[k] = cause.map_or(1.0, |cause| cause.prior_sigma(k - states)));
+        (states..unknowns)
+            .for_each(|k| sigmas[k] = cause.map_or(1.0, |cause| cause.prior_sigma(k - states)));
         sigmas.map(|sigma| sigma.powi(-2))
     }
 
     fn whitened(&self, subject: &Subject, pose: &Pose) -> Option<DVector<f64>> {
         let mut off = misclosures(subject, self.orientation, pose)?;
         off = self.factor.l_dirty().solve_lower_triangular(&off)?;
-        let wrong = subject.images.iter().filter(|image| subject.has_wrong_shape(image)).count();
+        let wrong = subject
+            .images
+            .iter()
+            .filter(|image| subject.has_wrong_shape(image))
+            .count();
         Some(with_row(off, WRONG_SHAPE * (wrong as f64).sqrt()))
     }
 }
@@ -328,12 +427,19 @@ pub(super) fn start_pose(subject: &Subject, orientation: Option<&Orientation>) -
         let setup = &subject.setup;
         let direction = |image: &NamedImage| {
             let target = setup.markers.get(image.marker)?.position_m - setup.projection_centre_m;
-            Some((target.try_normalize(1e-9)?, setup.lens.ray(&image.pixel).ok()?, 1.0))
+            Some((
+                target.try_normalize(1e-9)?,
+                setup.lens.ray(&image.pixel).ok()?,
+                1.0,
+            ))
         };
         rotation_from_many(subject.images.iter().filter_map(direction))
     };
     let camera_from_survey = orientation.map(|o| o.camera_from_survey).or_else(fitted)?;
-    Some(Pose { camera_from_survey, state: WingState::zeros() })
+    Some(Pose {
+        camera_from_survey,
+        state: WingState::zeros(),
+    })
 }
 
 /// Appends a value.
@@ -344,10 +450,24 @@ fn with_row(vector: DVector<f64>, value: f64) -> DVector<f64> {
 
 /// Returns the covariance of the logarithms of two semi-major axes, px; of one with itself if the covariance of its centre,
 /// px^2, is given.
-pub(super) fn size_covariance(a: (Shape, f64), b: (Shape, f64), centre_px2: Option<&Matrix2<f64>>) -> f64 {
-    let quadrants = if (a.0, b.0) == (Shape::Quadrant, Shape::Quadrant) { QUADRANT_SIGMA_PX } else { 0.0 };
-    let own_px = if a.0 == Shape::Circle { SIZE_SIGMAS_PX.0 } else { SIZE_SIGMAS_PX.1 };
-    let own_px2 = centre_px2.map_or(0.0, |c| own_px.powi(2) + SIZE_OVER_CENTRE.powi(2) * c.trace());
+pub(super) fn size_covariance(
+    a: (Shape, f64),
+    b: (Shape, f64),
+    centre_px2: Option<&Matrix2<f64>>,
+) -> f64 {
+    let quadrants = if (a.0, b.0) == (Shape::Quadrant, Shape::Quadrant) {
+        QUADRANT_SIGMA_PX
+    } else {
+        0.0
+    };
+    let own_px = if a.0 == Shape::Circle {
+        SIZE_SIGMAS_PX.0
+    } else {
+        SIZE_SIGMAS_PX.1
+    };
+    let own_px2 = centre_px2.map_or(0.0, |c| {
+        own_px.powi(2) + SIZE_OVER_CENTRE.powi(2) * c.trace()
+    });
     let print = if centre_px2.is_some() { 2.0 } else { 1.0 } * PRINT_SIGMA.powi(2);
     (EDGE_SIGMA_PX.powi(2) + quadrants.powi(2) + own_px2) / (a.1 * b.1) + print
 }
@@ -356,18 +476,34 @@ pub(super) fn size_covariance(a: (Shape, f64), b: (Shape, f64), centre_px2: Opti
 fn image_covariance(subject: &Subject, in_flight: bool, by_shift: &DMatrix<f64>) -> DMatrix<f64> {
     let count = subject.images.len();
     let mut covariance = DMatrix::zeros(ROWS * count, ROWS * count);
-    let (model_m, floor_px) = if in_flight { (MODEL_SIGMA_M, PIXEL_FLOOR_PX) } else { (0.0, 0.0) };
+    let (model_m, floor_px) = if in_flight {
+        (MODEL_SIGMA_M, PIXEL_FLOOR_PX)
+    } else {
+        (0.0, 0.0)
+    };
     for (i, a) in subject.images.iter().enumerate() {
-        let sigma_m = subject.setup.markers.get(a.marker).map_or(0.0, |m| m.sigma_m.hypot(model_m));
+        let sigma_m = subject
+            .setup
+            .markers
+            .get(a.marker)
+            .map_or(0.0, |m| m.sigma_m.hypot(model_m));
         for (k, b) in subject.images.iter().enumerate() {
             if a.marker == b.marker {
-                let (first, second) = (by_shift.rows(ROWS * i, ROWS), by_shift.rows(ROWS * k, ROWS));
+                let (first, second) =
+                    (by_shift.rows(ROWS * i, ROWS), by_shift.rows(ROWS * k, ROWS));
                 let common = first * second.transpose() * sigma_m.powi(2);
-                covariance.view_mut((ROWS * i, ROWS * k), (ROWS, ROWS)).copy_from(&common);
+                covariance
+                    .view_mut((ROWS * i, ROWS * k), (ROWS, ROWS))
+                    .copy_from(&common);
             }
-            if let (Some((shape, Some(major))), Some((other, Some(length)))) = (a.outline, b.outline) {
-                covariance[(ROWS * i + 2, ROWS * k + 2)] +=
-                    size_covariance((shape, major), (other, length), (i == k).then_some(&a.covariance_px2));
+            if let (Some((shape, Some(major))), Some((other, Some(length)))) =
+                (a.outline, b.outline)
+            {
+                covariance[(ROWS * i + 2, ROWS * k + 2)] += size_covariance(
+                    (shape, major),
+                    (other, length),
+                    (i == k).then_some(&a.covariance_px2),
+                );
             }
         }
         let own = a.covariance_px2 + Matrix2::identity() * floor_px.powi(2);

@@ -84,23 +84,37 @@ impl Explanation {
 
     /// Returns the setup with the error corrected; `None` if it is not one of the setup.
     fn corrected_setup(&self, setup: &Setup) -> Option<Setup> {
-        let is_of_image = matches!(self.cause, Cause::Bend | Cause::Turn | Cause::UpsideDown | Cause::Mirrored);
+        let is_of_image = matches!(
+            self.cause,
+            Cause::Bend | Cause::Turn | Cause::UpsideDown | Cause::Mirrored
+        );
         let is_of_marks = matches!(self.cause, Cause::Mark(_) | Cause::MarkAxes(_));
-        (!is_of_image && !is_of_marks).then(|| self.cause.apply(&Subject::new(setup, vec![]), &self.values()).setup)
+        (!is_of_image && !is_of_marks).then(|| {
+            self.cause
+                .apply(&Subject::new(setup, vec![]), &self.values())
+                .setup
+        })
     }
 }
 
 impl Diagnosis {
     /// Sets the second error to the best cause of a diagnosis with the first one corrected.
     fn set_further(&mut self, second: Option<Self>) {
-        let is_new = |e: &&Explanation| self.causes().first().is_some_and(|best| !best.cause.is_same_place(e.cause));
-        self.further =
-            second.and_then(|second| second.causes().first().filter(is_new).cloned()).or(self.further.take());
+        let is_new = |e: &&Explanation| {
+            self.causes()
+                .first()
+                .is_some_and(|best| !best.cause.is_same_place(e.cause))
+        };
+        self.further = second
+            .and_then(|second| second.causes().first().filter(is_new).cloned())
+            .or(self.further.take());
     }
 
     /// Returns the significant causes that explain the images alike, the best first; empty without an error.
     pub fn causes(&self) -> &[Explanation] {
-        let Some(best) = self.ranking.first().filter(|best| best.is_significant) else { return &[] };
+        let Some(best) = self.ranking.first().filter(|best| best.is_significant) else {
+            return &[];
+        };
         let alike = |e: &&Explanation| e.is_significant && e.evidence >= best.evidence - ALIKE;
         &self.ranking[..self.ranking.iter().take_while(alike).count()]
     }
@@ -108,14 +122,23 @@ impl Diagnosis {
     /// Returns whether a bend since the survey, smaller than one in flight, explains the images best: deflections relative
     /// to the ground frame are free of it.
     pub fn is_bent_on_ground(&self, setup: &Setup) -> bool {
-        let best = self.causes().first().filter(|best| best.cause == Cause::Bend);
-        best.and_then(|best| best.size.first()).is_some_and(|tip| !cause::is_bent(tip.value, setup))
+        let best = self
+            .causes()
+            .first()
+            .filter(|best| best.cause == Cause::Bend);
+        best.and_then(|best| best.size.first())
+            .is_some_and(|tip| !cause::is_bent(tip.value, setup))
     }
 
     /// Returns the marker whose survey or manual mark is the only cause.
     pub fn wrong_marker(&self) -> Option<usize> {
         match self.causes() {
-            [Explanation { cause: Cause::Point(marker, _) | Cause::Mark(marker), .. }] => Some(*marker),
+            [
+                Explanation {
+                    cause: Cause::Point(marker, _) | Cause::Mark(marker),
+                    ..
+                },
+            ] => Some(*marker),
             _ => None,
         }
     }
@@ -124,10 +147,20 @@ impl Diagnosis {
     pub fn text(&self) -> Option<String> {
         let causes = self.causes();
         let first = causes.first()?.text.clone();
-        let others: Vec<&str> = causes.iter().skip(1).take(2).map(|e| e.text.as_str()).collect();
-        let alike =
-            if others.is_empty() { first } else { format!("{first}; explained alike: {}", others.join("; or ")) };
-        Some(self.further.as_ref().map_or(alike.clone(), |further| format!("{alike}; in addition, {}", further.text)))
+        let others: Vec<&str> = causes
+            .iter()
+            .skip(1)
+            .take(2)
+            .map(|e| e.text.as_str())
+            .collect();
+        let alike = if others.is_empty() {
+            first
+        } else {
+            format!("{first}; explained alike: {}", others.join("; or "))
+        };
+        Some(self.further.as_ref().map_or(alike.clone(), |further| {
+            format!("{alike}; in addition, {}", further.text)
+        }))
     }
 }
 
@@ -142,15 +175,18 @@ pub fn is_scale_off(
     let subject = Subject::of_observations(setup, observations, outlines);
     let evidence = evidence::start_pose(&subject, Some(orientation))
         .and_then(|pose| Evidence::new(subject.clone(), Some(orientation), (&subject, &pose)));
-    let Some((evidence, base)) = evidence.and_then(|evidence| evidence.solve_quickly().map(|base| (evidence, base)))
+    let Some((evidence, base)) =
+        evidence.and_then(|evidence| evidence.solve_quickly().map(|base| (evidence, base)))
     else {
         return false;
     };
     let factor = (base.sum_of_squares / evidence.redundancy().max(1) as f64).max(1.0);
-    [Cause::ImageScale, Cause::SurveyScale].into_iter().any(|cause| {
-        let score = evidence.score_cause(&base, cause);
-        score.is_some_and(|score| score / factor > evidence.limit(cause, ALPHA / KINDS))
-    })
+    [Cause::ImageScale, Cause::SurveyScale]
+        .into_iter()
+        .any(|cause| {
+            let score = evidence.score_cause(&base, cause);
+            score.is_some_and(|score| score / factor > evidence.limit(cause, ALPHA / KINDS))
+        })
 }
 
 /// Diagnoses observations of known identity: of a frame in flight with an orientation, else of the ground. `outlines`: kind
@@ -161,7 +197,11 @@ pub fn diagnose_observations(
     observations: &[Observation],
     outlines: &[Option<SizedShape>],
 ) -> Option<Diagnosis> {
-    rank_causes(&Subject::of_observations(setup, observations, outlines), orientation, None)
+    rank_causes(
+        &Subject::of_observations(setup, observations, outlines),
+        orientation,
+        None,
+    )
 }
 
 /// Ranks all causes for named images, and if the best is significant, again those of the images corrected by it.
@@ -173,7 +213,11 @@ fn rank_causes(
 ) -> Option<Diagnosis> {
     let mut first = rank_single_causes(subject, orientation, found)?;
     if let Some(best) = first.causes().first() {
-        let second = rank_single_causes(&best.cause.apply(subject, &best.values()), orientation, None);
+        let second = rank_single_causes(
+            &best.cause.apply(subject, &best.values()),
+            orientation,
+            None,
+        );
         first.set_further(second);
     }
     Some(first)
@@ -185,22 +229,39 @@ fn rank_single_causes(
     orientation: Option<&Orientation>,
     found: Option<(Cause, &[f64])>,
 ) -> Option<Diagnosis> {
-    let linear = found.map_or_else(|| subject.clone(), |(cause, values)| cause.apply(subject, values));
+    let linear = found.map_or_else(
+        || subject.clone(),
+        |(cause, values)| cause.apply(subject, values),
+    );
     let pose = evidence::start_pose(&linear, orientation)?;
     let evidence = Evidence::new(subject.clone(), orientation, (&linear, &pose))?;
     let base = evidence.solve(None, &[]);
     let mut tried: Vec<(Cause, CauseFit)> = vec![];
-    let mut attempt =
-        |cause: Cause, values: &[f64]| tried.extend(evidence.solve(Some(cause), values).map(|fit| (cause, fit)));
-    found.iter().for_each(|(cause, values)| attempt(*cause, values));
-    Cause::list_continuous(orientation.is_some()).into_iter().for_each(|cause| attempt(cause, &[]));
+    let mut attempt = |cause: Cause, values: &[f64]| {
+        tried.extend(evidence.solve(Some(cause), values).map(|fit| (cause, fit)))
+    };
+    found
+        .iter()
+        .for_each(|(cause, values)| attempt(*cause, values));
+    Cause::list_continuous(orientation.is_some())
+        .into_iter()
+        .for_each(|cause| attempt(cause, &[]));
     if let Some(base) = &base {
-        evidence.score_points(base).iter().take(POINTS).for_each(|(cause, _)| attempt(*cause, &[]));
-        exchanged_names(&evidence, base).into_iter().for_each(|cause| attempt(cause, &[]));
+        evidence
+            .score_points(base)
+            .iter()
+            .take(POINTS)
+            .for_each(|(cause, _)| attempt(*cause, &[]));
+        exchanged_names(&evidence, base)
+            .into_iter()
+            .for_each(|cause| attempt(cause, &[]));
     }
     if subject.images.iter().any(|image| image.outline.is_none()) {
         Cause::list_mark_axes().for_each(|cause| attempt(cause, &[]));
-        let marks = subject.images.iter().filter(|image| image.outline.is_none());
+        let marks = subject
+            .images
+            .iter()
+            .filter(|image| image.outline.is_none());
         marks.for_each(|image| attempt(Cause::Mark(image.marker), &[]));
     }
     attempt(Cause::Mirrored, &[]);
@@ -209,8 +270,10 @@ fn rank_single_causes(
     if orientation.is_none() && without > GROSS * freedom as f64 {
         Cause::list_axes().for_each(|cause| attempt(cause, &[]));
     }
-    let mut ranking: Vec<Explanation> =
-        tried.into_iter().map(|(cause, fit)| weigh_cause(&evidence, cause, &fit, without)).collect();
+    let mut ranking: Vec<Explanation> = tried
+        .into_iter()
+        .map(|(cause, fit)| weigh_cause(&evidence, cause, &fit, without))
+        .collect();
     sort_by_value(&mut ranking, |one| -one.evidence);
     let mut places: Vec<Cause> = vec![];
     ranking.retain(|e| {
@@ -238,7 +301,11 @@ fn weigh_cause(evidence: &Evidence, cause: Cause, fit: &CauseFit, without: f64) 
         size: fit.size.clone(),
         decrease,
         variance_factor: left,
-        text: cause.describe(&fit.size, &evidence.subject.setup, evidence.orientation.is_some()),
+        text: cause.describe(
+            &fit.size,
+            &evidence.subject.setup,
+            evidence.orientation.is_some(),
+        ),
         camera_from_survey: fit.pose.rotation(),
         evidence: decrease - penalty,
         is_significant: decrease > evidence.limit(cause, ALPHA / KINDS),
@@ -250,21 +317,31 @@ fn exchanged_names(evidence: &Evidence, base: &CauseFit) -> Vec<Cause> {
     let worst = evidence.worst_images(base, EXCHANGED);
     let mut pairs = vec![];
     for (k, a) in worst.iter().enumerate() {
-        pairs.extend(worst[..k].iter().filter(|b| *b != a).map(|b| Cause::Exchange(*b, *a)));
+        pairs.extend(
+            worst[..k]
+                .iter()
+                .filter(|b| *b != a)
+                .map(|b| Cause::Exchange(*b, *a)),
+        );
     }
     pairs
 }
 
 impl WingView<'_> {
     /// Returns the logarithm of the ratio of the identified outlines' sizes to those predicted from survey and distance.
-    pub fn log_size_ratio(&self, detections: &[Detection], identities: &Identities) -> Option<Estimate> {
+    pub fn log_size_ratio(
+        &self,
+        detections: &[Detection],
+        identities: &Identities,
+    ) -> Option<Estimate> {
         let outlines = self.marker_outlines(&self.fit_state(detections, identities)?.state);
         let mut sizes: Vec<(f64, (Shape, f64), Matrix2<f64>)> = vec![];
         let (mut sum, mut weights) = (0.0, 0.0);
         for (i, j) in identities.pairs() {
-            let (Some(d), Some(Some(outline))) =
-                (detections.get(i).filter(|d| d.shape != Shape::Point), outlines.get(j))
-            else {
+            let (Some(d), Some(Some(outline))) = (
+                detections.get(i).filter(|d| d.shape != Shape::Point),
+                outlines.get(j),
+            ) else {
                 continue;
             };
             let size = (d.shape, d.semi_major_px);
@@ -274,9 +351,15 @@ impl WingView<'_> {
             weights += weight;
         }
         let all = || sizes.iter().enumerate();
-        let pairs = all().flat_map(|(i, a)| all().map(move |(k, b)| (a, b, (i == k).then_some(&a.2))));
-        let variance: f64 = pairs.map(|(a, b, own)| a.0 * b.0 * size_covariance(a.1, b.1, own)).sum();
-        (weights > 0.0).then_some(Estimate { value: sum / weights, sigma: Some(variance.sqrt() / weights) })
+        let pairs =
+            all().flat_map(|(i, a)| all().map(move |(k, b)| (a, b, (i == k).then_some(&a.2))));
+        let variance: f64 = pairs
+            .map(|(a, b, own)| a.0 * b.0 * size_covariance(a.1, b.1, own))
+            .sum();
+        (weights > 0.0).then_some(Estimate {
+            value: sum / weights,
+            sigma: Some(variance.sqrt() / weights),
+        })
     }
 }
 
@@ -284,5 +367,10 @@ impl WingView<'_> {
 fn named_image(d: &Detection, marker: usize) -> NamedImage {
     // A manual mark has no contrast.
     let outline = (d.contrast > 0.0).then_some((d.shape, Some(d.semi_major_px)));
-    NamedImage { marker, pixel: d.centre_px, covariance_px2: *d.covariance_px2, outline }
+    NamedImage {
+        marker,
+        pixel: d.centre_px,
+        covariance_px2: *d.covariance_px2,
+        outline,
+    }
 }

@@ -45,15 +45,27 @@ fn diagnose_ground_frame(setup: &Setup, detections: &[Detection]) -> Option<Diag
     if detections.len() > CLUTTER_RATIO * setup.markers.len() {
         return None;
     }
-    let possible = detections.iter().filter(|d| is_usable(d)).count().min(setup.markers.len());
+    let possible = detections
+        .iter()
+        .filter(|d| is_usable(d))
+        .count()
+        .min(setup.markers.len());
     let is_convincing = |p: &Pairing| 3 * p.pairs.len() >= 2 * possible;
     let mut best: Option<Pairing> = None;
     for start in list_starts(setup, detections) {
-        let Some(next) = pair_with(setup, detections, start) else { continue };
-        if best.as_ref().is_none_or(|b| next.pairs.len() > b.pairs.len()) {
+        let Some(next) = pair_with(setup, detections, start) else {
+            continue;
+        };
+        if best
+            .as_ref()
+            .is_none_or(|b| next.pairs.len() > b.pairs.len())
+        {
             best = Some(next);
         }
-        if best.as_ref().is_some_and(|b| 10 * b.pairs.len() >= 9 * possible) {
+        if best
+            .as_ref()
+            .is_some_and(|b| 10 * b.pairs.len() >= 9 * possible)
+        {
             break;
         }
     }
@@ -65,8 +77,13 @@ fn diagnose_ground_frame(setup: &Setup, detections: &[Detection]) -> Option<Diag
         // The shape of a bend in flight is not that of the trial; the identification in flight confirms and measures it.
         let camera_from_survey = first.camera_from_survey;
         let near = Orientation::from_rotation(camera_from_survey);
-        let wide = Setup { mount_repeatability_px: WINDOW_PX / 3.0, ..setup.clone() };
-        let value = WingView::in_flight(&wide, &near).identify_most(detections)?.tip_deflection_m;
+        let wide = Setup {
+            mount_repeatability_px: WINDOW_PX / 3.0,
+            ..setup.clone()
+        };
+        let value = WingView::in_flight(&wide, &near)
+            .identify_most(detections)?
+            .tip_deflection_m;
         first.size = vec![Estimate { value, sigma: None }];
         first.text = Cause::Bend.describe(&first.size, setup, false);
         return is_bent(value, setup).then_some(found);
@@ -77,7 +94,11 @@ fn diagnose_ground_frame(setup: &Setup, detections: &[Detection]) -> Option<Diag
 /// Diagnoses ground frames, and again with the setup corrected by the best cause, in which other markers may be identified.
 pub fn diagnose_ground(setup: &Setup, frames: &[Vec<Detection>]) -> Option<Diagnosis> {
     let mut first = diagnose_single_ground(setup, frames)?;
-    if let Some(corrected) = first.causes().first().and_then(|best| best.corrected_setup(setup)) {
+    if let Some(corrected) = first
+        .causes()
+        .first()
+        .and_then(|best| best.corrected_setup(setup))
+    {
         let second = diagnose_single_ground(&corrected, frames);
         first.set_further(second);
     }
@@ -86,25 +107,47 @@ pub fn diagnose_ground(setup: &Setup, frames: &[Vec<Detection>]) -> Option<Diagn
 
 /// Diagnoses ground frames: at their orientation if most markers have one, else with unknown attitude, frame by frame.
 fn diagnose_single_ground(setup: &Setup, frames: &[Vec<Detection>]) -> Option<Diagnosis> {
-    let visible = |frame: &Vec<Detection>| frame.iter().filter(|d| is_usable(d)).count().min(setup.markers.len());
+    let visible = |frame: &Vec<Detection>| {
+        frame
+            .iter()
+            .filter(|d| is_usable(d))
+            .count()
+            .min(setup.markers.len())
+    };
     let possible: usize = frames.iter().map(visible).sum();
-    let fit = estimate_orientation(setup, frames).ok().filter(|fit| 3 * fit.residuals.len() >= 2 * possible);
+    let fit = estimate_orientation(setup, frames)
+        .ok()
+        .filter(|fit| 3 * fit.residuals.len() >= 2 * possible);
     match fit {
         Some(fit) => diagnose_ground_fit(setup, frames, &fit),
-        None => frames.iter().find_map(|frame| diagnose_ground_frame(setup, frame)),
+        None => frames
+            .iter()
+            .find_map(|frame| diagnose_ground_frame(setup, frame)),
     }
 }
 
 /// Diagnoses the frames of an estimated orientation, rejected images included.
-pub fn diagnose_ground_fit(setup: &Setup, frames: &[Vec<Detection>], fit: &OrientationFit) -> Option<Diagnosis> {
+pub fn diagnose_ground_fit(
+    setup: &Setup,
+    frames: &[Vec<Detection>],
+    fit: &OrientationFit,
+) -> Option<Diagnosis> {
     let view = WingView::on_ground(setup, &fit.orientation);
     let state = super::super::beam::WingState::zeros();
     let outlines = view.marker_outlines(&state);
     let mut images = vec![];
     for (frame, identities) in frames.iter().zip(&fit.identities) {
         let mut pairs = identities.pairs();
-        let named = pairs.iter().map(|(i, j)| named_image(&frame[*i], *j)).collect();
-        add_remaining(&mut Subject::new(setup, named), frame, &outlines, &mut pairs);
+        let named = pairs
+            .iter()
+            .map(|(i, j)| named_image(&frame[*i], *j))
+            .collect();
+        add_remaining(
+            &mut Subject::new(setup, named),
+            frame,
+            &outlines,
+            &mut pairs,
+        );
         let identities = Identities::from_pairs(frame.len(), &pairs);
         let centred = correct_centres(&view, &state, frame, &identities);
         images.extend(pairs.iter().map(|(i, j)| named_image(&centred[*i], *j)));
@@ -114,12 +157,20 @@ pub fn diagnose_ground_fit(setup: &Setup, frames: &[Vec<Detection>], fit: &Orien
 
 /// Ranks the causes for pairs, and for each remaining marker with the nearest similar detection.
 fn rank_pairs(setup: &Setup, detections: &[Detection], found: &Pairing) -> Option<Diagnosis> {
-    let images =
-        |pairs: &[MatchedPair], of: &[Detection]| pairs.iter().map(|(i, j)| named_image(&of[*i], *j)).collect();
+    let images = |pairs: &[MatchedPair], of: &[Detection]| {
+        pairs
+            .iter()
+            .map(|(i, j)| named_image(&of[*i], *j))
+            .collect()
+    };
     let values: Vec<f64> = found.start.iter().map(|s| s.1).collect();
     let given = found.start.map(|(cause, _)| (cause, values.as_slice()));
-    let modified =
-        |subject: &Subject| given.map_or_else(|| subject.clone(), |(cause, values)| cause.apply(subject, values));
+    let modified = |subject: &Subject| {
+        given.map_or_else(
+            || subject.clone(),
+            |(cause, values)| cause.apply(subject, values),
+        )
+    };
     let rough = Subject::new(setup, images(&found.pairs, detections));
     let pose = start_pose(&modified(&rough), None)?;
     let mut right = modified(&rough);
@@ -129,7 +180,12 @@ fn rank_pairs(setup: &Setup, detections: &[Detection], found: &Pairing) -> Optio
     add_remaining(&mut right, &pixels, &outlines, &mut pairs);
     let attitude = Orientation::from_rotation(pose.camera_from_survey);
     let identities = Identities::from_pairs(detections.len(), &pairs);
-    let centred = correct_centres(&WingView::on_ground(&right.setup, &attitude), &pose.state, detections, &identities);
+    let centred = correct_centres(
+        &WingView::on_ground(&right.setup, &attitude),
+        &pose.state,
+        detections,
+        &identities,
+    );
     rank_causes(&Subject::new(setup, images(&pairs, &centred)), None, given)
 }
 
@@ -138,14 +194,25 @@ fn list_starts(setup: &Setup, detections: &[Detection]) -> Vec<Option<(Cause, f6
     let mut starts = vec![None, Some((Cause::Mirrored, 0.0))];
     let log_ratio = log_size_ratio(setup, detections);
     if log_ratio.abs() > 0.1 {
-        starts.extend(
-            [Cause::SurveyScale, Cause::ImageScale]
-                .map(|cause| Some((cause, if cause == Cause::ImageScale { log_ratio } else { -log_ratio }))),
-        );
+        starts.extend([Cause::SurveyScale, Cause::ImageScale].map(|cause| {
+            Some((
+                cause,
+                if cause == Cause::ImageScale {
+                    log_ratio
+                } else {
+                    -log_ratio
+                },
+            ))
+        }));
     }
     starts.extend(DEFLECTIONS.map(|d| Some((Cause::Bend, d * span_m(setup)))));
     starts.extend([-0.08, 0.08, -0.16, 0.16].map(|s| Some((Cause::ImageScale, s))));
-    starts.extend(UNITS.iter().flat_map(|(_, m)| [m.ln(), -m.ln()]).map(|s| Some((Cause::PointScale, s))));
+    starts.extend(
+        UNITS
+            .iter()
+            .flat_map(|(_, m)| [m.ln(), -m.ln()])
+            .map(|s| Some((Cause::PointScale, s))),
+    );
     starts.extend(Cause::list_axes().map(|axes| Some((axes, 0.0))));
     starts
 }
@@ -160,26 +227,53 @@ fn log_size_ratio(setup: &Setup, detections: &[Detection]) -> f64 {
         .markers
         .iter()
         .filter(|m| m.shape != Shape::Point)
-        .map(|m| 0.5 * m.diameter_m * setup.lens.focal_px() / (m.position_m - setup.projection_centre_m).norm());
-    let found = detections.iter().filter(|d| d.shape != Shape::Point).map(|d| d.semi_major_px);
+        .map(|m| {
+            0.5 * m.diameter_m * setup.lens.focal_px()
+                / (m.position_m - setup.projection_centre_m).norm()
+        });
+    let found = detections
+        .iter()
+        .filter(|d| d.shape != Shape::Point)
+        .map(|d| d.semi_major_px);
     (median(found.collect()) / median(expected.collect())).ln()
 }
 
 /// Returns detections with the pixels of a modified image.
-fn turn_detections(subject: &Subject, detections: &[Detection], cause: Option<Cause>) -> Vec<Detection> {
+fn turn_detections(
+    subject: &Subject,
+    detections: &[Detection],
+    cause: Option<Cause>,
+) -> Vec<Detection> {
     let all = detections.iter().map(|d| named_image(d, 0)).collect();
-    let given = Subject { images: all, ..subject.clone() };
+    let given = Subject {
+        images: all,
+        ..subject.clone()
+    };
     let pixels = match cause {
         Some(cause @ (Cause::Mirrored | Cause::UpsideDown)) => cause.apply(&given, &[]).images,
         _ => given.images,
     };
-    detections.iter().zip(pixels).map(|(d, p)| Detection { centre_px: p.pixel, ..d.clone() }).collect()
+    detections
+        .iter()
+        .zip(pixels)
+        .map(|(d, p)| Detection {
+            centre_px: p.pixel,
+            ..d.clone()
+        })
+        .collect()
 }
 
 /// Pairs markers and detections with a modified setup and a flexible camera.
-fn pair_with(setup: &Setup, detections: &[Detection], start: Option<(Cause, f64)>) -> Option<Pairing> {
+fn pair_with(
+    setup: &Setup,
+    detections: &[Detection],
+    start: Option<(Cause, f64)>,
+) -> Option<Pairing> {
     let given = Subject::new(setup, vec![]);
-    let right = start.map_or_else(|| given.clone(), |(cause, value)| cause.apply(&given, &[value]));
+    let right = start.map_or_else(
+        || given.clone(),
+        |(cause, value)| cause.apply(&given, &[value]),
+    );
     let seen = turn_detections(&right, detections, start.map(|s| s.0));
     let mut wide = right.setup.clone();
     if right.bend_m != 0.0 {
@@ -207,22 +301,48 @@ fn bend_markers(setup: &mut Setup, bend_m: f64) {
     let view = WingView::on_ground(setup, &level);
     let mut state = super::super::beam::WingState::zeros();
     state[0] = 3.0 * bend_m / view.beam.length_m.powi(2);
-    let places: Vec<_> =
-        view.beam.marker_positions(&state, 1.0).iter().map(|place| view.beam.frame.survey_point(place)).collect();
-    setup.markers.iter_mut().zip(places).for_each(|(marker, place)| marker.position_m = place);
+    let places: Vec<_> = view
+        .beam
+        .marker_positions(&state, 1.0)
+        .iter()
+        .map(|place| view.beam.frame.survey_point(place))
+        .collect();
+    setup
+        .markers
+        .iter_mut()
+        .zip(places)
+        .for_each(|(marker, place)| marker.position_m = place);
 }
 
 /// Fits a flexible camera to pairs and pairs again, until most similar detections are within the last distance.
-fn complete_pairs(right: &Subject, seen: &[Detection], mut pairs: Vec<MatchedPair>) -> Vec<MatchedPair> {
+fn complete_pairs(
+    right: &Subject,
+    seen: &[Detection],
+    mut pairs: Vec<MatchedPair>,
+) -> Vec<MatchedPair> {
     for gate_px in GATES_PX {
-        let images = pairs.iter().map(|(i, j)| named_image(&seen[*i], *j)).collect();
-        let subject = Subject { images, ..right.clone() };
+        let images = pairs
+            .iter()
+            .map(|(i, j)| named_image(&seen[*i], *j))
+            .collect();
+        let subject = Subject {
+            images,
+            ..right.clone()
+        };
         let solved = || {
             let pose: Pose = start_pose(&subject, None)?;
-            Evidence::new(subject.clone(), None, (&subject, &pose))?.solve(Some(Cause::Flexible), &[])
+            Evidence::new(subject.clone(), None, (&subject, &pose))?
+                .solve(Some(Cause::Flexible), &[])
         };
-        let Some(fit) = solved().filter(|_| pairs.len() >= MIN_PAIRS - 2) else { return vec![] };
-        pairs = nearest_pairs(seen, &predict_outlines(&fit.subject, None, &fit.pose), right, gate_px);
+        let Some(fit) = solved().filter(|_| pairs.len() >= MIN_PAIRS - 2) else {
+            return vec![];
+        };
+        pairs = nearest_pairs(
+            seen,
+            &predict_outlines(&fit.subject, None, &fit.pose),
+            right,
+            gate_px,
+        );
     }
     pairs
 }
@@ -237,7 +357,11 @@ fn nearest_pairs(
     let mut all: Vec<(f64, MatchedPair)> = vec![];
     for (j, (outline, marker)) in outlines.iter().zip(&subject.setup.markers).enumerate() {
         let Some(outline) = outline else { continue };
-        for (i, d) in seen.iter().enumerate().filter(|(_, d)| is_usable(d) && d.shape == marker.shape) {
+        for (i, d) in seen
+            .iter()
+            .enumerate()
+            .filter(|(_, d)| is_usable(d) && d.shape == marker.shape)
+        {
             let off_px = (d.centre_px - outline.ellipse_px).norm();
             let ratio = (d.semi_major_px / outline.semi_major_px).ln().abs();
             if off_px < gate_px && ratio < SIZE_RATIO.ln() {
@@ -246,7 +370,10 @@ fn nearest_pairs(
         }
     }
     sort_by_value(&mut all, |one| one.0);
-    select_one_to_one(all).into_iter().map(|(_, pair)| pair).collect()
+    select_one_to_one(all)
+        .into_iter()
+        .map(|(_, pair)| pair)
+        .collect()
 }
 
 /// Largest square of an image's normalised misclosure after its marker was moved: chi-square of three degrees of freedom,
@@ -296,7 +423,9 @@ fn add_remaining(
     if other.len() > 1 {
         added.extend(other);
     }
-    subject.images.extend(added.iter().map(|(_, (i, j))| named_image(&seen[*i], *j)));
+    subject
+        .images
+        .extend(added.iter().map(|(_, (i, j))| named_image(&seen[*i], *j)));
     pairs.extend(added.into_iter().map(|(_, pair)| pair));
 }
 
@@ -306,7 +435,9 @@ const WINDOW_PX: f64 = 270.0;
 /// Step between such windows, px: less than a window, so that they overlap.
 const STEP_PX: f64 = 450.0;
 /// Trial scales of the image, logarithms: zoom creep, stabilisation, corrected distortion.
-const SCALES: [f64; 10] = [-0.01, 0.01, -0.02, 0.02, -0.04, 0.04, -0.07, 0.07, -0.12, 0.12];
+const SCALES: [f64; 10] = [
+    -0.01, 0.01, -0.02, 0.02, -0.04, 0.04, -0.07, 0.07, -0.12, 0.12,
+];
 
 impl WingView<'_> {
     /// Diagnoses a frame in flight that [`WingView::identify_markers`] rejected; one sentence, or `None` if no cause is
@@ -315,28 +446,57 @@ impl WingView<'_> {
         if detections.len() > CLUTTER_RATIO * self.setup.markers.len() {
             return None;
         }
-        let wide = Setup { mount_repeatability_px: WINDOW_PX / 3.0, ..self.setup.clone() };
-        let half_turned = turn_detections(&Subject::new(self.setup, vec![]), detections, Some(Cause::UpsideDown));
+        let wide = Setup {
+            mount_repeatability_px: WINDOW_PX / 3.0,
+            ..self.setup.clone()
+        };
+        let half_turned = turn_detections(
+            &Subject::new(self.setup, vec![]),
+            detections,
+            Some(Cause::UpsideDown),
+        );
         let steps = [0.0, -STEP_PX, STEP_PX].map(|px| px / self.setup.lens.focal_px());
-        let turns = steps.iter().flat_map(|u| steps.iter().map(move |v| (Cause::Turn, vec![-v, *u, 0.0])));
+        let turns = steps
+            .iter()
+            .flat_map(|u| steps.iter().map(move |v| (Cause::Turn, vec![-v, *u, 0.0])));
         let scales = SCALES.iter().map(|s| (Cause::ImageScale, vec![*s]));
         let images = [Cause::UpsideDown, Cause::Mirrored].map(|cause| (cause, vec![]));
-        let starts = turns.chain(images).chain(scales).map(|start| (start, detections));
+        let starts = turns
+            .chain(images)
+            .chain(scales)
+            .map(|start| (start, detections));
         // Mirrored up to down is mirrored left to right and upside down.
         let mut starts = starts.chain([((Cause::Mirrored, vec![]), half_turned.as_slice())]);
         let found = starts.find_map(|((cause, values), detections)| {
-            let setup = if cause == Cause::Turn { &wide } else { self.setup };
+            let setup = if cause == Cause::Turn {
+                &wide
+            } else {
+                self.setup
+            };
             let right = cause.apply(&Subject::new(setup, vec![]), &values);
             let seen = turn_detections(&right, detections, Some(cause));
             let camera_from_survey = right.turn * self.orientation.camera_from_survey;
-            let near = Orientation { camera_from_survey, ..self.orientation.clone() };
+            let near = Orientation {
+                camera_from_survey,
+                ..self.orientation.clone()
+            };
             let identities = WingView::in_flight(&right.setup, &near).identify_most(&seen)?;
             let centred = self.remove_perspective_bias(detections, &identities);
-            let images = identities.pairs().iter().map(|(i, j)| named_image(&centred[*i], *j)).collect();
+            let images = identities
+                .pairs()
+                .iter()
+                .map(|(i, j)| named_image(&centred[*i], *j))
+                .collect();
             let subject = Subject::new(self.setup, images);
             let ranked = rank_causes(&subject, Some(self.orientation), Some((cause, &values)));
             let text = ranked.as_ref().and_then(Diagnosis::text);
-            let size: Vec<Estimate> = values.iter().map(|v| Estimate { value: *v, sigma: None }).collect();
+            let size: Vec<Estimate> = values
+                .iter()
+                .map(|v| Estimate {
+                    value: *v,
+                    sigma: None,
+                })
+                .collect();
             Some(text.unwrap_or_else(|| cause.describe(&size, self.setup, true)))
         });
         let usable = detections.iter().filter(|d| is_usable(d)).count();
@@ -348,15 +508,27 @@ impl WingView<'_> {
 
     /// Diagnoses a ground frame that does not fit the orientation of the other frames; one sentence.
     pub(in super::super) fn diagnose_misfit(&self, detections: &[Detection]) -> Option<String> {
-        let size = |i: &Identities| [Estimate { value: i.tip_deflection_m, sigma: None }];
-        let bent = self.identify_most(detections).filter(|i| is_bent(i.tip_deflection_m, self.setup));
-        bent.map(|i| Cause::Bend.describe(&size(&i), self.setup, false)).or_else(|| self.diagnose_frame(detections))
+        let size = |i: &Identities| {
+            [Estimate {
+                value: i.tip_deflection_m,
+                sigma: None,
+            }]
+        };
+        let bent = self
+            .identify_most(detections)
+            .filter(|i| is_bent(i.tip_deflection_m, self.setup));
+        bent.map(|i| Cause::Bend.describe(&size(&i), self.setup, false))
+            .or_else(|| self.diagnose_frame(detections))
     }
 
     /// Identifies the frame; `None` if fewer than two thirds of the markers or of the detections are identified.
     fn identify_most(&self, detections: &[Detection]) -> Option<Identities> {
         let found = self.identify_markers(detections).ok()?;
-        let possible = detections.iter().filter(|d| is_usable(d)).count().min(self.setup.markers.len());
+        let possible = detections
+            .iter()
+            .filter(|d| is_usable(d))
+            .count()
+            .min(self.setup.markers.len());
         (3 * found.pairs().len() >= 2 * possible).then_some(found)
     }
 }

@@ -48,7 +48,13 @@ pub(super) struct Subject {
 impl Subject {
     /// Creates the subject of a setup as given.
     pub(super) fn new(setup: &Setup, images: Vec<NamedImage>) -> Self {
-        Self { setup: setup.clone(), images, bend_m: 0.0, turn: Rotation3::identity(), beam: Rc::default() }
+        Self {
+            setup: setup.clone(),
+            images,
+            bend_m: 0.0,
+            turn: Rotation3::identity(),
+            beam: Rc::default(),
+        }
     }
 
     /// Creates the subject of observations with the outline of each; missing ones are manual marks.
@@ -70,9 +76,13 @@ impl Subject {
     /// positions alone. `orientation`: the same in all calls for a subject and its modifications.
     pub(super) fn beam(&self, orientation: &Orientation) -> CoarseBeam {
         let markers = &self.setup.markers;
-        let places = std::iter::once(self.setup.projection_centre_m).chain(markers.iter().map(|m| m.position_m));
+        let places = std::iter::once(self.setup.projection_centre_m)
+            .chain(markers.iter().map(|m| m.position_m));
         let mut known = self.beam.borrow_mut();
-        if known.as_ref().is_none_or(|(of, _)| !places.clone().eq(of.iter().copied())) {
+        if known
+            .as_ref()
+            .is_none_or(|(of, _)| !places.clone().eq(of.iter().copied()))
+        {
             *known = None;
         }
         let (_, beam) = known.get_or_insert_with(|| {
@@ -84,17 +94,31 @@ impl Subject {
 
     /// Replaces the pixel of each image; the map has the marker and the pixel.
     pub(super) fn map_pixels(&mut self, map: impl Fn(usize, Vector2<f64>) -> Vector2<f64>) {
-        self.images.iter_mut().for_each(|image| image.pixel = map(image.marker, image.pixel));
+        self.images
+            .iter_mut()
+            .for_each(|image| image.pixel = map(image.marker, image.pixel));
     }
 
     /// Exchanges the names of two markers: of manual marks, or else of their rows in the survey. The images of rows were
     /// named by their positions, so that kind and diameter are exchanged.
     pub(super) fn exchange_names(&mut self, a: usize, b: usize) {
-        if self.images.iter().all(|image| image.outline.is_some() || (image.marker != a && image.marker != b)) {
+        if self
+            .images
+            .iter()
+            .all(|image| image.outline.is_some() || (image.marker != a && image.marker != b))
+        {
             let of = |k: usize| self.setup.markers.get(k).map(|m| (m.shape, m.diameter_m));
-            let (Some(first), Some(second)) = (of(a), of(b)) else { return };
-            (self.setup.markers[a].shape, self.setup.markers[a].diameter_m) = second;
-            (self.setup.markers[b].shape, self.setup.markers[b].diameter_m) = first;
+            let (Some(first), Some(second)) = (of(a), of(b)) else {
+                return;
+            };
+            (
+                self.setup.markers[a].shape,
+                self.setup.markers[a].diameter_m,
+            ) = second;
+            (
+                self.setup.markers[b].shape,
+                self.setup.markers[b].diameter_m,
+            ) = first;
             return;
         }
         for image in &mut self.images {

@@ -37,13 +37,21 @@ pub(crate) fn encode_block(
     let mut at = 0;
     for column in &table.columns {
         let mut plain = Vec::with_capacity(rows.len() * column.width * column.kind.byte_size());
-        let values = rows.iter().flat_map(|row| row.iter().skip(at).take(column.width));
+        let values = rows
+            .iter()
+            .flat_map(|row| row.iter().skip(at).take(column.width));
         values.for_each(|value| column.kind.encode(*value, &mut plain));
         at += column.width;
         let packed = compress_column(&plain, column.kind.byte_size())?;
-        let part = if packed.len() < plain.len() { packed } else { plain };
+        let part = if packed.len() < plain.len() {
+            packed
+        } else {
+            plain
+        };
         lengths.extend(
-            u32::try_from(part.len()).map_err(|_| bad(format!("column {} is too long", column.name)))?.to_le_bytes(),
+            u32::try_from(part.len())
+                .map_err(|_| bad(format!("column {} is too long", column.name)))?
+                .to_le_bytes(),
         );
         parts.extend(part);
     }
@@ -59,13 +67,20 @@ pub(crate) fn encode_block(
 }
 
 fn block_digest(before: &BlockDigest, counts: &[u8], content: &[u8]) -> BlockDigest {
-    Sha256::new().chain_update(before).chain_update(counts).chain_update(content).finalize().into()
+    Sha256::new()
+        .chain_update(before)
+        .chain_update(counts)
+        .chain_update(content)
+        .finalize()
+        .into()
 }
 
 /// Compresses a column: the first bytes of all values, then the second bytes of all, …; zlib.
 fn compress_column(plain: &[u8], size: usize) -> io::Result<Vec<u8>> {
     let mut encoder = ZlibEncoder::new(Vec::new(), Compression::fast());
-    let sorted: Vec<u8> = (0..size).flat_map(|k| plain.iter().skip(k).step_by(size).copied()).collect();
+    let sorted: Vec<u8> = (0..size)
+        .flat_map(|k| plain.iter().skip(k).step_by(size).copied())
+        .collect();
     encoder.write_all(&sorted)?;
     encoder.finish()
 }
@@ -73,7 +88,10 @@ fn compress_column(plain: &[u8], size: usize) -> io::Result<Vec<u8>> {
 /// Reverses [`compress_column`]; `None` if the result is not `length` bytes long.
 fn decompress_column(packed: &[u8], size: usize, length: usize) -> Option<Vec<u8>> {
     let mut sorted = Vec::new();
-    ZlibDecoder::new(packed).take(length as u64 + 1).read_to_end(&mut sorted).ok()?;
+    ZlibDecoder::new(packed)
+        .take(length as u64 + 1)
+        .read_to_end(&mut sorted)
+        .ok()?;
     if sorted.len() != length || length == 0 {
         return None;
     }
@@ -109,11 +127,22 @@ impl LiveBlock<'_> {
     /// unknown.
     pub fn column_values(&self, index: usize) -> Option<Vec<f64>> {
         let (column, part) = (self.columns.get(index)?, *self.parts.get(index)?);
-        let length = self.rows.checked_mul(column.width)?.checked_mul(column.kind.byte_size())?;
-        let unpacked =
-            if part.len() == length { None } else { Some(decompress_column(part, column.kind.byte_size(), length)?) };
+        let length = self
+            .rows
+            .checked_mul(column.width)?
+            .checked_mul(column.kind.byte_size())?;
+        let unpacked = if part.len() == length {
+            None
+        } else {
+            Some(decompress_column(part, column.kind.byte_size(), length)?)
+        };
         let plain = unpacked.as_deref().unwrap_or(part);
-        Some(plain.chunks_exact(column.kind.byte_size()).map(|bytes| column.kind.decode(bytes)).collect())
+        Some(
+            plain
+                .chunks_exact(column.kind.byte_size())
+                .map(|bytes| column.kind.decode(bytes))
+                .collect(),
+        )
     }
 
     /// Decodes the column of a name; `None` if there is no such column or its encoding is unknown.
@@ -126,9 +155,9 @@ impl LiveBlock<'_> {
         let mut rows = vec![LiveRow::new(); self.rows];
         for (index, column) in self.columns.iter().enumerate() {
             let values = self.column_values(index)?;
-            rows.iter_mut()
-                .enumerate()
-                .for_each(|(n, row)| row.extend(values.iter().skip(n * column.width).take(column.width)));
+            rows.iter_mut().enumerate().for_each(|(n, row)| {
+                row.extend(values.iter().skip(n * column.width).take(column.width))
+            });
         }
         Some(rows)
     }
@@ -148,7 +177,12 @@ impl<'a> LiveFile<'a> {
     pub fn parse(bytes: &'a [u8]) -> Option<Self> {
         let line = bytes.split_inclusive(|byte| *byte == b'\n').next()?;
         let head: LiveHead = serde_json::from_slice(line.strip_suffix(b"\n")?).ok()?;
-        (head.format == FORMAT).then(|| Self { head, bytes, offset: line.len(), digest: first_block_digest(line) })
+        (head.format == FORMAT).then(|| Self {
+            head,
+            bytes,
+            offset: line.len(),
+            digest: first_block_digest(line),
+        })
     }
 
     /// Returns the length of the file including a torn end, bytes.
@@ -180,7 +214,11 @@ impl<'a> LiveFile<'a> {
             parts.push(part);
             rest = after;
         }
-        Some(LiveBlock { columns, rows, parts })
+        Some(LiveBlock {
+            columns,
+            rows,
+            parts,
+        })
     }
 
     /// Returns row count, content and digest of the next block without advancing.

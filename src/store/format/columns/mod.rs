@@ -114,7 +114,9 @@ impl ValueKind {
 
     fn decode(self, bytes: &[u8]) -> f64 {
         let mut word = [0; 8];
-        word.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
+        word.iter_mut()
+            .zip(bytes)
+            .for_each(|(to, from)| *to = *from);
         let number = u64::from_le_bytes(word);
         match self {
             Self::F64 => f64::from_bits(number),
@@ -130,13 +132,22 @@ impl ValueKind {
 impl LiveTable {
     /// Returns the number of values of a row.
     pub fn row_width(&self) -> usize {
-        self.columns.iter().fold(0, |all, column| all.saturating_add(column.width))
+        self.columns
+            .iter()
+            .fold(0, |all, column| all.saturating_add(column.width))
     }
 
     /// Returns the index of a column and of its first value in a row.
     pub fn find_column(&self, name: &str) -> Option<(usize, usize)> {
         let at = self.columns.iter().position(|column| column.name == name)?;
-        Some((at, self.columns.iter().take(at).map(|column| column.width).sum()))
+        Some((
+            at,
+            self.columns
+                .iter()
+                .take(at)
+                .map(|column| column.width)
+                .sum(),
+        ))
     }
 
     /// Returns whether a row can be encoded.
@@ -152,8 +163,13 @@ impl LiveTable {
         }
         let mut at = 0;
         for column in &self.columns {
-            let values = || rows.iter().flat_map(move |row| row.iter().skip(at).take(column.width));
-            let whole = |v: &f64| v.is_nan() || (v.fract() == 0.0 && (0.0..=column.kind.max_value()).contains(v));
+            let values = || {
+                rows.iter()
+                    .flat_map(move |row| row.iter().skip(at).take(column.width))
+            };
+            let whole = |v: &f64| {
+                v.is_nan() || (v.fract() == 0.0 && (0.0..=column.kind.max_value()).contains(v))
+            };
             let integers = !matches!(column.kind, ValueKind::F64 | ValueKind::F32);
             if let Some(bad) = values().find(|value| integers && !whole(value)) {
                 return Some(format!("column {} cannot hold {bad}", column.name));

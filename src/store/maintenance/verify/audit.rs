@@ -37,7 +37,10 @@ impl FlightAudit<'_> {
             Err(error) => return found.add_fault(14, &path, format!("cannot be read: {error}")),
         };
         let chain = Chain::parse(&bytes);
-        chain.faults.iter().for_each(|problem| found.add_fault(14, &path, problem));
+        chain
+            .faults
+            .iter()
+            .for_each(|problem| found.add_fault(14, &path, problem));
         if chain.good_length < bytes.len() {
             let problem = "its last line is torn; it is set aside when the next one is written";
             found.notes.push(format!("{}: {problem}", path.display()));
@@ -46,19 +49,33 @@ impl FlightAudit<'_> {
         self.check_chain_identity(&state, &path, found);
         self.check_series_digests(&state, found);
         self.check_result_digests(&state, found);
-        APPEND_FILE_KINDS.iter().for_each(|kind| self.check_closed_files(&state, kind, found));
+        APPEND_FILE_KINDS
+            .iter()
+            .for_each(|kind| self.check_closed_files(&state, kind, found));
         self.check_kept_installations(&state, found);
         self.check_sums_file(&bytes, &chain, found);
     }
 
     fn check_chain_identity(&self, state: &ChainState, path: &Path, found: &mut VerifyReport) {
-        let Some((store, flight, digest)) = &state.flight else { return };
-        let id = self.root.and_then(|root| catalogue::store_id(self.disk, root));
+        let Some((store, flight, digest)) = &state.flight else {
+            return;
+        };
+        let id = self
+            .root
+            .and_then(|root| catalogue::store_id(self.disk, root));
         if *flight != self.flight.id || id.is_some_and(|id| id != *store) {
-            found.add_fault(14, path, format!("is the chain of flight {flight} of store {store}"));
+            found.add_fault(
+                14,
+                path,
+                format!("is the chain of flight {flight} of store {store}"),
+            );
         }
         let file = self.flight.folder.join(layout::FLIGHT_FILE);
-        if self.disk.read(&file).is_ok_and(|bytes| sha256_hex(&bytes) != *digest) {
+        if self
+            .disk
+            .read(&file)
+            .is_ok_and(|bytes| sha256_hex(&bytes) != *digest)
+        {
             found.add_fault(15, &file, "does not have the SHA-256 of the chain");
         }
     }
@@ -69,25 +86,39 @@ impl FlightAudit<'_> {
             match self.manifests.get(id) {
                 Some((sha256, _)) if sha256 == digest => {}
                 Some(_) => {
-                    let problem = "does not have the SHA-256 of the chain: it was changed or replaced";
+                    let problem =
+                        "does not have the SHA-256 of the chain: it was changed or replaced";
                     found.add_fault(15, &folder.join(layout::SERIES_FILE), problem);
                 }
                 // An unreadable manifest is reported elsewhere.
                 None if self.disk.exists(&folder) => {}
                 None if self.is_commit_pending(id, digest) => {}
-                None => found.add_fault(15, &folder, "the chain has this series as closed, but it is missing"),
+                None => found.add_fault(
+                    15,
+                    &folder,
+                    "the chain has this series as closed, but it is missing",
+                ),
             }
         }
-        for id in self.manifests.keys().filter(|id| !state.series.contains_key(*id)) {
-            let problem = "this series is not in the chain: it was added, or the chain was truncated";
+        for id in self
+            .manifests
+            .keys()
+            .filter(|id| !state.series.contains_key(*id))
+        {
+            let problem =
+                "this series is not in the chain: it was added, or the chain was truncated";
             found.add_fault(15, &self.flight.folder.join(id), problem);
         }
     }
 
     /// Returns whether the series was closed but not moved yet; the next start finishes that.
     fn is_commit_pending(&self, series: &str, digest: &str) -> bool {
-        let manifest = self.root.map(|root| layout::incoming_folder(root, series).join(layout::SERIES_FILE));
-        manifest.and_then(|path| self.disk.read(&path).ok()).is_some_and(|bytes| sha256_hex(&bytes) == digest)
+        let manifest = self
+            .root
+            .map(|root| layout::incoming_folder(root, series).join(layout::SERIES_FILE));
+        manifest
+            .and_then(|path| self.disk.read(&path).ok())
+            .is_some_and(|bytes| sha256_hex(&bytes) == digest)
     }
 
     fn check_result_digests(&self, state: &ChainState, found: &mut VerifyReport) {
@@ -98,7 +129,10 @@ impl FlightAudit<'_> {
                 Ok(bytes) => bytes,
                 Err(_) if entries.is_empty() => continue,
                 Err(_) if !self.disk.exists(&path) => {
-                    let problem = format!("{} results are in the chain, but the file is missing", entries.len());
+                    let problem = format!(
+                        "{} results are in the chain, but the file is missing",
+                        entries.len()
+                    );
                     found.add_fault(15, &path, problem);
                     continue;
                 }
@@ -113,7 +147,14 @@ impl FlightAudit<'_> {
     }
 
     /// Reports bytes after the chain's length, unless they were announced in `pending.json`.
-    fn check_unchained_tail(&self, series: &str, path: &Path, bytes: &[u8], known: usize, found: &mut VerifyReport) {
+    fn check_unchained_tail(
+        &self,
+        series: &str,
+        path: &Path,
+        bytes: &[u8],
+        known: usize,
+        found: &mut VerifyReport,
+    ) {
         let tail = bytes.len() - known;
         if tail == 0 {
             return;
@@ -121,20 +162,29 @@ impl FlightAudit<'_> {
         let pending = self.root.and_then(|root| read_pending(self.disk, root));
         let announced = pending.is_some_and(|p| {
             let here = p.flight == self.flight.id && p.results.series == series;
-            let torn = jsonl::parse_lines::<ResultKey>(bytes.get(known..).unwrap_or_default()).good.is_empty();
-            here && (p.results.sha256 == sha256_hex(bytes) || (torn && p.results.bytes >= bytes.len() as u64))
+            let torn = jsonl::parse_lines::<ResultKey>(bytes.get(known..).unwrap_or_default())
+                .good
+                .is_empty();
+            here && (p.results.sha256 == sha256_hex(bytes)
+                || (torn && p.results.bytes >= bytes.len() as u64))
         });
         if announced {
             let problem = "a result was being written when the program ended, or still is; the next start completes it";
             found.notes.push(format!("{}: {problem}", path.display()));
         } else {
-            let problem = format!("its last {tail} bytes are not in the chain: they were added manually");
+            let problem =
+                format!("its last {tail} bytes are not in the chain: they were added manually");
             found.add_fault(15, path, problem);
         }
     }
 
     /// Checks the closed files of a kind against the chain, both ways.
-    fn check_closed_files(&self, state: &ChainState, kind: &AppendFileKind, found: &mut VerifyReport) {
+    fn check_closed_files(
+        &self,
+        state: &ChainState,
+        kind: &AppendFileKind,
+        found: &mut VerifyReport,
+    ) {
         let mut fault = |file: &str, problem: String| {
             found.add_fault(kind.invariant, &self.flight.folder.join(file), problem);
         };
@@ -142,21 +192,37 @@ impl FlightAudit<'_> {
         for (file, (_, digest)) in state.files.iter().filter(|(file, _)| is_ours(file)) {
             match self.disk.read(&self.flight.folder.join(file)) {
                 Ok(bytes) if sha256_hex(&bytes) == *digest => {}
-                Ok(_) => fault(file, "does not have the SHA-256 of the chain: it was changed".to_owned()),
+                Ok(_) => fault(
+                    file,
+                    "does not have the SHA-256 of the chain: it was changed".to_owned(),
+                ),
                 Err(_) if self.is_close_pending(digest, kind) => {}
-                Err(error) => fault(file, format!("is in the chain, but cannot be read: {error}")),
+                Err(error) => fault(
+                    file,
+                    format!("is in the chain, but cannot be read: {error}"),
+                ),
             }
         }
         let here = catalogue::closed_files(self.disk, self.flight, kind).unwrap_or_default();
-        for file in here.into_iter().filter(|file| !state.files.contains_key(file)) {
-            fault(&file, "is not in the chain: it was added, or the chain was truncated".to_owned());
+        for file in here
+            .into_iter()
+            .filter(|file| !state.files.contains_key(file))
+        {
+            fault(
+                &file,
+                "is not in the chain: it was added, or the chain was truncated".to_owned(),
+            );
         }
     }
 
     /// Returns whether the file is still in the root; the next start moves it to its flight.
     fn is_close_pending(&self, digest: &str, kind: &AppendFileKind) -> bool {
-        let bytes = self.root.and_then(|root| self.disk.read(&root.join(kind.open_name)).ok());
-        let ours = |bytes: &[u8]| (kind.intact_prefix)(bytes).is_some_and(|(_, flight)| flight == self.flight.id);
+        let bytes = self
+            .root
+            .and_then(|root| self.disk.read(&root.join(kind.open_name)).ok());
+        let ours = |bytes: &[u8]| {
+            (kind.intact_prefix)(bytes).is_some_and(|(_, flight)| flight == self.flight.id)
+        };
         bytes.is_some_and(|bytes| sha256_hex(&bytes) == digest && ours(&bytes))
     }
 
@@ -191,7 +257,10 @@ impl FlightAudit<'_> {
                 return;
             }
         }
-        expected.insert(layout::CHAIN_FILE.to_owned(), sha256_hex(bytes.get(..end).unwrap_or_default()));
+        expected.insert(
+            layout::CHAIN_FILE.to_owned(),
+            sha256_hex(bytes.get(..end).unwrap_or_default()),
+        );
         if text != sums::format_sums(&expected).into_bytes() {
             found.add_fault(16, &path, "does not match the files in chain and manifests");
         } else if end < chain.good_length {
@@ -219,7 +288,10 @@ fn check_growth(bytes: &[u8], entries: &[(u64, String)]) -> Result<usize, ChainM
     for (index, (length, digest)) in entries.iter().enumerate() {
         let end = usize::try_from(*length).unwrap_or(usize::MAX);
         let Some(part) = bytes.get(done..end) else {
-            return Err(ChainMismatch::Short { length: bytes.len(), known: end });
+            return Err(ChainMismatch::Short {
+                length: bytes.len(),
+                known: end,
+            });
         };
         hasher.update(part);
         if hex::encode(hasher.clone().finalize()) != *digest {

@@ -40,7 +40,12 @@ impl fmt::Display for InvariantFault {
     /// Formats the error on one line: its path and names may hold any characters.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let what = printable_path(&self.what);
-        write!(f, "invariant {}: {}: {what}", self.invariant, printable_path(&self.path))
+        write!(
+            f,
+            "invariant {}: {}: {what}",
+            self.invariant,
+            printable_path(&self.path)
+        )
     }
 }
 
@@ -51,6 +56,10 @@ impl VerifyReport {
     }
 
     pub(super) fn add_fault(&mut self, invariant: u8, path: &Path, problem: impl Into<String>) {
-        self.faults.push(InvariantFault { invariant, path: path.to_owned(), what: problem.into() });
+        self.faults.push(InvariantFault {
+            invariant,
+            path: path.to_owned(),
+            what: problem.into(),
+        });
     }
 }

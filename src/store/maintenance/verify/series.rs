@@ -12,14 +12,29 @@ impl StoreChecker<'_> {
     pub(super) fn check_series(&mut self, series: &SeriesRef) {
         self.report.series += 1;
         if let Some(other) = self.seen.insert(series.id.clone(), series.folder.clone()) {
-            self.report.add_fault(4, &series.folder, format!("has the same id as {}", other.display()));
+            self.report.add_fault(
+                4,
+                &series.folder,
+                format!("has the same id as {}", other.display()),
+            );
         }
         let path = series.folder.join(layout::SERIES_FILE);
-        let Some(manifest) = self.parse_or_report::<SeriesManifest>(&path, 4) else { return };
-        let digest = self.disk.read(&path).map(|bytes| sha256_hex(&bytes)).unwrap_or_default();
-        self.manifests.insert(series.id.clone(), (digest, manifest.clone()));
+        let Some(manifest) = self.parse_or_report::<SeriesManifest>(&path, 4) else {
+            return;
+        };
+        let digest = self
+            .disk
+            .read(&path)
+            .map(|bytes| sha256_hex(&bytes))
+            .unwrap_or_default();
+        self.manifests
+            .insert(series.id.clone(), (digest, manifest.clone()));
         if manifest.format != layout::SERIES_FORMAT {
-            let problem = format!("has format {}, expected {}", manifest.format, layout::SERIES_FORMAT);
+            let problem = format!(
+                "has format {}, expected {}",
+                manifest.format,
+                layout::SERIES_FORMAT
+            );
             self.report.add_fault(4, &path, problem);
         }
         let foreign = !series.flight.is_empty() && manifest.flight != series.flight;
@@ -31,7 +46,10 @@ impl StoreChecker<'_> {
             self.report.add_fault(4, &path, problem);
         }
         if manifest.state == SeriesState::Interrupted {
-            self.report.notes.push(format!("{}: interrupted; its complete frames are kept", series.id));
+            self.report.notes.push(format!(
+                "{}: interrupted; its complete frames are kept",
+                series.id
+            ));
         }
         self.check_frame_files(series, &manifest);
         self.check_extra_files(series, &manifest);
@@ -44,17 +62,28 @@ impl StoreChecker<'_> {
         for entry in manifest.frames() {
             let path = series.folder.join(&entry.file);
             if !layout::is_frame_name(&entry.file) {
-                self.report.add_fault(5, &series.folder, format!("{:?} is not a frame's name", entry.file));
+                self.report.add_fault(
+                    5,
+                    &series.folder,
+                    format!("{:?} is not a frame's name", entry.file),
+                );
                 continue;
             }
-            let Some(bytes) = self.read_or_report(&path, 5) else { continue };
+            let Some(bytes) = self.read_or_report(&path, 5) else {
+                continue;
+            };
             self.report.frames += 1;
             self.report.bytes += bytes.len() as u64;
             if bytes.len() as u64 != entry.bytes {
-                let problem = format!("has {} bytes, but {} in series.json", bytes.len(), entry.bytes);
+                let problem = format!(
+                    "has {} bytes, but {} in series.json",
+                    bytes.len(),
+                    entry.bytes
+                );
                 self.report.add_fault(5, &path, problem);
             } else if sha256_hex(&bytes) != entry.sha256 {
-                self.report.add_fault(5, &path, "does not have the SHA-256 of series.json");
+                self.report
+                    .add_fault(5, &path, "does not have the SHA-256 of series.json");
             }
         }
     }
@@ -67,7 +96,8 @@ impl StoreChecker<'_> {
             if entry.is_link {
                 self.report_link(&path);
             } else if entry.is_dir || !names.contains(entry.name.as_str()) {
-                self.report.add_fault(6, &path, "is not named in series.json");
+                self.report
+                    .add_fault(6, &path, "is not named in series.json");
             }
         }
     }
@@ -75,15 +105,25 @@ impl StoreChecker<'_> {
     fn check_shot_list(&mut self, path: &Path, manifest: &SeriesManifest) {
         let numbers: Vec<u32> = manifest.shots.iter().map(|shot| shot.shot).collect();
         if numbers.first().is_some_and(|first| *first == 0) || !numbers.is_sorted_by(|a, b| a < b) {
-            self.report.add_fault(7, path, "its shots are not numbered in order from 1");
+            self.report
+                .add_fault(7, path, "its shots are not numbered in order from 1");
         }
-        if manifest.state == SeriesState::Complete && !numbers.iter().copied().eq(1..=manifest.planned_shots) {
-            let problem = format!("is complete, but some of its {} shots are missing", manifest.planned_shots);
+        if manifest.state == SeriesState::Complete
+            && !numbers.iter().copied().eq(1..=manifest.planned_shots)
+        {
+            let problem = format!(
+                "is complete, but some of its {} shots are missing",
+                manifest.planned_shots
+            );
             self.report.add_fault(7, path, problem);
         }
         let empty = |shot: &&Shot| shot.frame.is_none() && shot.failures.is_empty();
         if let Some(shot) = manifest.shots.iter().find(empty) {
-            self.report.add_fault(7, path, format!("shot {} has neither a frame nor a reason", shot.shot));
+            self.report.add_fault(
+                7,
+                path,
+                format!("shot {} has neither a frame nor a reason", shot.shot),
+            );
         }
     }
 
@@ -112,10 +152,13 @@ impl StoreChecker<'_> {
         if !self.disk.exists(&path) {
             return;
         }
-        let Some(bytes) = self.read_or_report(&path, 9) else { return };
+        let Some(bytes) = self.read_or_report(&path, 9) else {
+            return;
+        };
         let lines = jsonl::parse_lines::<ResultLine>(&bytes);
         for number in &lines.damaged {
-            self.report.add_fault(9, &path, format!("line {number} is damaged"));
+            self.report
+                .add_fault(9, &path, format!("line {number} is damaged"));
         }
         if lines.good_length < bytes.len() {
             let count = bytes.len() - lines.good_length;
@@ -129,17 +172,29 @@ impl StoreChecker<'_> {
             self.report.results += 1;
             self.check_result_line(&path, number, &line, manifest);
             if !seen.insert((line.frame.clone(), line.inputs.clone())) {
-                let problem = format!("line {number}: {} has a result for these inputs already", line.frame);
+                let problem = format!(
+                    "line {number}: {} has a result for these inputs already",
+                    line.frame
+                );
                 self.report.add_fault(11, &path, problem);
             }
         }
     }
 
-    fn check_result_line(&mut self, path: &Path, number: usize, line: &ResultLine, manifest: &SeriesManifest) {
+    fn check_result_line(
+        &mut self,
+        path: &Path,
+        number: usize,
+        line: &ResultLine,
+        manifest: &SeriesManifest,
+    ) {
         let mut frames = manifest.frames();
         let frame = frames.find(|frame| frame.file == line.frame);
         if frame.is_none_or(|frame| frame.sha256 != line.frame_sha256) {
-            let problem = format!("line {number}: {} with this hash is not in the series", line.frame);
+            let problem = format!(
+                "line {number}: {} with this hash is not in the series",
+                line.frame
+            );
             self.report.add_fault(10, path, problem);
         }
         if Inputs::new(line.provenance.clone()).key(&line.frame_sha256) != line.inputs {

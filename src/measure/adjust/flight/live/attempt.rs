@@ -9,7 +9,9 @@ use crate::adjust::flight::shape::SharedShape;
 use crate::adjust::flight::solving::SolvedFlight;
 use crate::adjust::flight::usage::RemovedObservation;
 use crate::adjust::layout::ParameterLayout;
-use crate::adjust::snooping::{SnoopingModel, SnoopingResult, SolvedGroup, Suspect, snoop_one_by_one};
+use crate::adjust::snooping::{
+    SnoopingModel, SnoopingResult, SolvedGroup, Suspect, snoop_one_by_one,
+};
 use crate::adjust::{AdjustResult, GlobalTest};
 use crate::estimation::quality::{self, chi_square_limit};
 use crate::estimation::{InformationPrior, Problem, SolveOptions};
@@ -54,25 +56,56 @@ impl FrameAttempt {
         known: &InformationPrior,
     ) -> AdjustResult<Self> {
         let mut flight = flight.clone();
-        let everywhere: Vec<_> = model.wrong.iter().map(|s| RemovedObservation { group: 0, suspect: *s }).collect();
+        let everywhere: Vec<_> = model
+            .wrong
+            .iter()
+            .map(|s| RemovedObservation {
+                group: 0,
+                suspect: *s,
+            })
+            .collect();
         flight.usage.reset_except(&everywhere);
-        let layout = model.layout.with_row_times(&flight.input, &flight.frames[0]);
-        let frame = FrameHypothesis { model, layout, local, twist, flight, known };
+        let layout = model
+            .layout
+            .with_row_times(&flight.input, &flight.frames[0]);
+        let frame = FrameHypothesis {
+            model,
+            layout,
+            local,
+            twist,
+            flight,
+            known,
+        };
         let all = frame.solve_from(None)?;
         let (omega, redundancy) = (all.fit.omega, all.fit.redundancy);
         let test = quality::global_test(omega, redundancy, frame.flight.input.options.global_alpha);
         let markers = all.flight_problem.members[0].len();
-        let SnoopingResult { model: frame, solved, removed, tested_sum } = snoop_one_by_one(frame, all, markers)?;
-        let solved = SolvedFlight { tested_sum, ..frame.solve_with(Some(&solved), false)? };
-        let removed = removed.into_iter().map(|suspect| RemovedObservation { group: 0, suspect });
+        let SnoopingResult {
+            model: frame,
+            solved,
+            removed,
+            tested_sum,
+        } = snoop_one_by_one(frame, all, markers)?;
+        let solved = SolvedFlight {
+            tested_sum,
+            ..frame.solve_with(Some(&solved), false)?
+        };
+        let removed = removed
+            .into_iter()
+            .map(|suspect| RemovedObservation { group: 0, suspect });
         let removed = everywhere.into_iter().chain(removed).collect();
-        Ok(Self { solved, removed, passed: test != Some(GlobalTest::Rejected) })
+        Ok(Self {
+            solved,
+            removed,
+            passed: test != Some(GlobalTest::Rejected),
+        })
     }
 
     /// Returns whether the residuals are consistent with standard deviations increased by the square root of `factor`.
     pub fn is_explained(&self, factor: f64) -> bool {
         let fit = &self.solved.fit;
-        quality::global_test(fit.omega / factor, fit.redundancy, DISTURBANCE_ALPHA) != Some(GlobalTest::Rejected)
+        quality::global_test(fit.omega / factor, fit.redundancy, DISTURBANCE_ALPHA)
+            != Some(GlobalTest::Rejected)
     }
 
     /// Sum of squares, plus the required gain for each removed marker.
@@ -95,10 +128,19 @@ struct FrameHypothesis<'s, 'a> {
 impl FrameHypothesis<'_, '_> {
     /// Solves the frame under this hypothesis, from the start values or from an earlier solution.
     fn solve_with(&self, before: Option<&SolvedFlight>, rough: bool) -> AdjustResult<SolvedFlight> {
-        let Self { model, layout, flight, known, .. } = self;
+        let Self {
+            model,
+            layout,
+            flight,
+            known,
+            ..
+        } = self;
         let local = before.map_or(self.local, |b| &b.fit.groups[0].local);
-        let layout =
-            self.twist.fix_derivatives(flight.input.scene, layout, &local.as_slice()[..layout.curvature_terms]);
+        let layout = self.twist.fix_derivatives(
+            flight.input.scene,
+            layout,
+            &local.as_slice()[..layout.curvature_terms],
+        );
         let (mut group, members) = flight.frame_group(0, &layout, None);
         group.local.copy_from(local);
         let problem = Problem {
@@ -119,9 +161,16 @@ impl FrameHypothesis<'_, '_> {
             displacement_column: None,
             ground: None,
         };
-        let solve_options = SolveOptions { rough, residuals: before.map(|b| &b.fit) };
+        let solve_options = SolveOptions {
+            rough,
+            residuals: before.map(|b| &b.fit),
+        };
         let fit = flight_problem.solve(flight.input.scene, &solve_options)?;
-        Ok(SolvedFlight { flight_problem, fit, tested_sum: None })
+        Ok(SolvedFlight {
+            flight_problem,
+            fit,
+            tested_sum: None,
+        })
     }
 }
 

@@ -25,14 +25,21 @@ pub struct ShapeDeparture {
 impl ShapeDeparture {
     /// Evidence before the first frame.
     pub fn initial() -> Self {
-        let prior_evidence =
-            |share: f64| VarianceEvidence { square: DEPARTURE_WEIGHT * share * share, redundancy: DEPARTURE_WEIGHT };
-        Self { loads: prior_evidence(INITIAL_DEPARTURE), oscillations: prior_evidence(INITIAL_OSCILLATION) }
+        let prior_evidence = |share: f64| VarianceEvidence {
+            square: DEPARTURE_WEIGHT * share * share,
+            redundancy: DEPARTURE_WEIGHT,
+        };
+        Self {
+            loads: prior_evidence(INITIAL_DEPARTURE),
+            oscillations: prior_evidence(INITIAL_OSCILLATION),
+        }
     }
 
     /// Sets the departures of the next frame to the current estimates.
     pub fn apply_to(&self, hyperparameters: &mut FlightHyperparameters) {
-        let share = |VarianceEvidence { square, redundancy }: VarianceEvidence| (square / redundancy).sqrt();
+        let share = |VarianceEvidence { square, redundancy }: VarianceEvidence| {
+            (square / redundancy).sqrt()
+        };
         let (least, most) = OSCILLATION_BOUNDS;
         hyperparameters.departure = bounded_departure(share(self.loads));
         hyperparameters.oscillation = share(self.oscillations).clamp(least, most);
@@ -48,7 +55,9 @@ impl ShapeDeparture {
     ) {
         let terms = solved.flight_problem.layouts[0].curvature_terms;
         let [loads, oscillations] = SharedShape::departure_covariances(terms, hyperparameters, 0);
-        let Some([of_loads, of_oscillations]) = solved.departure_evidence(0, [&loads, &oscillations]) else {
+        let Some([of_loads, of_oscillations]) =
+            solved.departure_evidence(0, [&loads, &oscillations])
+        else {
             return;
         };
         let decay = (-elapsed_s / DEPARTURE_MEMORY_S).exp();
@@ -57,6 +66,10 @@ impl ShapeDeparture {
             sum.redundancy = sum.redundancy * decay + share * evidence.redundancy;
         };
         add(&mut self.loads, of_loads, hyperparameters.departure);
-        add(&mut self.oscillations, of_oscillations, hyperparameters.oscillation);
+        add(
+            &mut self.oscillations,
+            of_oscillations,
+            hyperparameters.oscillation,
+        );
     }
 }

@@ -36,20 +36,38 @@ pub struct InitialState {
 /// Returns an error if the frame has no solution.
 pub fn start_state(flight: &Flight) -> AdjustResult<InitialState> {
     let begin = |options: &Options| {
-        initial_state_from_flight(Flight { input: AdjustmentInput { options, ..flight.input }, ..flight.clone() })
+        initial_state_from_flight(Flight {
+            input: AdjustmentInput {
+                options,
+                ..flight.input
+            },
+            ..flight.clone()
+        })
     };
-    with_prior_if_consistent(flight.input.options, begin, |initial| std::slice::from_mut(&mut initial.solution))
+    with_prior_if_consistent(flight.input.options, begin, |initial| {
+        std::slice::from_mut(&mut initial.solution)
+    })
 }
 
 fn initial_state_from_flight(flight: Flight) -> AdjustResult<InitialState> {
     let joint = JointSolution::for_single_frame(flight)?;
     let solution = joint.first_solution(true);
-    let JointSolution { solved, removed, .. } = joint;
+    let JointSolution {
+        solved, removed, ..
+    } = joint;
     let is_sound = removed.is_empty() && solution.global_test != Some(GlobalTest::Rejected);
     let attributed = retained_information(&solved);
-    let SolvedFlight { flight_problem, fit, .. } = solved;
+    let SolvedFlight {
+        flight_problem,
+        fit,
+        ..
+    } = solved;
     let amplitude_per_m = fit.groups[0].local[0].max(STANDING_CURVATURE_PER_M);
-    let wrong = removed.iter().map(|r| r.suspect).filter(|s| s.target == SuspectTarget::Survey).collect();
+    let wrong = removed
+        .iter()
+        .map(|r| r.suspect)
+        .filter(|s| s.target == SuspectTarget::Survey)
+        .collect();
     let state = LiveState {
         known: fit.information_prior(),
         base: fit.information_prior(),
@@ -58,7 +76,9 @@ fn initial_state_from_flight(flight: Flight) -> AdjustResult<InitialState> {
             missing: flight_problem.problem.missing,
             // A gust adds lift to a weight that stays. Twice the load halves the part of all fuel in it, of which the prior
             // of burning has a random part.
-            shape: flight_problem.shape.with_amplitude_range(MEAN_SQUARE_BURNT.sqrt() * amplitude_per_m),
+            shape: flight_problem
+                .shape
+                .with_amplitude_range(MEAN_SQUARE_BURNT.sqrt() * amplitude_per_m),
             wrong,
         },
         attributed: Arc::new(attributed),
@@ -71,15 +91,30 @@ fn initial_state_from_flight(flight: Flight) -> AdjustResult<InitialState> {
         rejected_s: 0.0,
         factor: 1.0,
     };
-    Ok(InitialState { state, solution, is_sound })
+    Ok(InitialState {
+        state,
+        solution,
+        is_sound,
+    })
 }
 
 /// Information that keeps its source names in the state. Excluded are the mounting's rotation and the shape ratios, which
 /// follow a random walk; the mounting's shift is included because each mounting starts with the same prior.
-fn retained_information(SolvedFlight { flight_problem, fit, .. }: &SolvedFlight) -> AttributedInformation {
+fn retained_information(
+    SolvedFlight {
+        flight_problem,
+        fit,
+        ..
+    }: &SolvedFlight,
+) -> AttributedInformation {
     let (layout, shape) = (&flight_problem.layouts[0], flight_problem.shape.columns);
     let rotation = layout.mounting.first..layout.mounting.first + 3;
     let of_shape = shape.ratios..shape.changes;
     let invariant = |column: usize| !rotation.contains(&column) && !of_shape.contains(&column);
-    budget::attribute_information(flight_problem.block_members(), &flight_problem.problem, fit, invariant)
+    budget::attribute_information(
+        flight_problem.block_members(),
+        &flight_problem.problem,
+        fit,
+        invariant,
+    )
 }

@@ -24,7 +24,10 @@ impl LoadTwist {
         let values = layout.values(&fit.global, &fit.groups[0].local);
         let amplitude = values.curvature_per_m[0];
         self.products.resize(values.twist_rad.len(), 0.0);
-        self.products.iter_mut().zip(&values.twist_rad).for_each(|(sum, twist)| *sum += twist * amplitude);
+        self.products
+            .iter_mut()
+            .zip(&values.twist_rad)
+            .for_each(|(sum, twist)| *sum += twist * amplitude);
         self.square += amplitude * amplitude;
         self
     }
@@ -37,11 +40,26 @@ impl LoadTwist {
         layout: &ParameterLayout,
         curvature_per_m: &[f64],
     ) -> ParameterLayout {
-        let ratio = if self.square > 0.0 { curvature_per_m[0] / self.square } else { 0.0 };
-        let twist_rad: Vec<f64> = self.products.iter().map(|product| product * ratio).collect();
-        let bending =
-            Bending { curvature_per_m, twist_rad: &twist_rad, scale: layout.expected_scale, ..Bending::UNBENT };
+        let ratio = if self.square > 0.0 {
+            curvature_per_m[0] / self.square
+        } else {
+            0.0
+        };
+        let twist_rad: Vec<f64> = self
+            .products
+            .iter()
+            .map(|product| product * ratio)
+            .collect();
+        let bending = Bending {
+            curvature_per_m,
+            twist_rad: &twist_rad,
+            scale: layout.expected_scale,
+            ..Bending::UNBENT
+        };
         let derivatives = Some(Arc::new(scene.dimension_derivatives(&bending)));
-        ParameterLayout { dimension_derivatives: derivatives, ..layout.clone() }
+        ParameterLayout {
+            dimension_derivatives: derivatives,
+            ..layout.clone()
+        }
     }
 }

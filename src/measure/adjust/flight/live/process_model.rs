@@ -10,7 +10,11 @@ use crate::estimation::InformationPrior;
 ///
 /// # Errors
 /// Returns an error if a matrix is not positive definite.
-pub fn add_process_noise(known: &mut InformationPrior, columns: &[usize], noise: DMatrix<f64>) -> AdjustResult<()> {
+pub fn add_process_noise(
+    known: &mut InformationPrior,
+    columns: &[usize],
+    noise: DMatrix<f64>,
+) -> AdjustResult<()> {
     let coupling = known.information.select_columns(columns);
     let inner = invert_matrix(noise)? + coupling.select_rows(columns);
     known.information -= &coupling * invert_matrix(inner)? * coupling.transpose();
@@ -21,12 +25,20 @@ pub fn add_process_noise(known: &mut InformationPrior, columns: &[usize], noise:
 ///
 /// # Errors
 /// Returns an error if the information matrix is not positive definite.
-pub fn apply_forgetting(known: &mut InformationPrior, base: &InformationPrior, share: f64) -> AdjustResult<()> {
+pub fn apply_forgetting(
+    known: &mut InformationPrior,
+    base: &InformationPrior,
+    share: f64,
+) -> AdjustResult<()> {
     let beyond = &known.information - &base.information;
     let fixed = &base.information * &base.mean;
     let right = &fixed + (&known.information * &known.mean - &fixed) * share;
     known.information = &base.information + beyond * share;
-    let factor = known.information.clone().cholesky().ok_or_else(singular_state_error)?;
+    let factor = known
+        .information
+        .clone()
+        .cholesky()
+        .ok_or_else(singular_state_error)?;
     known.mean = factor.solve(&right);
     Ok(())
 }
@@ -43,18 +55,27 @@ pub fn reset_parameters(
 ) -> AdjustResult<()> {
     let count = mean.len();
     let coupling = known.information.columns(first, count).into_owned();
-    known.information -= &coupling * invert_matrix(coupling.rows(first, count).into_owned())? * coupling.transpose();
+    known.information -=
+        &coupling * invert_matrix(coupling.rows(first, count).into_owned())? * coupling.transpose();
     known.information.columns_mut(first, count).fill(0.0);
     known.information.rows_mut(first, count).fill(0.0);
-    known.information.view_mut((first, first), (count, count)).copy_from(&invert_matrix(covariance)?);
+    known
+        .information
+        .view_mut((first, first), (count, count))
+        .copy_from(&invert_matrix(covariance)?);
     known.mean.rows_mut(first, count).copy_from(mean);
     Ok(())
 }
 
 fn invert_matrix(matrix: DMatrix<f64>) -> AdjustResult<DMatrix<f64>> {
-    matrix.cholesky().map(|c| c.inverse()).ok_or_else(singular_state_error)
+    matrix
+        .cholesky()
+        .map(|c| c.inverse())
+        .ok_or_else(singular_state_error)
 }
 
 fn singular_state_error() -> AdjustError {
-    AdjustError::Input("the information matrix of the live adjustment is not positive definite".into())
+    AdjustError::Input(
+        "the information matrix of the live adjustment is not positive definite".into(),
+    )
 }

@@ -79,12 +79,19 @@ impl LiveState {
         let predicted = self.predict_prior(flight, &mut base, elapsed_s)?;
         let carried = self.attempt_frame(flight, &predicted);
         let is_suspect = carried.as_ref().map_or(true, |a| !a.passed);
-        let remounted = is_suspect.then(|| self.try_new_mounting(flight, &predicted)).and_then(Result::ok);
+        let remounted = is_suspect
+            .then(|| self.try_new_mounting(flight, &predicted))
+            .and_then(Result::ok);
         let (attempt, mount_disturbed) = match (carried, remounted) {
             (Ok(carried), Some(remounted)) => {
-                let gain = chi_square_limit(self.model.layout.mounting.count as f64, DISTURBANCE_ALPHA);
-                let mount_disturbed = remounted.penalized_misfit() + gain < carried.penalized_misfit();
-                (if mount_disturbed { remounted } else { carried }, mount_disturbed)
+                let gain =
+                    chi_square_limit(self.model.layout.mounting.count as f64, DISTURBANCE_ALPHA);
+                let mount_disturbed =
+                    remounted.penalized_misfit() + gain < carried.penalized_misfit();
+                (
+                    if mount_disturbed { remounted } else { carried },
+                    mount_disturbed,
+                )
             }
             (Ok(carried), None) => (carried, false),
             (Err(_), Some(remounted)) => (remounted, true),
@@ -93,11 +100,19 @@ impl LiveState {
         if mount_disturbed {
             self.reset_mounting(flight, &mut base)?;
         }
-        Ok(LiveStep { attempt, mount_disturbed, base })
+        Ok(LiveStep {
+            attempt,
+            mount_disturbed,
+            base,
+        })
     }
 
     /// Prepares the adjustment of the next frame with the prior `known`, from this state's parameters.
-    fn attempt_frame(&self, flight: &Flight, known: &InformationPrior) -> AdjustResult<FrameAttempt> {
+    fn attempt_frame(
+        &self,
+        flight: &Flight,
+        known: &InformationPrior,
+    ) -> AdjustResult<FrameAttempt> {
         FrameAttempt::new(&self.model, (&self.local, &self.twist), flight, known)
     }
 
@@ -113,14 +128,21 @@ impl LiveState {
     /// # Errors
     /// Returns an error if the information matrix is not positive definite.
     pub fn updated(&self, step: &LiveStep, flight: &Flight, elapsed_s: f64) -> AdjustResult<Self> {
-        let LiveStep { attempt, mount_disturbed, base } = step;
+        let LiveStep {
+            attempt,
+            mount_disturbed,
+            base,
+        } = step;
         let fit = &attempt.solved.fit;
         let frames = if *mount_disturbed { 1 } else { self.frames + 1 };
         let mut next = LiveState {
             known: fit.information_prior(),
             base: base.clone(),
             local: fit.groups[0].local.clone(),
-            twist: self.twist.clone().with_frame(&attempt.solved.flight_problem.layouts[0], fit),
+            twist: self
+                .twist
+                .clone()
+                .with_frame(&attempt.solved.flight_problem.layouts[0], fit),
             frames,
             accepted_frames: self.accepted_frames.saturating_add(1),
             rejected_frames: 0,
@@ -129,12 +151,17 @@ impl LiveState {
             ..self.clone()
         };
         let factor = fit.variance_factor().unwrap_or(1.0).max(1.0);
-        let share = if attempt.is_explained(1.0) { 1.0 } else { 1.0 / factor };
+        let share = if attempt.is_explained(1.0) {
+            1.0
+        } else {
+            1.0 / factor
+        };
         let before = attempt.solved.flight_problem.problem.known.as_ref();
         if let Some(before) = before.filter(|_| share < 1.0) {
             apply_forgetting(&mut next.known, before, share)?;
         }
-        next.departure.update(&attempt.solved, &flight.hyperparameters, elapsed_s, share);
+        next.departure
+            .update(&attempt.solved, &flight.hyperparameters, elapsed_s, share);
         Ok(next)
     }
 
@@ -148,11 +175,20 @@ impl LiveState {
     ) -> AdjustResult<InformationPrior> {
         let terms = self.model.layout.curvature_terms;
         let n = terms.saturating_sub(1);
-        let drift = flight.hyperparameters.drift_covariance(&flight.input.scene.camera_from_wing);
+        let drift = flight
+            .hyperparameters
+            .drift_covariance(&flight.input.scene.camera_from_wing);
         let mut noise = DMatrix::zeros(3 + n, 3 + n);
-        noise.view_mut((0, 0), (3, 3)).copy_from(&(drift * (elapsed_s / DRIFT_TIME_S)));
-        noise.view_mut((3, 3), (n, n)).copy_from(&(burning_covariance(terms) * (elapsed_s / FUEL_BURN_TIME_S)));
-        let (mounting, ratios) = (self.model.layout.mounting.first, self.model.shape.columns.ratios);
+        noise
+            .view_mut((0, 0), (3, 3))
+            .copy_from(&(drift * (elapsed_s / DRIFT_TIME_S)));
+        noise
+            .view_mut((3, 3), (n, n))
+            .copy_from(&(burning_covariance(terms) * (elapsed_s / FUEL_BURN_TIME_S)));
+        let (mounting, ratios) = (
+            self.model.layout.mounting.first,
+            self.model.shape.columns.ratios,
+        );
         let columns: Vec<_> = (mounting..mounting + 3).chain(ratios..ratios + n).collect();
         let mut known = self.known.clone();
         add_process_noise(&mut known, &columns, noise.clone())?;
@@ -162,7 +198,11 @@ impl LiveState {
     }
 
     /// Solves the frame with a new mounting.
-    fn try_new_mounting(&self, flight: &Flight, predicted: &InformationPrior) -> AdjustResult<FrameAttempt> {
+    fn try_new_mounting(
+        &self,
+        flight: &Flight,
+        predicted: &InformationPrior,
+    ) -> AdjustResult<FrameAttempt> {
         let mut known = predicted.clone();
         self.reset_mounting(flight, &mut known)?;
         self.attempt_frame(flight, &known)
@@ -174,7 +214,9 @@ impl LiveState {
         let rotation = mounting_rotation_prior(&flight.input);
         let shift = flight.input.setup.uncertainty[Width::MountShift];
         let mut covariance = DMatrix::identity(own.count, own.count) * (shift * shift);
-        covariance.view_mut((0, 0), (3, 3)).copy_from(&rotation.covariance);
+        covariance
+            .view_mut((0, 0), (3, 3))
+            .copy_from(&rotation.covariance);
         let mut mean = DVector::zeros(own.count);
         mean.rows_mut(0, 3).copy_from(&rotation.mean);
         reset_parameters(known, own.first, &mean, covariance)

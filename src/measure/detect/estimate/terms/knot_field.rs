@@ -7,7 +7,9 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2};
 
 use crate::detect::appearance::formula::MarkerModel;
 use crate::detect::appearance::parameters::{COMMON, MarkerParameters, X, Y};
-use crate::detect::estimate::normal_equations::{ColumnProducts, MIN_WEIGHT, NormalMatrix, RowBlock};
+use crate::detect::estimate::normal_equations::{
+    ColumnProducts, MIN_WEIGHT, NormalMatrix, RowBlock,
+};
 use crate::detect::estimate::{gauss_newton::MarkerFit, sandwich::ResidualBlocks};
 use crate::detect::hypothesis::prior::PriorValue;
 use crate::detect::numbers::TINY;
@@ -41,7 +43,13 @@ impl<const ABOUT: usize> JacobianRows<ABOUT> {
     #[inline(always)]
     pub fn new() -> Self {
         let zero = Lanes::splat(0.0);
-        Self { r: zero, root: zero, gradient: [zero; COMMON], shared: zero, knots: [zero; ABOUT] }
+        Self {
+            r: zero,
+            root: zero,
+            gradient: [zero; COMMON],
+            shared: zero,
+            knots: [zero; ABOUT],
+        }
     }
 }
 
@@ -106,7 +114,8 @@ impl CentreEstimate {
         let slot = |k: usize| list.iter().position(|&l| l == k);
         let slots = [slot(X)?, slot(Y)?];
         let unknowns = factor.l_dirty().nrows();
-        let influence = slots.map(|at| factor.solve(&DVector::from_fn(unknowns, |i, _| f64::from(i == at))));
+        let influence =
+            slots.map(|at| factor.solve(&DVector::from_fn(unknowns, |i, _| f64::from(i == at))));
         let white = Matrix2::from_fn(|i, j| influence[j][slots[i]] * variance);
         Some(Self { influence, white })
     }
@@ -150,7 +159,11 @@ impl BorderedNormal {
     /// Creates zero normal equations.
     fn new(shared: usize, knots: usize) -> Self {
         let all = shared + knots;
-        Self { normal: DMatrix::zeros(all, all), right: DVector::zeros(all), shared }
+        Self {
+            normal: DMatrix::zeros(all, all),
+            right: DVector::zeros(all),
+            shared,
+        }
     }
 
     /// Adds the sums of a cell for the knots around it, the first columns of the products, and clears these columns.
@@ -175,7 +188,9 @@ impl BorderedNormal {
     #[inline(always)]
     fn set_shared(&mut self, sums: &ColumnProducts, about: usize) {
         let n = self.shared;
-        let mut totals = sums.totals().skip((0..about).map(|i| about + n + 1 - i).sum());
+        let mut totals = sums
+            .totals()
+            .skip((0..about).map(|i| about + n + 1 - i).sum());
         for i in 0..n {
             for j in i..n {
                 self.normal[(j, i)] = totals.next().unwrap_or(0.0);
@@ -197,15 +212,24 @@ pub fn group_by_knots<const ABOUT: usize>(
     let mut index = vec![usize::MAX; count];
     for [k, i] in own {
         let batch = &pixels.batches[k];
-        let Some((key, knots)) = place(batch, i) else { continue };
-        let Some(own) = index.get_mut(key) else { continue };
+        let Some((key, knots)) = place(batch, i) else {
+            continue;
+        };
+        let Some(own) = index.get_mut(key) else {
+            continue;
+        };
         if *own == usize::MAX {
             *own = out.len();
-            out.push(KnotCell { knots, batches: Vec::new() });
+            out.push(KnotCell {
+                knots,
+                batches: Vec::new(),
+            });
         }
         append_pixel(&mut out[*own].batches, batch, i);
     }
-    out.iter_mut().flat_map(|cell| &mut cell.batches).for_each(Batch::fill_lanes);
+    out.iter_mut()
+        .flat_map(|cell| &mut cell.batches)
+        .for_each(Batch::fill_lanes);
     out
 }
 
@@ -224,8 +248,15 @@ wide! {
 }
 
 #[inline(always)]
-fn linearise_term_generic<T: KnotTerm<ABOUT>, const ABOUT: usize>(over: KnotProblem<T, ABOUT>) -> KnotLinearisation {
-    let KnotProblem { cells, term, list, scale } = over;
+fn linearise_term_generic<T: KnotTerm<ABOUT>, const ABOUT: usize>(
+    over: KnotProblem<T, ABOUT>,
+) -> KnotLinearisation {
+    let KnotProblem {
+        cells,
+        term,
+        list,
+        scale,
+    } = over;
     let n = list.len() + T::SHARED;
     let model = term.model();
     let mut bordered = BorderedNormal::new(n, term.knot_count());
@@ -241,7 +272,10 @@ fn linearise_term_generic<T: KnotTerm<ABOUT>, const ABOUT: usize>(over: KnotProb
             sizes.extend(used.map(|i| rows.r[i].abs()));
             let own = list.iter().map(|&k| &rows.gradient[k]);
             let shared = [&rows.shared].into_iter().take(T::SHARED);
-            if block.push(&rows.root, rows.knots.iter().chain(own).chain(shared).chain([&rows.r])) {
+            if block.push(
+                &rows.root,
+                rows.knots.iter().chain(own).chain(shared).chain([&rows.r]),
+            ) {
                 block.flush(&mut sums);
             }
         }
@@ -249,9 +283,17 @@ fn linearise_term_generic<T: KnotTerm<ABOUT>, const ABOUT: usize>(over: KnotProb
         bordered.add_cell(&mut sums, cell.knots);
     }
     bordered.set_shared(&sums, ABOUT);
-    let BorderedNormal { mut normal, right, .. } = bordered;
+    let BorderedNormal {
+        mut normal, right, ..
+    } = bordered;
     normal.fill_upper_triangle_with_lower_triangle();
-    KnotLinearisation { normal, right, sizes, weight: sum_lanes(&weight), square: sum_lanes(&square) }
+    KnotLinearisation {
+        normal,
+        right,
+        sizes,
+        weight: sum_lanes(&weight),
+        square: sum_lanes(&square),
+    }
 }
 
 wide! {
@@ -267,7 +309,12 @@ fn add_centre_shifts_generic<T: KnotTerm<ABOUT>, const ABOUT: usize>(
     influence: &[DVector<f64>; 2],
     blocks: &mut ResidualBlocks,
 ) {
-    let KnotProblem { cells, term, list, scale } = over;
+    let KnotProblem {
+        cells,
+        term,
+        list,
+        scale,
+    } = over;
     let model = term.model();
     for cell in cells {
         for batch in &cell.batches {

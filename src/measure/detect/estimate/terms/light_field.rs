@@ -8,13 +8,19 @@
 
 use nalgebra::{Cholesky, DVector};
 
-use super::knot_field::{self, CentreEstimate, JacobianRows, KnotCell, KnotLinearisation, KnotProblem, KnotTerm};
+use super::knot_field::{
+    self, CentreEstimate, JacobianRows, KnotCell, KnotLinearisation, KnotProblem, KnotTerm,
+};
 use crate::detect::appearance::formula::{GreyDerivatives, MarkerModel, Tone};
-use crate::detect::appearance::parameters::{BLUR, GAMMA, LIGHT, MarkerParameters, MarkerPattern, N, WHITEST, X, Y};
+use crate::detect::appearance::parameters::{
+    BLUR, GAMMA, LIGHT, MarkerParameters, MarkerPattern, N, WHITEST, X, Y,
+};
 use crate::detect::estimate::options::{ITERATION, TERM};
 use crate::detect::estimate::prior::FitUnknowns;
 use crate::detect::estimate::sandwich::{REACH, ResidualBlocks};
-use crate::detect::estimate::{bounds::is_sharp, gauss_newton::MarkerFit, residuals::ResidualAnalysis};
+use crate::detect::estimate::{
+    bounds::is_sharp, gauss_newton::MarkerFit, residuals::ResidualAnalysis,
+};
 use crate::detect::estimate::{normal_equations::biweight_roots, scale::robust_sigma};
 use crate::detect::hypothesis::prior::PriorValue;
 use crate::detect::numbers::TINY;
@@ -49,16 +55,26 @@ struct LightField {
 fn clean_pixels(pixels: &Pixels, seen: &ResidualAnalysis, blur: f64) -> Vec<[usize; 2]> {
     let mut foreign = Vec::new();
     for (batch, tukey) in pixels.batches.iter().zip(&seen.biweights) {
-        foreign.extend((0..batch.len).filter(|&i| tukey[i] <= 0.0).map(|i| [batch.x[i], batch.y[i]]));
+        foreign.extend(
+            (0..batch.len)
+                .filter(|&i| tukey[i] <= 0.0)
+                .map(|i| [batch.x[i], batch.y[i]]),
+        );
     }
     let reach2 = (TERM.foreign.0 * blur + TERM.foreign.1).powi(2) as f32;
     let near = |x: f32, y: f32| {
-        let near = foreign.iter().filter(|f| (f[0] - x).powi(2) + (f[1] - y).powi(2) < reach2);
+        let near = foreign
+            .iter()
+            .filter(|f| (f[0] - x).powi(2) + (f[1] - y).powi(2) < reach2);
         near.take(MIN_FOREIGN_PIXELS).count() >= MIN_FOREIGN_PIXELS
     };
     let mut out = Vec::with_capacity(pixels.count());
     for (k, batch) in pixels.batches.iter().enumerate() {
-        out.extend((0..batch.len).filter(|&i| !near(batch.x[i], batch.y[i])).map(|i| [k, i]));
+        out.extend(
+            (0..batch.len)
+                .filter(|&i| !near(batch.x[i], batch.y[i]))
+                .map(|i| [k, i]),
+        );
     }
     out
 }
@@ -81,22 +97,36 @@ pub fn fit_light_field(
         return None;
     }
     let cells = group_pixels(pixels, own);
-    let Pixels { pattern, origin, .. } = *pixels;
-    let mut field = LightField { pattern, origin, m: fit.parameters, extra: [0.0; FIELD_UNKNOWNS] };
+    let Pixels {
+        pattern, origin, ..
+    } = *pixels;
+    let mut field = LightField {
+        pattern,
+        origin,
+        m: fit.parameters,
+        extra: [0.0; FIELD_UNKNOWNS],
+    };
     let mut sizes: Vec<f32> = Vec::with_capacity(pixels.count());
     for (batch, r) in pixels.batches.iter().zip(&seen.residuals) {
         sizes.extend(r.iter().take(batch.len).map(|r| r.abs()));
     }
-    let mut scale =
-        floor.max(robust_sigma(&mut sizes)) * if least.is_none() { ITERATION.scale_with_foreign } else { 1.0 };
+    let mut scale = floor.max(robust_sigma(&mut sizes))
+        * if least.is_none() {
+            ITERATION.scale_with_foreign
+        } else {
+            1.0
+        };
     for iteration in 0..ITERATION.max_field_steps {
         let mut step = field.linearise(&cells, unknowns, &list, scale);
         for i in 0..step.normal.nrows() {
-            step.normal[(i, i)] *= 1.0 + ITERATION.field_damping[usize::from(iteration >= ITERATION.damped_steps)];
+            step.normal[(i, i)] *=
+                1.0 + ITERATION.field_damping[usize::from(iteration >= ITERATION.damped_steps)];
         }
         let change = Cholesky::new(step.normal)?.solve(&step.right);
         // The reduction of the squared residuals if the model is linear.
-        if iteration == 0 && least.is_some_and(|least| change.dot(&step.right) < least * fit.variance) {
+        if iteration == 0
+            && least.is_some_and(|least| change.dot(&step.right) < least * fit.variance)
+        {
             return None;
         }
         let worst = field.apply_step(&change, &list);
@@ -112,7 +142,12 @@ pub fn fit_light_field(
     let factor = Cholesky::new(step.normal.clone()).filter(|_| is_sharp(m))?;
     let centre = CentreEstimate::from_factor(&factor, &list, variance)?;
     let mut blocks = ResidualBlocks::new(pixels, m);
-    let over = KnotProblem { cells: &cells, term: &field, list: &list, scale };
+    let over = KnotProblem {
+        cells: &cells,
+        term: &field,
+        list: &list,
+        scale,
+    };
     knot_field::add_centre_shifts(over, &centre.influence, &mut blocks);
     centre.to_marker_fit(m, &step, list.len(), &blocks, pixels.weight())
 }
@@ -129,14 +164,34 @@ fn hat_position(at: f32, count: usize) -> (f32, f32) {
 /// Groups the pixels by the knots around them.
 fn group_pixels(pixels: &Pixels, own: Vec<[usize; 2]>) -> Vec<KnotCell<PIXEL_KNOTS>> {
     let knots = |p: f32, q: f32| {
-        [hat_position(p, LIGHT_ALONG), hat_position(q, LIGHT_ACROSS), hat_position(p, DARK_KNOTS)].map(|h| h.0 as usize)
+        [
+            hat_position(p, LIGHT_ALONG),
+            hat_position(q, LIGHT_ACROSS),
+            hat_position(p, DARK_KNOTS),
+        ]
+        .map(|h| h.0 as usize)
     };
-    knot_field::group_by_knots(pixels, own.into_iter(), LIGHT_ALONG * LIGHT_ACROSS * DARK_KNOTS, |batch, i| {
-        let [along, across, dark] = knots(batch.p[i], batch.q[i]);
-        let (first, after) = (along * LIGHT_ACROSS + across, LIGHT_ALONG * LIGHT_ACROSS + dark);
-        let knots = [first, first + 1, first + LIGHT_ACROSS, first + LIGHT_ACROSS + 1, after, after + 1];
-        Some((first * DARK_KNOTS + dark, knots))
-    })
+    knot_field::group_by_knots(
+        pixels,
+        own.into_iter(),
+        LIGHT_ALONG * LIGHT_ACROSS * DARK_KNOTS,
+        |batch, i| {
+            let [along, across, dark] = knots(batch.p[i], batch.q[i]);
+            let (first, after) = (
+                along * LIGHT_ACROSS + across,
+                LIGHT_ALONG * LIGHT_ACROSS + dark,
+            );
+            let knots = [
+                first,
+                first + 1,
+                first + LIGHT_ACROSS,
+                first + LIGHT_ACROSS + 1,
+                after,
+                after + 1,
+            ];
+            Some((first * DARK_KNOTS + dark, knots))
+        },
+    )
 }
 
 impl LightField {
@@ -162,8 +217,15 @@ impl LightField {
         list: &[usize],
         scale: f64,
     ) -> KnotLinearisation {
-        let mut out = knot_field::linearise_term(KnotProblem { cells, term: self, list, scale });
-        list.iter().enumerate().for_each(|(i, &k)| out.add_prior(i, self.m[k], unknowns.prior[k], scale));
+        let mut out = knot_field::linearise_term(KnotProblem {
+            cells,
+            term: self,
+            list,
+            scale,
+        });
+        list.iter()
+            .enumerate()
+            .for_each(|(i, &k)| out.add_prior(i, self.m[k], unknowns.prior[k], scale));
         for (k, &extra) in self.extra.iter().enumerate() {
             out.add_prior(list.len() + k, extra, PriorValue::zero(TERM.field), scale);
         }
@@ -201,13 +263,28 @@ impl KnotTerm<PIXEL_KNOTS> for LightField {
         let (mut out, mut slopes) = (JacobianRows::new(), GreyDerivatives::default());
         for i in 0..LANES {
             let (p, q, c) = (batch.p[i], batch.q[i], share.c[i]);
-            let (u, v, w) =
-                (hat_position(p, LIGHT_ALONG).1, hat_position(q, LIGHT_ACROSS).1, hat_position(p, DARK_KNOTS).1);
-            let hats = [(1.0 - u) * (1.0 - v), (1.0 - u) * v, u * (1.0 - v), u * v, 1.0 - w, w];
-            let uneven = hats[0] * extra[0] + hats[1] * extra[1] + hats[2] * extra[2] + hats[3] * extra[3];
+            let (u, v, w) = (
+                hat_position(p, LIGHT_ALONG).1,
+                hat_position(q, LIGHT_ACROSS).1,
+                hat_position(p, DARK_KNOTS).1,
+            );
+            let hats = [
+                (1.0 - u) * (1.0 - v),
+                (1.0 - u) * v,
+                u * (1.0 - v),
+                u * v,
+                1.0 - w,
+                w,
+            ];
+            let uneven =
+                hats[0] * extra[0] + hats[1] * extra[1] + hats[2] * extra[2] + hats[3] * extra[3];
             let light = model.light_value([p, q]) + model.k[LIGHT] * uneven;
             let dark = model.darkness([p, q]) + hats[4] * extra[4] + hats[5] * extra[5];
-            let Tone { linear, log, through } = model.apply_tone_curve(1.0 - dark * c);
+            let Tone {
+                linear,
+                log,
+                through,
+            } = model.apply_tone_curve(1.0 - dark * c);
             let value = light * through;
             let open = if value < WHITEST { 1.0 } else { 0.0 };
             out.r[i] = batch.value[i] - if value < WHITEST { value } else { WHITEST };
@@ -217,7 +294,12 @@ impl KnotTerm<PIXEL_KNOTS> for LightField {
             (slopes.black_fraction[i], slopes.dark[i]) = (by_share, by_dark);
             (slopes.light[i], slopes.gamma[i]) = (through, value * log);
             for (k, hat) in hats.into_iter().enumerate() {
-                out.knots[k][i] = hat * if k < 4 { through * model.k[LIGHT] } else { by_dark };
+                out.knots[k][i] = hat
+                    * if k < 4 {
+                        through * model.k[LIGHT]
+                    } else {
+                        by_dark
+                    };
             }
         }
         slopes.write_gradient(model, &share, [&s, &t], batch, &mut out.gradient);
