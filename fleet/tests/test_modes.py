@@ -144,14 +144,14 @@ def test_modes_through_the_adjustment_of_live_frames(capsys):
     rows = found(folder / "live.csv", capsys, "--of", "markers", "--count", "2")
     for row, one in zip(rows, truth, strict=True):
         labels = [name[6:] for name in row if name.startswith("shape_")]
-        alike = modes.mac(
+        agreement = modes.mac(
             np.array([row[f"shape_{label}"] for label in labels]), np.array([one["shape"][label] for label in labels])
         )
         off = (row["frequency_hz"] - one["hz"]) / row["sigma_frequency_hz"]
         with capsys.disabled():
             print(
-                f"{one['hz']} Hz: {row['frequency_hz']:.4f} +- {row['sigma_frequency_hz']:.4f} ({off:+.2f} sigma), MAC {alike:.4f}"
+                f"{one['hz']} Hz: {row['frequency_hz']:.4f} +- {row['sigma_frequency_hz']:.4f} ({off:+.2f} sigma), MAC {agreement:.4f}"
             )
             print(f"  damping {one['damping']}: {row['damping']:.4f} +- {row['sigma_damping']:.4f}")
         assert abs(row["frequency_hz"] / one["hz"] - 1) < 0.01 and abs(off) < 2
-        assert alike > 0.99
+        assert agreement > 0.99

@@ -200,7 +200,7 @@ impl DiagnosedImage {
         let head = match (causes.len(), &found.further) {
             (1, None) => "one cause explains it",
             (1, Some(_)) => "two causes together explain it",
-            _ => "these causes explain it alike",
+            _ => "these causes explain it equally well",
         };
         format!("{image}: the images do not fit, variance factor {factor:.2}; {head}:{lines}")
     }

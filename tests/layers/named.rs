@@ -32,13 +32,17 @@ impl Named<'_> {
         let names = place(path);
         let up = names.iter().take_while(|name| *name == "super").count();
         let found = match names.first()?.as_str() {
-            "crate" => names[1..].to_vec(),
+            "crate" => [&self.own[..1], &names[1..]].concat(),
             "self" => [&self.own[..], &names[1..]].concat(),
             "super" => [
                 self.own.get(..self.own.len().checked_sub(up)?)?,
                 &names[up..],
             ]
             .concat(),
+            first if first.starts_with("wingd_") => {
+                let krate = first.trim_start_matches("wingd_").to_owned();
+                [&[krate], &names[1..]].concat()
+            }
             first => {
                 let child = [&self.own[..], &[first.to_owned()]].concat();
                 self.modules

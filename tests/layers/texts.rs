@@ -1,11 +1,10 @@
-//! Names and texts of a source file: functions, types, doc comments, strings.
+//! Names and texts of a source file: types, doc comments, strings.
 
 use syn::visit::Visit;
 
 /// Names and texts of the sources outside their tests, each with its file.
 #[derive(Default)]
 pub struct Texts {
-    pub functions: Vec<Function>,
     /// File and name.
     pub types: Vec<(String, String)>,
     /// File and text, one block an item.
@@ -15,15 +14,6 @@ pub struct Texts {
     /// Public items without a doc comment.
     pub undocumented: Vec<String>,
     file: String,
-    /// Within the implementation of a trait, which names its functions.
-    in_trait: bool,
-}
-
-pub struct Function {
-    pub file: String,
-    pub name: String,
-    /// Outside any type and trait.
-    pub free: bool,
 }
 
 fn is_for_tests(attributes: &[syn::Attribute]) -> bool {
@@ -98,17 +88,6 @@ impl Texts {
         }
     }
 
-    fn add_function(&mut self, name: &syn::Ident, free: bool) {
-        if self.in_trait && !free {
-            return;
-        }
-        self.functions.push(Function {
-            file: self.file.clone(),
-            name: name.to_string(),
-            free,
-        });
-    }
-
     fn add_type(
         &mut self,
         attributes: &[syn::Attribute],
@@ -175,30 +154,25 @@ impl<'a> Visit<'a> for Texts {
     fn visit_item_fn(&mut self, item: &'a syn::ItemFn) {
         if !is_for_tests(&item.attrs) {
             self.add_item(&item.attrs, Some(&item.vis), &item.sig.ident);
-            self.add_function(&item.sig.ident, true);
             syn::visit::visit_item_fn(self, item);
         }
     }
 
     fn visit_item_impl(&mut self, item: &'a syn::ItemImpl) {
         if !is_for_tests(&item.attrs) {
-            self.in_trait = item.trait_.is_some();
             syn::visit::visit_item_impl(self, item);
-            self.in_trait = false;
         }
     }
 
     fn visit_impl_item_fn(&mut self, item: &'a syn::ImplItemFn) {
         if !is_for_tests(&item.attrs) {
             self.add_item(&item.attrs, Some(&item.vis), &item.sig.ident);
-            self.add_function(&item.sig.ident, false);
             syn::visit::visit_impl_item_fn(self, item);
         }
     }
 
     fn visit_trait_item_fn(&mut self, item: &'a syn::TraitItemFn) {
         self.add_item(&item.attrs, None, &item.sig.ident);
-        self.add_function(&item.sig.ident, false);
         syn::visit::visit_trait_item_fn(self, item);
     }
 

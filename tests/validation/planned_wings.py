@@ -21,7 +21,7 @@ WINGS = [
     (17, 2.0, 2.6, 8, "4000x3000x1.54", 16, 2, 4, "5mm"),
     (31, 2.8, 4.5, 16, "4000x3000x2.4", 24, 4, 8, "6mm"),
 ]
-# What no scene shows (src/measure/render/drawn.rs): known, so that plan, drawing and solution are of one world.
+# What no scene shows (crates/measure/src/render/drawn.rs): known, so that plan, drawing and solution are of one world.
 UNDRAWN = {
     "camera": "readout_s = 0\n",
     "wing": "skin_motion_m = 0\nconstant_bend_sigma_m = 0\nin_plane_sigma_m = 0\ntorque_sigma_deg = 0\nroot_flexibility_sigma_m = 0\n",

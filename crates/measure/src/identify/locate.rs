@@ -30,7 +30,7 @@ pub const MIN_SEPARATION_PX: f64 = 3.0;
 const SHAPE_FRACTION: f64 = 0.5;
 /// Standard deviation of the tip's twist, rad, as in [`super::scan`].
 const TWIST_RAD: f64 = 0.06;
-/// Half the range of the tip's deflection over the span within which a patch looks alike: it changes the length of a patch
+/// Half the range of the tip's deflection over the span within which a patch looks similar: it changes the length of a patch
 /// seen at grazing incidence by a fifth.
 const PATCH_DEFLECTION: f64 = 0.02;
 /// Tip deflection over the span of a transport aircraft in cruise.
@@ -116,7 +116,7 @@ impl WingView<'_> {
     }
 
     /// Returns deflections of the tip over the span that a wing can have, the most frequent in flight first; the patches of
-    /// points look alike within [`PATCH_DEFLECTION`] of each.
+    /// points look similar within [`PATCH_DEFLECTION`] of each.
     pub fn patch_deflections() -> Vec<f64> {
         let step = 1.5 * PATCH_DEFLECTION;
         let count = |limit: f64| (limit / step).ceil() as i32;

@@ -35,7 +35,7 @@ use subject::{NamedImage, Subject};
 const ALPHA: f64 = 0.01;
 /// Number of kinds of causes among which the level is shared.
 const KINDS: f64 = 12.0;
-/// Difference of twice the log evidence below which two causes explain the images alike: odds of 20 to 1.
+/// Difference of twice the log evidence below which two causes explain the images equally well: odds of 20 to 1.
 const ALIKE: f64 = 6.0;
 /// Number of single coordinates that are solved after the linear score of all.
 const POINTS: usize = 5;
@@ -110,7 +110,7 @@ impl Diagnosis {
             .or(self.further.take());
     }
 
-    /// Returns the significant causes that explain the images alike, the best first; empty without an error.
+    /// Returns the significant causes that explain the images equally well, the best first; empty without an error.
     pub fn causes(&self) -> &[Explanation] {
         let Some(best) = self.ranking.first().filter(|best| best.is_significant) else {
             return &[];
@@ -153,13 +153,13 @@ impl Diagnosis {
             .take(2)
             .map(|e| e.text.as_str())
             .collect();
-        let alike = if others.is_empty() {
+        let named = if others.is_empty() {
             first
         } else {
-            format!("{first}; explained alike: {}", others.join("; or "))
+            format!("{first}; explained equally well: {}", others.join("; or "))
         };
-        Some(self.further.as_ref().map_or(alike.clone(), |further| {
-            format!("{alike}; in addition, {}", further.text)
+        Some(self.further.as_ref().map_or(named.clone(), |further| {
+            format!("{named}; in addition, {}", further.text)
         }))
     }
 }

@@ -3,7 +3,7 @@
 //! | stage | in | out | file |
 //! |---|---|---|---|
 //! | patch | frame, predicted map of a template | patch of the frame as the ground frame would show it | `patch.rs` |
-//! | correlation | template, patch | places that look alike | `correlation.rs` |
+//! | correlation | template, patch | places that look similar | `correlation.rs` |
 //! | adjustment | template, patch, a place | shift | `least_squares.rs` |
 //! | covariance | adjusted shift | its covariance | `shift_covariance.rs` |
 //! | decision | shift forward and backward, other places | place of the point, or the reason why there is none | `decide.rs` |
@@ -46,7 +46,7 @@ pub enum PointRejection {
     Changed,
     /// Saturated patch.
     Saturated,
-    /// Two places that look alike.
+    /// Two places that look similar.
     Ambiguous,
     /// Match from the frame back to the template that leads to another place.
     Inconsistent,

@@ -11,7 +11,7 @@ use crate::ordering::sort_by_value;
 const HALVED_FROM_PX: usize = 7;
 /// Search radius at full resolution around the places found at half of it, px.
 const REFINED_PX: usize = 2;
-/// Difference of the correlation at half the resolution within which a place may be the most alike at full resolution.
+/// Difference of the correlation at half the resolution within which a place may be the most similar at full resolution.
 const COARSE_MARGIN: f64 = 0.3;
 /// Smallest correlation of a place: the median of unlike patches with one line each is below.
 pub(super) const MIN_CORRELATION: f64 = 0.4;
@@ -30,7 +30,7 @@ pub(super) struct LikePlace {
     pub(super) correlation: f64,
 }
 
-/// Finds the places within `search` px of the centre, most alike first.
+/// Finds the places within `search` px of the centre, most similar first.
 pub(super) fn find_like_places(
     template: &GreyPatch,
     patch: &GreyPatch,
@@ -202,7 +202,7 @@ impl<'a> Correlator<'a> {
         }
     }
 
-    /// Finds the local maxima within `search` px of a shift, most alike first.
+    /// Finds the local maxima within `search` px of a shift, most similar first.
     fn find_peaks(&self, centre: [isize; 2], search: [usize; 2]) -> Vec<LikePlace> {
         let [a, b] = search.map(|s| s as isize);
         let width = (2 * a + 1) as usize;
