@@ -5,7 +5,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use wingd::measure::detect::{MarkerPrediction, detect, detect_guided};
 use wingd::measure::raster::Raster;
-use wingd::measure::render::{Light, Scene, SceneOptions, SceneSide};
+use wingd_simulate::render::{Light, Scene, SceneOptions, SceneSide};
 
 /// Discs in rows on a shaded, noisy background.
 fn picture() -> Raster {

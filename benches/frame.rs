@@ -10,10 +10,10 @@ use wingd::measure::detect;
 use wingd::measure::identify::{self, MAX_DEFLECTION_CHANGE_M, WingView};
 use wingd::measure::observation::Observation;
 use wingd::measure::points::cut_template;
-use wingd::measure::render::{Light, Scene, SceneOptions, SceneSide};
 use wingd::measure::setup::{Orientation, Shape};
 use wingd::measure::view::process_frame;
 use wingd::pipeline::decode::decode_image;
+use wingd_simulate::render::{Light, Scene, SceneOptions, SceneSide};
 
 fn benches(c: &mut Criterion) {
     let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev");

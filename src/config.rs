@@ -7,11 +7,12 @@ use serde::Deserialize;
 
 use crate::camera::section::CameraSection;
 use crate::daemon::{LiveConfig, PowerConfig, SeriesConfig, StatusConfig};
-use crate::http::section::ServeConfig;
-use crate::installation::{Fault, KeyFault, decode_text};
-use crate::measure::adjust::{AdjustmentMethod, Options};
-use crate::pipeline::SolveJob;
-use crate::store::StoreConfig;
+use wingd_base::fault::{Fault, KeyFault};
+use wingd_base::text::decode_text;
+use wingd_evaluation::pipeline::SolveJob;
+use wingd_measure::adjust::{AdjustmentMethod, Options};
+use wingd_pages::section::ServeConfig;
+use wingd_store::StoreConfig;
 
 /// Configuration of the recorder.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -249,5 +250,5 @@ impl Config {
 }
 
 fn syntax_fault(file: &Path, text: &str, error: &toml::de::Error) -> Fault {
-    crate::installation::toml_fault(file, text, error, "compare it with config/wingd.toml")
+    wingd_base::toml_fault::toml_fault(file, text, error, "compare it with config/wingd.toml")
 }

@@ -34,41 +34,30 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! # Layers
+//! # Crates
 //!
-//! The layers, lowest first. A module imports only from layers below its own, and modules of one
-//! layer do not import each other (`tests/layers.rs` checks this).
-//!
-//! | layer | modules | subject |
-//! |---|---|---|
-//! | 1 | [`measure`] | pure: pixels and surveys in, deflection out |
-//! | 2 | [`installation`], [`clock`], [`record`] | installation directory; time; the written result |
-//! | 3 | [`aircraft`], [`exchange`] | the aircraft's own data, assigned by time tag; camera and board files of other programs |
-//! | 4 | [`camera`], [`store`] | shots; durable storage |
-//! | 5 | [`pipeline`] | from frame bytes and an installation to a record |
-//! | 6 | [`quantities`] | the quantities of the results, from which tables and live rows follow |
-//! | 7 | [`report`], [`daemon`] | figures and tables; the recorder daemon |
-//! | 8 | [`http`], `upload` | read-only download page; upload of flights to an object store (a feature) |
-//! | 9 | [`config`] | configuration, composed of the modules' sections |
-//! | 10 | [`desk`] | work beside the recorder: import, calibration, plans, learning, load evaluation, simulation |
-//! | 11 | [`cli`] | one file per command: arguments, words, exit status |
+//! | crate | subject |
+//! |---|---|
+//! | [`measure`] | pure: pixels and surveys in, shapes out |
+//! | [`base`] | clock, faults of the user's files, text, output of commands |
+//! | [`store`] | flights on disk |
+//! | [`evaluation`] | installation, record, aircraft data, pipeline, numbers, tables, figures |
+//! | [`pages`] | read-only pages of a store and of a running recorder |
+//! | `desk` | commands of the workstation |
+//! | this one | the program: [`camera`], [`daemon`], [`config`], [`cli`] |
 
+#[macro_use]
+pub extern crate wingd_base as base;
+pub use wingd_base::clock;
+#[cfg(feature = "desk")]
+pub use wingd_desk as desk;
+pub use wingd_evaluation as evaluation;
+pub use wingd_evaluation::{aircraft, installation, pipeline, quantities, record};
 pub use wingd_measure as measure;
+pub use wingd_pages as pages;
+pub use wingd_store as store;
 
-pub mod aircraft;
 pub mod camera;
 pub mod cli;
-pub mod clock;
 pub mod config;
 pub mod daemon;
-pub mod desk;
-pub mod exchange;
-pub mod http;
-pub mod installation;
-pub mod pipeline;
-pub mod quantities;
-pub mod record;
-pub mod report;
-pub mod store;
-#[cfg(feature = "upload")]
-pub mod upload;

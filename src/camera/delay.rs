@@ -1,6 +1,6 @@
 //! Check of a configured delay from an event to the exposure, with its standard deviation.
 
-use crate::installation::KeyFault;
+use wingd_base::fault::KeyFault;
 
 /// Maximum plausible delay, s.
 const MAX_DELAY_S: f64 = 10.0;

@@ -75,7 +75,7 @@ fn find_scan_end(bytes: &[u8], from: usize) -> Option<usize> {
 pub(super) mod tests {
     use super::*;
 
-    pub(in crate::camera) fn picture(seed: usize) -> Vec<u8> {
+    pub(crate) fn picture(seed: usize) -> Vec<u8> {
         let mut bytes = Vec::new();
         let grey: Vec<u8> = (0..64 * 48).map(|i| (i * seed % 251) as u8).collect();
         jpeg_encoder::Encoder::new(&mut bytes, 90)

@@ -4,7 +4,6 @@
 pub mod deadline;
 #[cfg(any(feature = "v4l", feature = "gpio"))]
 mod delay;
-pub mod exif;
 pub mod freshness;
 #[cfg(feature = "gphoto")]
 pub mod gphoto;
@@ -21,9 +20,10 @@ use std::time::Duration;
 
 use serde_json::{Map, Value};
 
-use crate::clock::Clock;
-use crate::clock::exposure::ExposureEvidence;
-use crate::installation::KeyFault;
+use wingd_base::clock::Clock;
+use wingd_base::clock::exposure::ExposureEvidence;
+use wingd_base::fault::KeyFault;
+use wingd_evaluation::frame_format::Format;
 
 /// Frame as delivered by the camera.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,52 +35,6 @@ pub struct CameraFrame {
     pub settings: Map<String, Value>,
     /// Evidence for the time of exposure; `None`: between request and delivery.
     pub exposed: Option<ExposureEvidence>,
-}
-
-/// Format of a frame's bytes; also determines the file extension.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase", tag = "kind")]
-pub enum Format {
-    /// Complete JPEG file (MJPEG frames too).
-    Jpeg,
-    /// Complete PNG, PNM or TIFF file; the extension is kept.
-    File {
-        /// Extension without the dot.
-        extension: String,
-    },
-    /// Raw samples of a V4L2 device.
-    Raw {
-        /// FourCC such as `GREY`, `YUYV`, `BA81`, `RG10`, `RG12`.
-        fourcc: String,
-        width: u32,
-        height: u32,
-        /// Number of bytes from one row to the next.
-        stride: u32,
-    },
-}
-
-impl Format {
-    /// Reads the format from a series' manifest.
-    ///
-    /// # Errors
-    /// Returns an error if the value is no format.
-    pub fn from_manifest(kept: &Value) -> Result<Self, UnknownFormat> {
-        Ok(serde_json::from_value(kept.clone())?)
-    }
-}
-
-/// Missing or invalid format in a manifest.
-#[derive(Debug, thiserror::Error)]
-#[error("series.json has no valid format for the frame: {0}")]
-pub struct UnknownFormat(#[from] serde_json::Error);
-
-/// Returns the file extension for a format, without the dot.
-pub fn file_extension(format: &Format) -> &str {
-    match format {
-        Format::Jpeg => "jpg",
-        Format::File { extension } => extension,
-        Format::Raw { fourcc, .. } => fourcc.trim(),
-    }
 }
 
 /// Reason why a camera did not deliver, classified by the caller's action.

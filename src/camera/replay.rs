@@ -8,13 +8,13 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection, Format};
-use crate::clock::Clock;
-use crate::installation::KeyFault;
+use super::{Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection};
+use wingd_base::clock::Clock;
+use wingd_base::fault::KeyFault;
+use wingd_evaluation::frame_format::{Format, format_from_path};
 
 mod items;
 
-pub use items::format_from_path;
 use items::{ReplayItem, read_items};
 
 /// `[camera] kind = "replay"` of the configuration.
@@ -352,7 +352,7 @@ impl ReplayCamera {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::SimulatedClock;
+    use wingd_base::clock::SimulatedClock;
 
     fn folder(count: u8) -> tempfile::TempDir {
         let dir = tempfile::tempdir().unwrap();

@@ -13,14 +13,14 @@ use crate::camera::replay::ReplayConfig;
 #[cfg(feature = "v4l")]
 use crate::camera::v4l::V4lSection;
 use crate::camera::{CameraFactory, DriverSection};
-use crate::clock::Clock;
-use crate::installation::KeyFault;
 #[cfg(not(feature = "gphoto"))]
 use DriverNotBuilt as GphotoSection;
 #[cfg(not(feature = "gpio"))]
 use DriverNotBuilt as ReleaseSection;
 #[cfg(not(feature = "v4l"))]
 use DriverNotBuilt as V4lSection;
+use wingd_base::clock::Clock;
+use wingd_base::fault::KeyFault;
 
 /// Configuration of one camera, chosen by `kind`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -3,10 +3,10 @@
 #[cfg(feature = "gphoto")]
 use super::camera_child;
 use super::{
-    Completion, Failure, camera_test, check, copy, detect, diagnose, init, mount_check, orient,
-    prune, run, serve, solve, status, verify,
+    camera_test, check, copy, detect, diagnose, init, mount_check, orient, prune, run, serve,
+    solve, status, verify,
 };
-use crate::report::ReportBuilder;
+use wingd_evaluation::results::ReportBuilder;
 
 commands! {
     BoardCommand(reports: Option<ReportBuilder>)

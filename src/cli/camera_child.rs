@@ -1,6 +1,6 @@
 //! The camera process: started by the recorder, never by a person.
 
-use crate::cli::{Completion, Failure, TaskResult};
+use wingd_base::failure::{Completion, Failure, TaskResult};
 
 /// Arguments of the camera process: none.
 #[derive(clap::Args)]

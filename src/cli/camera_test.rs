@@ -9,9 +9,10 @@ use serde_json::json;
 
 use crate::camera::freshness::Freshness;
 use crate::camera::{Camera, CameraError, CameraFrame};
-use crate::cli::{Completion, TaskResult, print_json};
-use crate::clock::SystemClock;
 use crate::config;
+use wingd_base::clock::SystemClock;
+use wingd_base::failure::{Completion, TaskResult};
+use wingd_base::output::print_json;
 
 /// Arguments of `wingd camera-test`.
 #[derive(ClapArgs)]
@@ -35,9 +36,9 @@ pub struct CameraTestArgs {
 
 /// Takes the shots and prints one line of JSON for each.
 pub fn run(args: &CameraTestArgs) -> TaskResult<Completion> {
-    let camera = config::load_camera(&super::default_paths::resolve_configuration(
-        args.config.as_deref(),
-    )?)?;
+    let camera = config::load_camera(
+        &wingd_evaluation::inputs::default_paths::resolve_configuration(args.config.as_deref())?,
+    )?;
     let mut bench = CameraBench {
         camera: camera.factory(Arc::new(SystemClock::new()), Duration::ZERO)(),
         args,

@@ -6,17 +6,20 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::{Completion, Failure, TaskResult, default_paths, print_json, print_line, show_busy};
+use super::workstation;
 use crate::camera::section::CameraSection;
-use crate::clock::SystemClock;
 use crate::config::{self, Config};
 use crate::daemon::{self, machine, memory};
-use crate::installation::{self, Fault};
-#[cfg(feature = "desk")]
-use crate::measure::plan::{NarrowWidth, find_narrow_widths};
-use crate::measure::setup::Setup;
-use crate::pipeline::recording::cad_record;
-use crate::store::{self, RealDisk, is_vacant, unwritable_reason, verify};
+use wingd_base::clock::SystemClock;
+use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_base::fault::Fault;
+use wingd_base::output::{print_json, print_line, show_busy};
+use wingd_evaluation::inputs::default_paths;
+use wingd_evaluation::installation;
+use wingd_evaluation::pipeline::recording::cad_record;
+use wingd_measure::setup::Setup;
+use wingd_store as store;
+use wingd_store::{RealDisk, is_vacant, unwritable_reason, verify};
 
 /// Check configuration, installation and store, and open the camera if there is one.
 #[derive(clap::Args)]
@@ -148,23 +151,8 @@ fn advisory_findings(setup: &Setup) -> Vec<Finding> {
                    `wingd plan` shows the gain from fixed targets";
         all.push(("fixed marks", how.to_owned()));
     }
-    // Plans are not part of the recorder's program.
-    #[cfg(not(feature = "desk"))]
-    all.push((
-        "narrow width",
-        "not checked by the recorder's program; run `wingd check` at the desk".to_owned(),
-    ));
-    #[cfg(feature = "desk")]
-    all.extend(find_narrow_widths(setup).into_iter().map(|narrow| {
-        let NarrowWidth { key, unit, values, tip_sigmas_m } = narrow;
-        let [stated_mm, usual_mm] = tip_sigmas_m.map(|sigma_m| 1e3 * sigma_m);
-        let how = format!(
-            "{key} = {} hides what images may not show: with the default of {} {unit} the tip deflection of one frame is known \
-             to {usual_mm:.0} mm, not to {stated_mm:.0} mm. State it only if a measurement supports it",
-            values[0], values[1]
-        );
-        ("narrow width", how)
-    }));
+    let small_priors = workstation::describe_small_priors(setup);
+    all.extend(small_priors.into_iter().map(|how| ("prior sigma", how)));
     let span = setup.span_direction.try_normalize(0.0);
     let normal = setup.window.as_ref().and_then(|w| w.normal);
     if let (Some(span), Some(normal)) = (span, normal) {

@@ -3,42 +3,91 @@
 use std::path::{Path, PathBuf};
 
 use super::verify::content_text;
-use super::{
-    Completion, TaskResult, byte_progress, print_json, print_line, print_notes, show_busy,
-};
-use crate::desk::stored_flights::select_flights;
-use crate::report::number::count_text;
-use crate::store::bundle::{self, BundleContent};
-use crate::store::receive::{Listing, Receiver};
-use crate::store::verify::VerifyReport;
-use crate::store::{Disk, FlightRef, RealDisk, StoreError, StoreResult};
+use super::workstation::Source;
+use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_base::output::{byte_progress, print_json, print_line, print_notes, show_busy};
+use wingd_evaluation::inputs::stored_flights::select_flights;
+use wingd_evaluation::number::count_text;
+use wingd_store::bundle;
+use wingd_store::bundle::BundleContent;
+use wingd_store::receive::{Listing, Receiver};
+use wingd_store::verify::VerifyReport;
+use wingd_store::{Disk, FlightRef, RealDisk, StoreError, StoreResult};
 
-/// Copy a store's flights to another directory, disk or USB stick; an interrupted copy is resumed, and the result verified.
+/// Copy flights from a store, or from the page of a recorder or of `wingd serve`, to another directory, disk or USB stick;
+/// an interrupted copy is resumed, and the result verified.
 #[derive(clap::Args)]
 pub struct CopyArgs {
-    /// Store
-    store: PathBuf,
+    /// Store, or page, for example http://192.168.4.1:8080
+    #[arg(value_name = "STORE|URL")]
+    source: PathBuf,
     /// Directory of the copy: missing, empty, or with an older copy of this store
     #[arg(value_name = "DIR")]
     directory: PathBuf,
     /// Flight, for example f0001 [default: all flights]
     #[arg(long)]
     flight: Option<String>,
+    /// File with the page's access token
+    #[arg(long, alias = "token", value_name = "FILE")]
+    token_file: Option<PathBuf>,
+    /// Certificate that the page must present (PEM), for https://
+    #[arg(long, value_name = "FILE")]
+    certificate: Option<PathBuf>,
     /// Print the contents of the copy as one JSON object
     #[arg(long)]
     json: bool,
 }
 
 pub(super) fn run(args: &CopyArgs) -> TaskResult<Completion> {
-    let flights = select_flights(&args.store, args.flight.as_deref())?;
-    let report = copy_flights(args, &flights, false)?;
-    // Damaged files are copied again, once.
-    let report = if report.is_sound() {
-        report
-    } else {
-        copy_flights(args, &flights, true)?
+    let report = match args.source.to_str() {
+        Some(url) if url.contains("://") => download(args, url)?,
+        _ => copy_store(args)?,
     };
     report_copy(&report, &args.directory, args.json)
+}
+
+/// Downloads flights from a page.
+fn download(args: &CopyArgs, url: &str) -> TaskResult<VerifyReport> {
+    let (token, certificate) = (args.token_file.as_deref(), args.certificate.as_deref());
+    let mut source = Source::open(url, token, certificate)?;
+    let flights = match &args.flight {
+        Some(flight) => vec![flight.clone()],
+        None => source.flight_names()?,
+    };
+    let mut receive = |thorough: bool| -> TaskResult<VerifyReport> {
+        let receiver = Receiver::open(&RealDisk, &args.directory)?;
+        source.receive(&receiver, &flights, thorough)?;
+        Ok(read_back(receiver)?)
+    };
+    let report = receive(false)?;
+    // Damaged files are downloaded again, once.
+    if report.is_sound() {
+        Ok(report)
+    } else {
+        receive(true)
+    }
+}
+
+fn copy_store(args: &CopyArgs) -> TaskResult<VerifyReport> {
+    for (option, file) in [
+        ("--token-file", &args.token_file),
+        ("--certificate", &args.certificate),
+    ] {
+        if file.is_some() {
+            return Err(Failure::Usage(format!(
+                "{option} is for a URL; {} is a directory",
+                args.source.display()
+            )));
+        }
+    }
+    let flights = select_flights(&args.source, args.flight.as_deref())?;
+    let report = copy_flights(args, &flights, false)?;
+    // Damaged files are copied again, once.
+    if report.is_sound() {
+        Ok(report)
+    } else {
+        Ok(copy_flights(args, &flights, true)?)
+    }
 }
 
 /// Copies the missing files of the flights, or, if `thorough`, also the damaged ones, and reads the copy back.
@@ -49,13 +98,13 @@ fn copy_flights(
 ) -> StoreResult<VerifyReport> {
     let receiver = Receiver::open(&RealDisk, &args.directory)?;
     for flight in flights {
-        copy_flight(&RealDisk, &args.store, flight, &receiver, thorough)?;
+        copy_flight(&RealDisk, &args.source, flight, &receiver, thorough)?;
     }
     read_back(receiver)
 }
 
 /// Reads the complete copy back from its disk and verifies it.
-pub(super) fn read_back(receiver: Receiver) -> StoreResult<VerifyReport> {
+fn read_back(receiver: Receiver) -> StoreResult<VerifyReport> {
     show_busy("verifying the copy", || receiver.finish())
 }
 
@@ -92,11 +141,7 @@ fn copy_flight(
 }
 
 /// Prints the verdict on a copy that was read back.
-pub(super) fn report_copy(
-    report: &VerifyReport,
-    directory: &Path,
-    json: bool,
-) -> TaskResult<Completion> {
+fn report_copy(report: &VerifyReport, directory: &Path, json: bool) -> TaskResult<Completion> {
     if json {
         print_json(report)?;
         return Ok(Completion::from_success(report.is_sound()));

@@ -6,18 +6,19 @@ use std::time::Duration;
 
 use tracing::level_filters::LevelFilter;
 
-use super::{
-    Completion, Failure, TaskResult, logging, print_line, print_notes, recorder, write_output,
-};
 use crate::camera::replay::ReplayConfig;
 use crate::camera::section::CameraSection;
-use crate::clock::{Clock, SimulatedClock};
+use crate::cli::recorder;
 use crate::config::{Config, SolveConfig};
 use crate::daemon::{Event, Observer, PowerConfig, SeriesConfig, StatusConfig};
-use crate::installation;
-use crate::pipeline::orienting;
-use crate::report::{html, source, summary, table};
-use crate::store::{RealDisk, StoreConfig, verify};
+use wingd_base::clock::{Clock, SimulatedClock};
+use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_base::output::{print_line, print_notes, write_output};
+use wingd_desk::report as html;
+use wingd_evaluation::installation;
+use wingd_evaluation::pipeline::orienting;
+use wingd_evaluation::results::{source, summary, table};
+use wingd_store::{RealDisk, StoreConfig, verify};
 
 /// Run a bundled flight of 8.5 hours through the real recorder: writes a store and a report.
 #[derive(clap::Args)]
@@ -64,7 +65,7 @@ const SPEED_UP: f64 = 20_000.0;
 const TAKE_OFF_UNIX_S: i64 = 1_780_300_800;
 
 pub(super) fn run(args: &DemoArgs) -> TaskResult<Completion> {
-    logging::start_logging(LevelFilter::WARN);
+    wingd_base::logging::start_logging(LevelFilter::WARN);
     let input = args.output.join("input");
     unpack_files(&input)?;
     let installation = input.join("installation");
@@ -148,7 +149,8 @@ fn record_flight(output: &Path, input: &Path, directory: &Path) -> TaskResult<()
 /// Creates a progress bar of the frames solved, on standard error.
 fn flight_progress() -> Observer {
     let series = FLIGHT_DURATION.as_secs() / SERIES_INTERVAL.as_secs() + 1;
-    let bar = super::progress_bar((series * u64::from(SHOTS_PER_SERIES)) as usize, "flying");
+    let bar =
+        wingd_base::output::progress_bar((series * u64::from(SHOTS_PER_SERIES)) as usize, "flying");
     Arc::new(move |event| match event {
         Event::SeriesBegan { series, .. } => bar.set_message(format!("series {series}")),
         Event::Solved { .. } => bar.inc(1),

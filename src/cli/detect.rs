@@ -7,13 +7,17 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use nalgebra::Matrix2;
 use serde_json::{Map, Value, json};
 
-use super::default_paths::load_installation;
-use super::{Completion, Failure, TaskResult, batch, print_json, print_line};
-use crate::installation::Installation;
-use crate::measure::detect::{CovarianceSource, Detection, Rejected};
-use crate::pipeline::{ProcessedFrame, recording, stages};
-use crate::record::Reason;
-use crate::report::{overlay, table};
+use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_base::output::{print_json, print_line};
+use wingd_evaluation::figures::overlay;
+use wingd_evaluation::inputs::batch;
+use wingd_evaluation::inputs::default_paths::load_installation;
+use wingd_evaluation::installation::Installation;
+use wingd_evaluation::pipeline::{ProcessedFrame, recording, stages};
+use wingd_evaluation::record::Reason;
+use wingd_evaluation::results::table;
+use wingd_measure::detect::CovarianceSource;
+use wingd_measure::detect::{Detection, Rejected};
 
 /// Detect markers in images.
 #[derive(clap::Args)]

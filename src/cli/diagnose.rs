@@ -4,13 +4,20 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
-use super::default_paths::{load_installation, resolve_installation};
-use super::{Completion, Failure, batch, orient, print_json, print_line};
-use crate::desk::manual_points::ManualPoints;
-use crate::installation::Installation;
-use crate::measure::identify::{self, Diagnosis, Explanation, IdentifyError, OTHER_AIRCRAFT};
-use crate::pipeline::{self, ProcessedFrame, orienting, stages};
-use crate::record::Reason;
+use super::orient;
+use wingd_base::failure::{Completion, Failure};
+use wingd_base::output::{print_json, print_line};
+use wingd_evaluation::inputs::batch;
+use wingd_evaluation::inputs::default_paths::{load_installation, resolve_installation};
+use wingd_evaluation::inputs::manual_points::ManualPoints;
+use wingd_evaluation::installation::Installation;
+use wingd_evaluation::pipeline;
+use wingd_evaluation::pipeline::{ProcessedFrame, orienting, stages};
+use wingd_evaluation::record::Reason;
+use wingd_measure::identify;
+use wingd_measure::identify::IdentifyError;
+use wingd_measure::identify::OTHER_AIRCRAFT;
+use wingd_measure::identify::{Diagnosis, Explanation};
 
 /// Find the error that explains images which do not fit: lens, survey, projection centre, axes, units, names, bend, marks.
 #[derive(clap::Args)]

@@ -289,7 +289,7 @@ mod tests {
     #[test]
     fn the_commands_of_the_desk_are_listed() {
         use clap::Subcommand;
-        let all = super::super::desk::DeskCommand::augment_subcommands(Command::new("desk"));
+        let all = wingd_desk::commands::DeskCommand::augment_subcommands(Command::new("desk"));
         let mut names: Vec<&str> = all.get_subcommands().map(Command::get_name).collect();
         names.sort_unstable();
         assert_eq!(names, DESK_COMMANDS);

@@ -6,8 +6,9 @@ use std::fs::OpenOptions;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-use super::{Completion, Failure, TaskResult, print_line};
 use answers::InitAnswers;
+use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_base::output::print_line;
 
 /// Write a commented configuration, installation and board; unknown values are asked for, or left blank.
 #[derive(clap::Args)]

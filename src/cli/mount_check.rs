@@ -5,14 +5,17 @@ use std::path::PathBuf;
 use nalgebra::Vector3;
 use serde_json::json;
 
-use super::default_paths::resolve_installation;
-use super::{Completion, TaskResult, batch, print_json, print_line};
-use crate::desk::mount_comparison::{MountVerdict, compare_frames, orient_frame};
-use crate::installation;
-use crate::measure::mount::CameraMovement;
-use crate::measure::setup::{Setup, Width};
-use crate::pipeline::{ProcessedFrame, stages};
-use crate::record::Reason;
+use wingd_base::failure::{Completion, TaskResult};
+use wingd_base::output::{print_json, print_line};
+use wingd_evaluation::inputs::batch;
+use wingd_evaluation::inputs::default_paths::resolve_installation;
+use wingd_evaluation::inputs::mount_comparison::{MountVerdict, compare_frames, orient_frame};
+use wingd_evaluation::installation;
+use wingd_evaluation::pipeline::{ProcessedFrame, stages};
+use wingd_evaluation::record::Reason;
+use wingd_measure::mount::CameraMovement;
+use wingd_measure::setup::Setup;
+use wingd_measure::setup::Width;
 
 /// Measure how far the camera moved between frames of a static scene, and compare it with the installation's expectations
 #[derive(clap::Args)]

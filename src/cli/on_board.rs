@@ -5,19 +5,54 @@ use std::ffi::OsString;
 use clap::{Arg, ArgMatches, Command, FromArgMatches, Subcommand, error::ErrorKind, value_parser};
 
 use super::help::DESK_COMMANDS;
-use super::{Completion, TaskResult, not_on_board};
+use std::path::Path;
+
+use wingd_base::failure::{Completion, TaskResult, not_on_board};
+use wingd_evaluation::results::ReportBuilder;
+use wingd_measure::setup::Setup;
+use wingd_store::receive::Receiver;
+
+/// The recorder writes no reports.
+pub const REPORT_BUILDER: Option<ReportBuilder> = None;
+
+/// Runs a command of the workstation.
+pub fn run(command: &DeskCommand) -> TaskResult<Completion> {
+    command.run()
+}
+
+/// The recorder downloads nothing.
+pub enum Source {}
+
+impl Source {
+    pub fn open(_: &str, _: Option<&Path>, _: Option<&Path>) -> TaskResult<Self> {
+        Err(not_on_board("`wingd copy URL`"))
+    }
+
+    pub fn flight_names(&mut self) -> TaskResult<Vec<String>> {
+        match *self {}
+    }
+
+    pub fn receive(&mut self, _: &Receiver, _: &[String], _: bool) -> TaskResult<()> {
+        match *self {}
+    }
+}
+
+/// Plans are not part of the recorder's program.
+pub fn describe_small_priors(_: &Setup) -> Vec<String> {
+    vec!["not checked by the recorder's program; run `wingd check` on the workstation".to_owned()]
+}
 
 /// Command of the desk, by its name.
-pub struct AbsentCommand(String);
+pub struct DeskCommand(String);
 
-impl AbsentCommand {
+impl DeskCommand {
     /// Returns the failure that names the package for the desk.
     pub fn run(&self) -> TaskResult<Completion> {
         Err(not_on_board(&format!("`wingd {}`", self.0)))
     }
 }
 
-impl FromArgMatches for AbsentCommand {
+impl FromArgMatches for DeskCommand {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
         let name = matches
             .subcommand_name()
@@ -32,7 +67,7 @@ impl FromArgMatches for AbsentCommand {
     }
 }
 
-impl Subcommand for AbsentCommand {
+impl Subcommand for DeskCommand {
     fn augment_subcommands(command: Command) -> Command {
         let any = Arg::new("given")
             .num_args(0..)

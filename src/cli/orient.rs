@@ -4,17 +4,23 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 
-use super::default_paths::{load_without_orientation, resolve_installation};
-use super::{Completion, Failure, batch, print_line, print_notes};
-use crate::desk::CHECK_WRITE_ACCESS;
-use crate::desk::manual_points::ManualPoints;
-use crate::installation::{self, Installation};
-use crate::measure::estimation::GlobalTest;
-use crate::measure::identify::{self, IdentifyError, OTHER_AIRCRAFT, OrientationFit};
-use crate::measure::setup::Setup;
-use crate::pipeline::orienting::{self, GroundFrame};
-use crate::record::Reason;
-use crate::report::number::format_rounded;
+use wingd_base::failure::CHECK_WRITE_ACCESS;
+use wingd_base::failure::{Completion, Failure};
+use wingd_base::output::{print_line, print_notes};
+use wingd_evaluation::inputs::batch;
+use wingd_evaluation::inputs::default_paths::{load_without_orientation, resolve_installation};
+use wingd_evaluation::inputs::manual_points::ManualPoints;
+use wingd_evaluation::installation;
+use wingd_evaluation::installation::Installation;
+use wingd_evaluation::number::format_rounded;
+use wingd_evaluation::pipeline::orienting;
+use wingd_evaluation::pipeline::orienting::GroundFrame;
+use wingd_evaluation::record::Reason;
+use wingd_measure::estimation::GlobalTest;
+use wingd_measure::identify;
+use wingd_measure::identify::OTHER_AIRCRAFT;
+use wingd_measure::identify::{IdentifyError, OrientationFit};
+use wingd_measure::setup::Setup;
 
 /// Estimate the camera's attitude from ground frames and write orientation.toml.
 #[derive(clap::Args)]

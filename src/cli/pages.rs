@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 
 use clap::{Command, CommandFactory};
 
-use super::{Arguments, Completion, Failure, TaskResult, help, print_line};
+use super::{Arguments, help};
+use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_base::output::print_line;
 
 /// Print completions for a shell to standard output.
 #[derive(clap::Args)]

@@ -4,11 +4,13 @@ use std::path::PathBuf;
 
 use serde_json::json;
 
-use super::{Completion, TaskResult, print_line, show_busy};
-use crate::desk::stored_flights::{self, select_flights};
-use crate::report::number::count_text;
-use crate::store::prune::{CopyProof, verify_copy};
-use crate::store::{RealDisk, Store};
+use wingd_base::failure::{Completion, TaskResult};
+use wingd_base::output::{print_line, show_busy};
+use wingd_evaluation::inputs::stored_flights;
+use wingd_evaluation::inputs::stored_flights::select_flights;
+use wingd_evaluation::number::count_text;
+use wingd_store::prune::{CopyProof, verify_copy};
+use wingd_store::{RealDisk, Store};
 
 /// Delete flights of which a verified copy holds every byte.
 #[derive(clap::Args)]

@@ -4,22 +4,26 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::{Failure, TaskResult, stop_signal};
-use crate::clock::Clock;
 use crate::config::{Config, SolveConfig};
 use crate::daemon::{
     self, DaemonParts, DaemonStatus, FrameTrackerFactory, Observer, PAGE_PART, SOLVER_PART, Solver,
     SolverSource, StatusBoard,
 };
-use crate::http::access::Access;
-use crate::http::section::ServeConfig;
-use crate::installation::{self, Fault, Installation};
-use crate::measure::adjust::AdjustmentMethod;
-use crate::measure::setup::Orientation;
-use crate::pipeline::live::Tracker;
-use crate::report::ReportBuilder;
-use crate::store::{Inputs, RealDisk, Recovery, Store};
-use crate::{http, pipeline};
+use wingd_base::clock::Clock;
+use wingd_base::failure::{Failure, TaskResult};
+use wingd_base::fault::Fault;
+use wingd_evaluation::inputs::stop_signal;
+use wingd_evaluation::installation;
+use wingd_evaluation::installation::Installation;
+use wingd_evaluation::pipeline;
+use wingd_evaluation::pipeline::live::Tracker;
+use wingd_evaluation::results::ReportBuilder;
+use wingd_measure::adjust::AdjustmentMethod;
+use wingd_measure::setup::Orientation;
+use wingd_pages as http;
+use wingd_pages::access::Access;
+use wingd_pages::section::ServeConfig;
+use wingd_store::{Inputs, RealDisk, Recovery, Store};
 
 /// An opened store and the result of its recovery.
 pub struct OpenedStore {
@@ -115,7 +119,7 @@ fn build_solver(installation: &Installation, config: &SolveConfig) -> Result<Sol
     let inputs = Inputs::new(pipeline::provenance_map(installation, &job));
     let installation = Arc::new(installation.clone());
     let track = build_tracker(installation.clone(), orientation.clone(), job.clone());
-    let solve = move |name: &str, bytes: &[u8], format: &crate::camera::Format| {
+    let solve = move |name: &str, bytes: &[u8], format: &wingd_evaluation::frame_format::Format| {
         pipeline::solve_frame(name, bytes, Some(format), &installation, &orientation, &job)
     };
     Ok(Solver {
@@ -140,9 +144,11 @@ fn build_tracker(
         let begun = Tracker::new(installation.clone(), orientation.clone(), job.clone());
         let mut tracker =
             begun.inspect_err(|why| tracing::error!(%why, "live frames are not solved"))?;
-        let track = move |name: &str, bytes: &[u8], format: &crate::camera::Format, at_s: f64| {
-            tracker.track_frame(name, bytes, Some(format), at_s)
-        };
+        let track =
+            move |name: &str,
+                  bytes: &[u8],
+                  format: &wingd_evaluation::frame_format::Format,
+                  at_s: f64| { tracker.track_frame(name, bytes, Some(format), at_s) };
         Ok(Box::new(track))
     })
 }
@@ -205,6 +211,7 @@ const PAGE_RETRY_PAUSE: Duration = Duration::from_secs(10);
 struct PageSource {
     serve: ServeConfig,
     installation: Option<PathBuf>,
+    board: StatusBoard,
     site: http::Site,
 }
 
@@ -236,11 +243,9 @@ impl PageSource {
 
     /// Serves the page until `end`, retrying while it cannot be opened.
     async fn serve_until(self, end: impl Future<Output = ()>) -> std::io::Result<()> {
-        let board = self.site.board.clone();
+        let board = self.board.clone();
         let report = |fault: Option<String>| {
-            board
-                .iter()
-                .for_each(|board| board.set_fault(PAGE_PART, fault.clone()))
+            board.set_fault(PAGE_PART, fault);
         };
         tokio::pin!(end);
         loop {
@@ -277,13 +282,13 @@ impl RecorderPage {
         let site = http::Site {
             root: config.store.path.clone(),
             setup: None,
-            board: Some(board.clone()),
-            live: config.live.socket.clone(),
+            recorder: Some(Arc::new(board.clone())),
             reports,
         };
         let source = PageSource {
             serve: serve.clone(),
             installation: config.installation.clone(),
+            board: board.clone(),
             site,
         };
         let (stop, stopped) = tokio::sync::oneshot::channel();
@@ -317,29 +322,5 @@ impl Drop for RecorderPage {
     fn drop(&mut self) {
         let _ = self.stop.take().map(|stop| stop.send(()));
         let _ = self.thread.take().map(std::thread::JoinHandle::join);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::camera::Format;
-    use crate::record::RecordStatus;
-
-    #[test]
-    fn a_frame_that_crashes_the_decoder_has_a_record_on_the_recorder() {
-        let directory = tempfile::tempdir().unwrap();
-        let fixture =
-            std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation");
-        for name in ["installation.toml", "camera.toml", "survey.csv"] {
-            std::fs::copy(fixture.join(name), directory.path().join(name)).unwrap();
-        }
-        let any = "camera_from_survey = [[0, -1, 0], [0, 0, -1], [1, 0, 0]]\n";
-        std::fs::write(directory.path().join("orientation.toml"), any).unwrap();
-        let installation = installation::load(directory.path()).unwrap();
-        let solver = build_solver(&installation, &SolveConfig::default()).unwrap();
-        let record = (solver.solve)("0001.jpg", crate::pipeline::decode::BREAKS, &Format::Jpeg);
-        assert_eq!(record.status, RecordStatus::Failed);
-        assert!(record.reason.unwrap().contains("decoder failed"));
     }
 }

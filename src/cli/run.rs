@@ -5,10 +5,11 @@ use std::sync::Arc;
 
 use tracing::level_filters::LevelFilter;
 
-use super::{Completion, TaskResult, recorder};
-use crate::clock::{Clock, SystemClock};
+use super::recorder;
 use crate::config;
-use crate::report::ReportBuilder;
+use wingd_base::clock::{Clock, SystemClock};
+use wingd_base::failure::{Completion, TaskResult};
+use wingd_evaluation::results::ReportBuilder;
 
 /// Record series of frames and solve them until stopped.
 #[derive(clap::Args)]
@@ -19,10 +20,10 @@ pub struct RunArgs {
 }
 
 pub(super) fn run(args: &RunArgs, reports: Option<ReportBuilder>) -> TaskResult<Completion> {
-    super::logging::start_logging(LevelFilter::INFO);
-    let config = config::load_configuration(&super::default_paths::resolve_configuration(
-        args.config.as_deref(),
-    )?)?;
+    wingd_base::logging::start_logging(LevelFilter::INFO);
+    let config = config::load_configuration(
+        &wingd_evaluation::inputs::default_paths::resolve_configuration(args.config.as_deref())?,
+    )?;
     let clock: Arc<dyn Clock> = Arc::new(SystemClock::new());
     let opened = recorder::open_store(&config)?;
     let origin = clock.since_boot();

@@ -6,12 +6,15 @@ use std::time::Duration;
 
 use tracing::level_filters::LevelFilter;
 
-use super::{Completion, Failure, TaskResult, stop_signal};
-use crate::http::access::Access;
-use crate::http::section::{self, ServeConfig};
-use crate::report::ReportBuilder;
-use crate::store::{RealDisk, catalogue};
-use crate::{http, installation};
+use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_evaluation::inputs::stop_signal;
+use wingd_evaluation::installation;
+use wingd_evaluation::results::ReportBuilder;
+use wingd_pages as http;
+use wingd_pages::access::Access;
+use wingd_pages::section;
+use wingd_pages::section::ServeConfig;
+use wingd_store::{RealDisk, catalogue};
 
 /// Serve the download page of a store, without the recorder.
 #[derive(clap::Args)]
@@ -37,13 +40,10 @@ pub struct ServeArgs {
     /// Installation, for the report's ground shape and lines of sight [default: the one kept in the store]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
-    /// Socket of a recorder in live mode, [live] socket of its configuration, for the page /live
-    #[arg(long, value_name = "PATH", default_value = "/run/wingd/live.sock")]
-    live_socket: PathBuf,
 }
 
 pub(super) fn run(args: &ServeArgs, reports: Option<ReportBuilder>) -> TaskResult<Completion> {
-    super::logging::start_logging(LevelFilter::WARN);
+    wingd_base::logging::start_logging(LevelFilter::WARN);
     let (address, access) = open_access(args)?;
     catalogue::check_format(&RealDisk, &args.store).map_err(|e| Failure::Failed(e.to_string()))?;
     let installation = args
@@ -51,12 +51,10 @@ pub(super) fn run(args: &ServeArgs, reports: Option<ReportBuilder>) -> TaskResul
         .as_deref()
         .map(installation::load_without_orientation);
     let setup = installation.transpose()?.map(|i| i.setup);
-    let live = Some(args.live_socket.clone());
     let site = http::Site {
         root: args.store.clone(),
         setup,
-        board: None,
-        live,
+        recorder: None,
         reports,
     };
     let runtime = http::page_runtime();

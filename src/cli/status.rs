@@ -2,13 +2,14 @@
 
 use std::path::PathBuf;
 
-use super::{Completion, Failure, TaskResult, print_line};
 use crate::config;
 use crate::daemon::{
     self, AircraftStatus, DaemonStatus, Health, LiveStatus, RecentShares, StatusConfig, format_span,
 };
-use crate::record::variant_name;
-use crate::report::number::count_text;
+use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_base::output::print_line;
+use wingd_evaluation::number::count_text;
+use wingd_evaluation::record::variant_name;
 
 /// Show the state of the running recorder.
 #[derive(clap::Args)]
@@ -47,7 +48,7 @@ impl SocketArgs {
         match (&self.socket, &self.config) {
             (Some(socket), _) => Ok(socket.clone()),
             (None, Some(file)) => Ok(config::load_configuration(file)?.status.socket),
-            (None, None) => match super::default_paths::local_configuration() {
+            (None, None) => match wingd_evaluation::inputs::default_paths::local_configuration() {
                 Some(file) => Ok(config::load_configuration(&file)?.status.socket),
                 None => Ok(StatusConfig::default().socket),
             },

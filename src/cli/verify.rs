@@ -3,12 +3,15 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::{Completion, Failure, TaskResult, print_json, print_line, show_busy};
-use crate::installation::{self, printable_path};
-use crate::report::number::count_text;
-use crate::store::signing::PublicKey;
-use crate::store::verify::{VerifyReport, verify_path, verify_with_key};
-use crate::store::{self, RealDisk, catalogue};
+use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_base::output::{print_json, print_line, show_busy};
+use wingd_base::text::printable_path;
+use wingd_evaluation::installation;
+use wingd_evaluation::number::count_text;
+use wingd_store as store;
+use wingd_store::signing::PublicKey;
+use wingd_store::verify::{VerifyReport, verify_path, verify_with_key};
+use wingd_store::{RealDisk, catalogue};
 
 /// Check every checksum and every invariant of a store, or of a copied flight or series.
 #[derive(clap::Args)]

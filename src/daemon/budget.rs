@@ -1,7 +1,7 @@
 //! Budgets of data with a lower priority than the series: a rate, and a share of the disk. What is beyond them is dropped,
 //! counted and reported.
 
-use crate::store::Store;
+use wingd_store::Store;
 
 /// Multiple of the store's reserve at which data of lower priority stop, so that they never use up the space of the series.
 pub(crate) const RESERVE_FACTOR: u64 = 2;
@@ -82,7 +82,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::store::{RealDisk, StoreConfig};
+    use wingd_store::{RealDisk, StoreConfig};
 
     #[test]
     fn a_burst_is_followed_by_the_rate_and_the_floor_is_for_others() {

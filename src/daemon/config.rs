@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use crate::installation::KeyFault;
+use wingd_base::fault::KeyFault;
 
 use super::schedule::{Align, Timetable};
 

@@ -8,8 +8,8 @@ use std::time::Duration;
 use super::event::Observer;
 use super::shutdown::Halt;
 use super::status::StatusBoard;
-use crate::clock::Clock;
-use crate::store::Store;
+use wingd_base::clock::Clock;
+use wingd_store::Store;
 
 /// Shared objects of the daemon. Cheap to clone; all clones refer to the same objects.
 #[derive(Clone)]

@@ -4,9 +4,10 @@ use super::capture::STALE;
 use super::core::Core;
 use super::event::Event;
 use super::status::{Activity, SIGNING_PART};
-use crate::record::{GlobalTest, ImageRecord, RecordStatus};
-use crate::store::manifest::{FrameEntry, SeriesCause, Shot, ShotFailure};
-use crate::store::{FrameRef, OpenSeries, StoreError, StoreResult};
+use wingd_evaluation::record::{ImageRecord, RecordStatus};
+use wingd_measure::estimation::quality::GlobalTest;
+use wingd_store::manifest::{FrameEntry, SeriesCause, Shot, ShotFailure};
+use wingd_store::{FrameRef, OpenSeries, StoreError, StoreResult};
 
 impl Core {
     /// Reports that a series of `shots` shots begins.

@@ -3,9 +3,10 @@
 use serde_json::Value;
 
 use super::core::Core;
-use crate::camera::{CameraFrame, file_extension};
-use crate::store::manifest::{FrameEntry, Shot};
-use crate::store::{NewFrame, OpenSeries, Recovery, SeriesPlan, StoreResult};
+use crate::camera::CameraFrame;
+use wingd_evaluation::frame_format::file_extension;
+use wingd_store::manifest::{FrameEntry, Shot};
+use wingd_store::{NewFrame, OpenSeries, Recovery, SeriesPlan, StoreResult};
 
 /// Begins a series, writes the flight into the status, and logs everything that had to be recovered first.
 pub(crate) fn begin_series(core: &Core, plan: SeriesPlan) -> StoreResult<OpenSeries> {

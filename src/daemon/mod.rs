@@ -47,7 +47,6 @@ mod shutdown;
 mod socket;
 mod solver;
 mod status;
-mod tcp_keepalive;
 mod watchdog;
 mod worker;
 
@@ -66,4 +65,3 @@ pub use status::{
     RecentShares, StatusBoard, StoreStatus, format_span,
 };
 pub(crate) use status::{PAGE_PART, SOLVER_PART};
-pub use tcp_keepalive::keep_alive;

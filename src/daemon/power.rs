@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::command::Command;
 use super::core::Core;
-use crate::installation::KeyFault;
+use wingd_base::fault::KeyFault;
 
 /// Time between two checks. Two equal readings count, so that a bouncing contact is ignored.
 const CHECK_INTERVAL: Duration = Duration::from_millis(25);

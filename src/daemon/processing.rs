@@ -11,9 +11,9 @@ use super::core::{Core, SERIES_NICE, lower_priority};
 use super::solver::{CurrentSolver, Solver, SolverSource};
 use super::status::{Activity, RESULTS_PART};
 use super::worker::{CallError, Worker};
-use crate::camera::Format;
-use crate::record::{ImageRecord, Reason};
-use crate::store::{FrameRef, StoreResult};
+use wingd_evaluation::frame_format::Format;
+use wingd_evaluation::record::{ImageRecord, Reason};
+use wingd_store::{FrameRef, StoreResult};
 
 /// Number of attempts at one frame after which it is assumed to crash the program.
 const MAX_ATTEMPTS: u32 = 5;

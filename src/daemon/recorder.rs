@@ -14,9 +14,9 @@ use super::schedule::{self, Moment, Progress, ScheduleAction};
 use super::status::Activity;
 use super::{frame_storage, machine};
 use crate::camera::CameraFrame;
-use crate::clock::Stamp;
-use crate::store::manifest::{SeriesCause, SeriesState, Shot, ShotFailure};
-use crate::store::{OpenSeries, SeriesPlan, StoreResult};
+use wingd_base::clock::Stamp;
+use wingd_store::manifest::{SeriesCause, SeriesState, Shot, ShotFailure};
+use wingd_store::{OpenSeries, SeriesPlan, StoreResult};
 
 /// Maximum length of a wait between two checks of the clock and beats of the watchdog.
 const WAIT_SLICE: Duration = Duration::from_secs(5);

@@ -22,8 +22,8 @@ use super::status::{DaemonStatus, RESULTS_PART, StatusBoard};
 use super::watchdog::ProgressCheck;
 use super::{aircraft, frame_storage};
 use crate::camera::CameraFactory;
-use crate::clock::Clock;
-use crate::store::{Recovery, Store};
+use wingd_base::clock::Clock;
+use wingd_store::{Recovery, Store};
 
 /// Maximum number of threads for work that blocks the event loop: host names and previews.
 const MAX_BLOCKING: usize = 4;

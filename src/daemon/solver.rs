@@ -3,11 +3,11 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use crate::camera::Format;
-use crate::measure::adjust::AdjustResult;
-use crate::pipeline::live::TrackedFrame;
-use crate::record::ImageRecord;
-use crate::store::Inputs;
+use wingd_evaluation::frame_format::Format;
+use wingd_evaluation::pipeline::live::TrackedFrame;
+use wingd_evaluation::record::ImageRecord;
+use wingd_measure::adjust::AdjustResult;
+use wingd_store::Inputs;
 
 /// Solves consecutive live frames: name, bytes, format, time of exposure (since boot, s).
 pub type FrameTracker = Box<dyn FnMut(&str, &[u8], &Format, f64) -> TrackedFrame + Send>;

@@ -5,8 +5,9 @@ use crate::common::beam_truth::{Truth, Wing, normal2, normal3, random_wing, remo
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, GlobalTest, Observation, Options, Solution};
-use wingd::measure::render::{self, Light, Scene, SceneSide};
 use wingd::measure::setup::{Orientation, Setup};
+use wingd_simulate::render;
+use wingd_simulate::render::{Light, Scene, SceneSide};
 
 const SURVEY_SIGMA_M: f64 = 0.002;
 const PIXEL_SIGMA: f64 = 0.05;

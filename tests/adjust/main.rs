@@ -11,7 +11,6 @@ mod builds;
 mod common;
 mod common_displacement;
 mod coverage;
-mod deformation;
 mod diagnosis;
 #[allow(dead_code)]
 mod effect_kinds;
@@ -23,7 +22,6 @@ mod learning;
 mod live;
 mod live_start;
 mod long_flights;
-mod measured_surface;
 #[allow(dead_code)]
 mod modes;
 mod mountings;

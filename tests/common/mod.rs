@@ -9,13 +9,11 @@
 
 pub mod attitude;
 pub mod beam_truth;
-pub mod clock_screen;
 pub mod disc_image;
 pub mod drawn;
 pub mod fake_disk;
 pub mod random;
 pub mod report_store;
-pub mod section_truth;
 pub mod statistics;
 pub mod store_work;
 pub mod synthetic;

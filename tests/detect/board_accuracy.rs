@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
 use wingd::measure::calibrate::{Board, BoardPoint, BoardView, Calibration, calibrate};
 use wingd::measure::geometry::Lens;
-use wingd::measure::render::{RenderedBoard, SeededRandom};
+use wingd_simulate::render::{RenderedBoard, SeededRandom};
 
 const COLUMNS: usize = 12;
 const ROWS: usize = 9;

@@ -3,15 +3,15 @@
 use std::path::Path;
 
 use nalgebra::{Rotation3, Vector2, Vector3};
-use wingd::exchange::{ImageCorners, read_corners};
 use wingd::measure::calibrate::{
     Board, BoardMismatch, BoardPoint, BoardView, CalibrationOptions, ImageRejection, Verdict,
     calibrate, calibrate_with_options, description_mismatch, judge_calibration,
 };
 use wingd::measure::geometry::Lens;
 use wingd::measure::raster::Raster;
-use wingd::measure::render::{RenderedBoard, SeededRandom};
 use wingd::pipeline::decode;
+use wingd_evaluation::boards::{ImageCorners, read_corners};
+use wingd_simulate::render::{RenderedBoard, SeededRandom};
 
 /// Corner precision of the fit in sharp images, px.
 const SIGMA_PX: f64 = 0.01;

@@ -7,8 +7,8 @@ use rayon::prelude::*;
 use wingd::measure::calibrate::{Board, BoardView, calibrate};
 use wingd::measure::environment::Plate;
 use wingd::measure::geometry::Lens;
-use wingd::measure::render::{RenderedBoard, SeededRandom};
 use wingd::measure::setup::Pane;
+use wingd_simulate::render::{RenderedBoard, SeededRandom};
 
 const BOARD: Board = Board::Checkerboard {
     columns: 12,

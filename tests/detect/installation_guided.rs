@@ -6,10 +6,10 @@ use std::path::Path;
 use nalgebra::Cholesky;
 use wingd::installation::{self, Installation};
 use wingd::measure::identify::{self, WingView};
-use wingd::measure::render::{Light, Scene, SceneOptions, SceneSide, SeededRandom};
 use wingd::measure::setup::Orientation;
 use wingd::measure::view;
 use wingd::pipeline::stages::{self, ProcessedFrame, Work};
+use wingd_simulate::render::{Light, Scene, SceneOptions, SceneSide, SeededRandom};
 
 fn read_set(set: &str) -> (Installation, Orientation, Vec<(String, Vec<u8>)>) {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"))

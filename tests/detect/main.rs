@@ -25,4 +25,3 @@ mod robustness;
 mod second_pass;
 mod sharpened;
 mod sweep;
-mod time_code;

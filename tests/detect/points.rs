@@ -6,11 +6,11 @@ use wingd::measure::identify::WingView;
 use wingd::measure::observation::Observation;
 use wingd::measure::points::cut_template;
 use wingd::measure::raster::Raster;
-use wingd::measure::render::{
-    Light, MarkerTruth, Scene, SceneOptions, SceneShot, SceneSide, SeededRandom, SensorModel,
-};
 use wingd::measure::setup::{Orientation, Shape};
 use wingd::measure::view::process_frame;
+use wingd_simulate::render::{
+    Light, MarkerTruth, Scene, SceneOptions, SceneShot, SceneSide, SeededRandom, SensorModel,
+};
 
 /// Errors of points along the axes of their error ellipses.
 #[derive(Default)]

@@ -1,8 +1,8 @@
 //! Rendered frames: the truth is complete and plausible, and images do not depend on the number of threads.
 
 use wingd::measure::geometry::Lens;
-use wingd::measure::render::{Light, Scene, SceneOptions, SceneSide, SeededRandom};
 use wingd::measure::setup::Shape;
+use wingd_simulate::render::{Light, Scene, SceneOptions, SceneSide, SeededRandom};
 
 fn scene(seed: u64, side: SceneSide) -> Scene {
     let mut options = SceneOptions::random(seed, side);

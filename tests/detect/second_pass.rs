@@ -6,9 +6,9 @@ use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use wingd::measure::detect::{Detection, Detections, UNSURE_PX2, detect};
 use wingd::measure::identify::WingView;
 use wingd::measure::observation::Observation;
-use wingd::measure::render::{Light, MarkerTruth, Scene, SceneOptions, SceneSide};
 use wingd::measure::setup::{Orientation, Shape};
 use wingd::measure::view::FrameView;
+use wingd_simulate::render::{Light, MarkerTruth, Scene, SceneOptions, SceneSide};
 
 /// Errors, px, and normalised, of the poorly visible markers; and the number of missing ones.
 #[derive(Default)]

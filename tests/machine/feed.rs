@@ -19,8 +19,8 @@ use v4l::control::{Control, Value};
 use v4l::video::Output;
 use v4l::{Device, Format, FourCC};
 use wingd::measure::geometry::Lens;
-use wingd::measure::render::{RenderedBoard, SeededRandom};
 use wingd::pipeline::decode::decode_image;
+use wingd_simulate::render::{RenderedBoard, SeededRandom};
 
 /// Pause between two frames, in addition to their own time.
 const PAUSE: Duration = Duration::from_millis(20);

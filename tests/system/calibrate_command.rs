@@ -5,7 +5,7 @@ use std::path::Path;
 use nalgebra::{Rotation3, Vector3};
 use serde_json::Value;
 use wingd::measure::geometry::Lens;
-use wingd::measure::render::{RenderedBoard, SeededRandom};
+use wingd_simulate::render::{RenderedBoard, SeededRandom};
 
 use crate::program::run;
 

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde_json::{Map, Value, json};
 use wingd::camera::replay::{FaultKind, ReplayCamera, ReplayConfig, ReplayFactory, ScriptedFault};
-use wingd::camera::{Camera, CameraError, CameraFrame, CameraInfo, Format};
+use wingd::camera::{Camera, CameraError, CameraFrame, CameraInfo};
 use wingd::clock::{Clock, SimulatedClock};
 use wingd::daemon::{
     self, DaemonParts, DaemonStatus, Event, Health, SeriesConfig, Solver, StatusBoard, StatusConfig,
@@ -16,6 +16,7 @@ use wingd::record::ImageRecord;
 use wingd::store::manifest::{SeriesCause, SeriesManifest, SeriesState};
 use wingd::store::verify::verify_path;
 use wingd::store::{Inputs, RealDisk, Store, StoreConfig, catalogue};
+use wingd_evaluation::frame_format::Format;
 
 /// JPEG files of different content.
 fn frames(dir: &Path, count: u8) {

@@ -5,7 +5,7 @@ use std::net::TcpStream;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use wingd::http::access::Access;
+use wingd_pages::access::Access;
 
 use super::http_pages::Server;
 use crate::common::report_store::{solved, store_with};

@@ -10,9 +10,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use serde_json::Map;
-use wingd::http::access::Access;
 use wingd::store::verify::verify_path;
 use wingd::store::{Inputs, RealDisk, Store, StoreConfig};
+use wingd_pages::access::Access;
 
 use super::http_pages::Server;
 use crate::common::report_store::{solved, store_with};
@@ -182,7 +182,7 @@ fn serve_over_tls(store: &Path) -> Server {
             .join("tests/tls")
             .join(name)
     };
-    let tls = wingd::http::tls::tls_acceptor(&file("certificate.pem"), &file("key.pem")).unwrap();
+    let tls = wingd_pages::tls::tls_acceptor(&file("certificate.pem"), &file("key.pem")).unwrap();
     Server::guarded(store, Access::new(Some(TOKEN), vec![]).with_tls(Some(tls)))
 }
 

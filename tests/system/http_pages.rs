@@ -6,9 +6,9 @@ use std::path::Path;
 use std::time::Duration;
 
 use crate::common::report_store::{jpeg, solved, store_with};
-use wingd::http::access::Access;
-use wingd::http::{Site, serve};
-use wingd::report::html::REPORT_BUILDER;
+use wingd_desk::report::REPORT_BUILDER;
+use wingd_pages::access::Access;
+use wingd_pages::{Site, serve};
 
 /// A server for one test; stops when dropped.
 pub(crate) struct Server {
@@ -27,8 +27,7 @@ impl Server {
             Site {
                 root: root.to_owned(),
                 setup: None,
-                board: None,
-                live: None,
+                recorder: None,
                 reports: Some(REPORT_BUILDER),
             },
             access,

@@ -7,9 +7,6 @@ use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use wingd::measure::render::{SeededRandom, SensorModel};
-
-use crate::common::clock_screen::{BEGIN_S, Display, photograph};
 use crate::common::report_store::{solved, store_with};
 use crate::program::{fixture, run};
 
@@ -186,50 +183,6 @@ fn output_for_a_store_matches_its_schema() {
         &copy,
     ];
     assert_valid("prune", &run(&prune).stdout);
-}
-
-/// Two images of the clock, and one without a clock.
-#[test]
-fn output_for_a_clock_on_a_screen_matches_its_schema() {
-    let directory = tempfile::tempdir().unwrap();
-    let random = &mut SeededRandom::new(1, 31);
-    let display = Display {
-        refresh_s: 1.0 / 60.0,
-        latency_s: 0.03,
-        phase_s: random.unit(),
-    };
-    for k in 0..2_u32 {
-        let shares = display.lit_fractions(BEGIN_S + f64::from(k), 0.004);
-        let picture = photograph(&shares, &SensorModel::default(), 0.7, random);
-        let (width, height) = (picture.width() as u32, picture.height() as u32);
-        let file = directory.path().join(format!("{k}.png"));
-        image::GrayImage::from_raw(width, height, picture.luma().to_vec())
-            .unwrap()
-            .save(file)
-            .unwrap();
-    }
-    image::GrayImage::new(640, 480)
-        .save(directory.path().join("2.png"))
-        .unwrap();
-    let pictures = directory.path().display().to_string();
-    let place = directory.path().join("store").display().to_string();
-    let begin = jiff::Timestamp::from_second(BEGIN_S as i64)
-        .unwrap()
-        .to_string();
-    let import = [
-        "import", "--json", "--store", &place, "--start", &begin, "--every", "1s", &pictures,
-    ];
-    assert_valid("import", &run(&import).stdout);
-    let read = run(&["time-check", "--json", &place]).stdout;
-    assert_valid("time-check", &read);
-    let read = String::from_utf8(read).unwrap();
-    assert!(
-        read.matches("\"ok\"").count() == 2 && read.contains("\"summary\""),
-        "{read}"
-    );
-    let table = String::from_utf8(run(&["time-check", &place]).stdout).unwrap();
-    let rule = table.lines().find(|line| line.starts_with("---")).unwrap();
-    assert!(rule.len() <= 80, "{table}");
 }
 
 /// `make fleet-test` builds the program with `upload`.

@@ -1,26 +1,107 @@
-//! Promise: the page shows the output of the recorder's live socket, and reports if nobody answers there.
+//! Promise: the page shows the results and states of the recorder in its process, and reports if it stops.
 
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{Read, Write};
 use std::net::TcpStream;
-use std::os::unix::net::UnixListener;
 use std::path::Path;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use base64::Engine;
-use wingd::http::Site;
-use wingd::http::access::Access;
+use tokio::sync::broadcast::{Receiver, Sender, channel};
+use wingd_pages::Site;
+use wingd_pages::access::Access;
+use wingd_pages::recorder::{LiveMessage, LiveResults, PreviewImage, Recorder, RecorderState};
 
 use crate::common::report_store::{solved, store_with};
 use crate::http_pages::Server;
 
-fn server(store: &Path, socket: &Path) -> Server {
-    let live = Some(socket.to_owned());
+/// Recorder with one result and one frame.
+struct OneResult {
+    messages: Mutex<Option<Sender<Arc<LiveMessage>>>>,
+    has_frame: bool,
+}
+
+impl OneResult {
+    fn new(has_frame: bool) -> Arc<Self> {
+        let messages = Mutex::new(Some(channel(4).0));
+        Arc::new(Self {
+            messages,
+            has_frame,
+        })
+    }
+
+    /// Sends the result as soon as somebody listens, then stops if wanted.
+    fn send(self: &Arc<Self>, then_stop: bool) {
+        let own = self.clone();
+        std::thread::spawn(move || {
+            loop {
+                std::thread::sleep(Duration::from_millis(20));
+                let mut messages = own.messages.lock().unwrap();
+                let Some(sender) = messages.as_ref() else {
+                    return;
+                };
+                if sender.receiver_count() > 0 {
+                    let (json, datagram) = ("{\"number\":7}".to_owned(), String::new());
+                    let is_state = false;
+                    let _ = sender.send(Arc::new(LiveMessage {
+                        is_state,
+                        json,
+                        datagram,
+                    }));
+                    if then_stop {
+                        *messages = None;
+                    }
+                    return;
+                }
+            }
+        });
+    }
+}
+
+impl LiveResults for OneResult {
+    fn subscribe(&self) -> Receiver<Arc<LiveMessage>> {
+        let messages = self.messages.lock().unwrap();
+        messages.as_ref().unwrap().subscribe()
+    }
+
+    fn state(&self) -> String {
+        "{\"health\":\"ok\"}".to_owned()
+    }
+
+    fn newest_frame(&self) -> Option<Arc<PreviewImage>> {
+        let (number, size, jpeg) = (7, (40, 30), b"an image".to_vec());
+        self.has_frame
+            .then(|| Arc::new(PreviewImage { number, size, jpeg }))
+    }
+}
+
+struct LiveRecorder(Arc<OneResult>);
+
+impl Recorder for LiveRecorder {
+    fn state(&self) -> RecorderState {
+        RecorderState {
+            health: "ok".to_owned(),
+            is_healthy: true,
+            activity: "live".to_owned(),
+            reasons: vec![],
+            last_fault: None,
+            next_series_s: None,
+            reserve_mb: 0,
+            status: serde_json::json!({ "health": "ok" }),
+        }
+    }
+
+    fn live(&self) -> Option<Arc<dyn LiveResults>> {
+        Some(self.0.clone())
+    }
+}
+
+fn server(store: &Path, live: &Arc<OneResult>) -> Server {
+    let recorder: Arc<dyn Recorder> = Arc::new(LiveRecorder(live.clone()));
     Server::serve(
         Site {
             root: store.to_owned(),
             setup: None,
-            board: None,
-            live,
+            recorder: Some(recorder),
             reports: None,
         },
         Access::default(),
@@ -48,30 +129,11 @@ fn events_until(server: &Server, words: &str) -> String {
 }
 
 #[test]
-fn results_and_the_frame_are_relayed() {
+fn results_and_the_frame_reach_the_page() {
     let store = store_with(&[&[solved(2.9, 0.006)]]);
-    let socket = store.path().join("live.sock");
-    let listener = UnixListener::bind(&socket).unwrap();
-    let jpeg = base64::engine::general_purpose::STANDARD.encode(b"an image");
-    std::thread::spawn(move || {
-        for stream in listener.incoming() {
-            let mut stream = stream.unwrap();
-            let jpeg = jpeg.clone();
-            std::thread::spawn(move || {
-                writeln!(stream, "{{\"number\":7}}").unwrap();
-                let mut asked = String::new();
-                let _ = BufReader::new(stream.try_clone().unwrap()).read_line(&mut asked);
-                if asked == "frame\n" {
-                    writeln!(
-                        stream,
-                        "{{\"frame\":7,\"width\":40,\"height\":30,\"jpeg\":\"{jpeg}\"}}"
-                    )
-                    .unwrap();
-                }
-            });
-        }
-    });
-    let server = server(store.path(), &socket);
+    let live = OneResult::new(true);
+    live.send(false);
+    let server = server(store.path(), &live);
     let page = server.get("/live");
     assert!(
         page.status == 200 && page.head.contains("script-src 'self'"),
@@ -87,9 +149,13 @@ fn results_and_the_frame_are_relayed() {
         "no other page runs scripts"
     );
     assert!(server.get("/live.js").text().contains("EventSource"));
-    let events = events_until(&server, "\n\n\r\n");
+    let events = events_until(&server, "\"number\":7}");
     assert!(
-        events.contains("text/event-stream") && events.contains("data: {\"number\":7}\n\n"),
+        events.contains("event: state\ndata: {\"health\":\"ok\"}\n\n"),
+        "{events}"
+    );
+    assert!(
+        events.contains("text/event-stream") && events.contains("data: {\"number\":7}"),
         "{events}"
     );
     let frame = server.get("/live/frame.jpg");
@@ -104,13 +170,15 @@ fn results_and_the_frame_are_relayed() {
 }
 
 #[test]
-fn without_a_recorder_the_page_says_so() {
+fn a_recorder_that_stops_and_a_page_without_one_say_so() {
     let store = store_with(&[&[solved(2.9, 0.006)]]);
-    let server = server(store.path(), &store.path().join("nobody.sock"));
+    let live = OneResult::new(false);
+    live.send(true);
+    let server = server(store.path(), &live);
     let events = events_until(&server, "event: down");
-    assert!(events.contains("nobody.sock"), "{events}");
+    assert!(events.contains("the recorder has stopped"), "{events}");
     assert_eq!(server.get("/live/frame.jpg").status, 503);
-    let unknown = Server::start(store.path());
-    assert!(unknown.get("/live").text().contains("--live-socket"));
-    assert_eq!(unknown.get("/live/events").status, 404);
+    let alone = Server::start(store.path());
+    assert!(alone.get("/live").text().contains("Live mode is off"));
+    assert_eq!(alone.get("/live/events").status, 404);
 }

@@ -6,7 +6,7 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use serde_json::Value;
 use wingd::installation;
 use wingd::measure::raster::Raster;
-use wingd::measure::render::{Scene, SceneShot};
+use wingd_simulate::render::{Scene, SceneShot};
 
 use crate::program::{fixture, outcome, run};
 

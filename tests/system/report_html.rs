@@ -1,7 +1,8 @@
 //! The report of a store: complete, well formed, without external resources, hostile names harmless.
 
 use crate::common::report_store::{failed, solved, store_with};
-use wingd::report::{html, source};
+use wingd_desk::report as html;
+use wingd_evaluation::results::source;
 
 fn page(root: &std::path::Path) -> String {
     html::report_page(&source::read_flight(root, source::ResultChoice::default(), None).unwrap())

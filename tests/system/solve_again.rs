@@ -5,9 +5,10 @@ use std::process::{Command, Output};
 use std::sync::Arc;
 
 use serde_json::{Map, Value};
-use wingd::report::source::{self, ResultChoice};
 use wingd::store::verify::verify_path;
 use wingd::store::{Inputs, RealDisk, Store, StoreConfig, catalogue};
+use wingd_evaluation::results::source;
+use wingd_evaluation::results::source::ResultChoice;
 
 use crate::common::report_store::{solved, store_with};
 

@@ -4,7 +4,6 @@
 
 pub mod adjust;
 pub mod calibrate;
-pub mod deformation;
 pub mod detect;
 pub mod environment;
 pub mod estimation;
@@ -17,12 +16,10 @@ pub mod ordering;
 pub mod plan;
 pub mod points;
 pub mod raster;
-pub mod render;
 pub mod samples;
 pub mod setup;
 pub mod stress;
 pub mod tiles;
-pub mod time_code;
 mod uncertainty;
 pub mod view;
 pub mod widths;

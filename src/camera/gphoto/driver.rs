@@ -10,7 +10,7 @@ use crate::camera::deadline::Deadline;
 use crate::camera::gphoto::protocol::CardImage;
 use crate::camera::gphoto::{GphotoSection, REQUEST_TIME_KEY, RESPONSE_TIME_KEY, faults, settings};
 use crate::camera::{CameraError, CameraInfo, jpeg};
-use crate::clock;
+use wingd_base::clock;
 
 /// Minimum free space on the card, bytes: below it the card counts as full.
 const MIN_FREE_BYTES: u64 = 8 << 20;

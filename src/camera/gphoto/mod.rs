@@ -20,13 +20,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera::freshness::LastName;
 use crate::camera::{
-    Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection, Format, jpeg,
+    Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection, jpeg,
 };
-use crate::clock::Clock;
-use crate::clock::exposure::ExposureEvidence;
-use crate::installation::KeyFault;
 use process::CameraProcess;
 use protocol::{CameraAnswer, CardImage, Request};
+use wingd_base::clock::Clock;
+use wingd_base::clock::exposure::ExposureEvidence;
+use wingd_base::fault::KeyFault;
+use wingd_evaluation::frame_format::Format;
 
 /// Key in a shot's settings: time since boot before the trigger, s. Both processes share that clock.
 const REQUEST_TIME_KEY: &str = "asked_since_boot_s";

@@ -11,7 +11,8 @@ use serde_json::Map;
 
 use crate::camera::deadline::Deadline;
 use crate::camera::freshness::LastName;
-use crate::camera::{Camera, CameraError, CameraFrame, CameraInfo, Format, jpeg};
+use crate::camera::{Camera, CameraError, CameraFrame, CameraInfo, jpeg};
+use wingd_evaluation::frame_format::Format;
 
 /// Polling interval. A file is accepted when two polls agree on its size and it is complete.
 const POLL_INTERVAL: Duration = Duration::from_millis(200);

@@ -16,13 +16,14 @@ use crate::camera::gphoto::{GphotoCamera, GphotoSection};
 #[cfg(feature = "v4l")]
 use crate::camera::v4l::{V4lCamera, V4lSection};
 use crate::camera::{Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection};
-use crate::clock::exposure::{ExposureEvidence, MeasuredDelay};
-use crate::clock::{self, Clock};
-use crate::installation::KeyFault;
 pub use folder::FolderSection;
 use folder::WatchedFolder;
 pub(crate) use line::GpioLine;
 pub use line::LineSection;
+use wingd_base::clock;
+use wingd_base::clock::Clock;
+use wingd_base::clock::exposure::{ExposureEvidence, MeasuredDelay};
+use wingd_base::fault::KeyFault;
 
 /// Section `[camera]` with `kind = "release"`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -346,7 +347,7 @@ mod tests {
         let settings = serde_json::Map::new();
         let frame = |exposed| CameraFrame {
             bytes: vec![],
-            format: crate::camera::Format::Jpeg,
+            format: wingd_evaluation::frame_format::Format::Jpeg,
             settings: settings.clone(),
             exposed,
         };

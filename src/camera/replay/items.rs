@@ -6,7 +6,8 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use super::ReplayConfig;
-use crate::camera::{CameraError, Format};
+use crate::camera::CameraError;
+use wingd_evaluation::frame_format::format_from_path;
 
 /// File to deliver.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -94,14 +95,4 @@ fn read_frame_list(path: &Path) -> Result<Vec<ReplayItem>, CameraError> {
         }
     }
     Ok(items)
-}
-
-/// Returns the format by the file's extension; `None` if it is not an image.
-pub fn format_from_path(path: &Path) -> Option<Format> {
-    let extension = path.extension()?.to_str()?.to_ascii_lowercase();
-    match extension.as_str() {
-        "jpg" | "jpeg" | "jpe" | "jfif" | "mpo" => Some(Format::Jpeg),
-        "png" | "pgm" | "ppm" | "pnm" | "tif" | "tiff" => Some(Format::File { extension }),
-        _ => None,
-    }
 }

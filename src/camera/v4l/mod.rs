@@ -17,11 +17,13 @@ use v4l::{Device, FourCC};
 use crate::camera::deadline::Deadline;
 use crate::camera::delay::delay_fault;
 use crate::camera::{
-    Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection, Format, jpeg,
+    Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection, jpeg,
 };
-use crate::clock::exposure::{ExposureEvidence, MeasuredDelay};
-use crate::clock::{self, Clock};
-use crate::installation::KeyFault;
+use wingd_base::clock;
+use wingd_base::clock::Clock;
+use wingd_base::clock::exposure::{ExposureEvidence, MeasuredDelay};
+use wingd_base::fault::KeyFault;
+use wingd_evaluation::frame_format::Format;
 
 /// Section `[camera]` with `kind = "v4l"`. One of `device`, `serial` and `card` names the camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

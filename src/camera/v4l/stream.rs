@@ -132,7 +132,7 @@ fn next_whole_frame(
     deadline: &Deadline,
 ) -> Result<GrabbedFrame, CameraError> {
     // A frame with an older stamp was taken before the shot.
-    let begun_s = crate::clock::monotonic_s();
+    let begun_s = wingd_base::clock::monotonic_s();
     let RunningStream {
         stream,
         period,

@@ -2,15 +2,21 @@
 
 use std::path::PathBuf;
 
-use super::{ReportFile, ResultOutput, SolveArgs, job_from_args, report};
-use crate::cli::default_paths::{load_installation, resolve_installation};
-use crate::cli::{Completion, Failure, TaskResult, batch, print_flight_prior, print_notes};
-use crate::desk::image_names::{image_name, image_names};
-use crate::desk::manual_points::ManualPoints;
-use crate::installation::{self, Fault, Installation, Mountings};
-use crate::measure::setup::Orientation;
-use crate::pipeline::{self, ProcessedFrame, SolveJob, stages};
-use crate::record::Reason;
+use super::{ResultOutput, SolveArgs, job_from_args, report};
+use crate::cli::solve::report::ReportFile;
+use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_base::fault::Fault;
+use wingd_base::output::print_notes;
+use wingd_evaluation::inputs::default_paths::{load_installation, resolve_installation};
+use wingd_evaluation::inputs::image_names::{image_name, image_names};
+use wingd_evaluation::inputs::manual_points::ManualPoints;
+use wingd_evaluation::inputs::{batch, print_flight_prior};
+use wingd_evaluation::installation;
+use wingd_evaluation::installation::{Installation, Mountings};
+use wingd_evaluation::pipeline;
+use wingd_evaluation::pipeline::{ProcessedFrame, SolveJob, stages};
+use wingd_evaluation::record::Reason;
+use wingd_measure::setup::Orientation;
 
 pub(super) fn solve_images(args: &SolveArgs, report: Option<ReportFile>) -> TaskResult<Completion> {
     let directory = resolve_installation(args.installation.as_deref())?;

@@ -8,14 +8,16 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 
-use super::{Completion, Failure, TaskResult, print_json, print_line};
-use crate::desk::image_files;
-use crate::measure::adjust::{AdjustmentMethod, Options, SigmaKind};
-use crate::pipeline::SolveJob;
-use crate::record::ImageRecord;
-use crate::report::{ReportBuilder, protocol, table};
-use crate::store::layout;
 use report::ReportFile;
+use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_base::output::{print_json, print_line};
+use wingd_evaluation::inputs::image_files;
+use wingd_evaluation::pipeline::SolveJob;
+use wingd_evaluation::record::ImageRecord;
+use wingd_evaluation::results::{ReportBuilder, protocol, table};
+use wingd_measure::adjust::SigmaKind;
+use wingd_measure::adjust::{AdjustmentMethod, Options};
+use wingd_store::layout;
 
 #[derive(Clone, Copy, ValueEnum)]
 enum MethodName {

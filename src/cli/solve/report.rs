@@ -3,18 +3,21 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::camera::replay::format_from_path;
-use crate::cli::default_paths::load_setup;
-use crate::cli::{TaskResult, batch, not_on_board, print_notes, write_output};
-use crate::clock::Stamp;
-use crate::desk::CHECK_WRITE_ACCESS;
-use crate::desk::image_names::image_names;
-use crate::desk::image_times::{DatedImage, DatingOptions};
-use crate::installation::Installation;
-use crate::record::ImageRecord;
-use crate::report::source::{self, PICTURES_FLIGHT, ResultChoice};
-use crate::report::{FramePicture, ReportBuilder, ReportData, SeriesData, ShotData};
-use crate::store::Store;
+use wingd_base::clock::Stamp;
+use wingd_base::failure::CHECK_WRITE_ACCESS;
+use wingd_base::failure::{TaskResult, not_on_board};
+use wingd_base::output::{print_notes, write_output};
+use wingd_evaluation::frame_format::format_from_path;
+use wingd_evaluation::inputs::batch;
+use wingd_evaluation::inputs::default_paths::load_setup;
+use wingd_evaluation::inputs::image_names::image_names;
+use wingd_evaluation::inputs::image_times::{DatedImage, DatingOptions};
+use wingd_evaluation::installation::Installation;
+use wingd_evaluation::record::ImageRecord;
+use wingd_evaluation::results::source;
+use wingd_evaluation::results::source::{PICTURES_FLIGHT, ResultChoice};
+use wingd_evaluation::results::{FramePicture, ReportBuilder, ReportData, SeriesData, ShotData};
+use wingd_store::Store;
 
 /// File for a report, with the builder.
 #[derive(Clone, Copy)]

@@ -5,16 +5,21 @@ use std::path::Path;
 
 use serde_json::{Map, Value};
 
-use super::{ReportFile, ResultOutput, SolveArgs, job_from_args, report};
-use crate::cli::{Completion, Failure, TaskResult, batch, print_flight_prior, print_notes};
-use crate::desk::flight_marks::FlightMarks;
-use crate::desk::stored_flights;
-use crate::desk::stored_frames::{self, FlightAircraftData, FlightInputs};
-use crate::installation;
-use crate::measure::adjust::AdjustmentMethod;
-use crate::pipeline::{self, SolveJob};
-use crate::record::{ImageRecord, Reason};
-use crate::store::{FlightRef, FrameRef, Inputs, Store, result_sets};
+use super::{ResultOutput, SolveArgs, job_from_args, report};
+use crate::cli::solve::report::ReportFile;
+use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_base::output::print_notes;
+use wingd_evaluation::inputs::flight_marks::FlightMarks;
+use wingd_evaluation::inputs::stored_flights;
+use wingd_evaluation::inputs::stored_frames;
+use wingd_evaluation::inputs::stored_frames::{FlightAircraftData, FlightInputs};
+use wingd_evaluation::inputs::{batch, print_flight_prior};
+use wingd_evaluation::installation;
+use wingd_evaluation::pipeline;
+use wingd_evaluation::pipeline::SolveJob;
+use wingd_evaluation::record::{ImageRecord, Reason};
+use wingd_measure::adjust::AdjustmentMethod;
+use wingd_store::{FlightRef, FrameRef, Inputs, Store, result_sets};
 
 pub(super) fn solve_store(
     args: &SolveArgs,

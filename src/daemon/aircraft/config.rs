@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use crate::aircraft::{Layout, LineFormat, QuantityColumn};
-use crate::installation::KeyFault;
+use wingd_base::fault::KeyFault;
+use wingd_evaluation::aircraft::{Layout, LineFormat, QuantityColumn};
 
 /// `[live.aircraft_data]` of the configuration: source of the lines, and the meaning of their fields.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

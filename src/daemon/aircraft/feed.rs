@@ -7,12 +7,12 @@ use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
 use super::config::{AircraftConfig, Servers};
-use crate::aircraft::Layout;
 use crate::daemon::budget::RateBudget;
 use crate::daemon::core::{Core, SERIES_NICE, lower_priority};
 use crate::daemon::status::{AIRCRAFT_PART, AircraftStatus, format_span};
-use crate::daemon::tcp_keepalive::keep_alive;
-use crate::store::aircraft::AircraftLine;
+use wingd_base::tcp_keepalive::keep_alive;
+use wingd_evaluation::aircraft::Layout;
+use wingd_store::aircraft::AircraftLine;
 
 /// Interval at which the feed's threads check whether the daemon ends.
 pub(super) const POLL_INTERVAL: Duration = Duration::from_millis(200);

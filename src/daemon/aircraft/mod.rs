@@ -45,11 +45,11 @@ mod tests {
     use std::net::UdpSocket;
     use std::sync::Arc;
 
-    use crate::clock::{Clock, SystemClock};
     use crate::daemon::shutdown::Halt;
     use crate::daemon::status::{AircraftStatus, StatusBoard};
-    use crate::store::manifest::{SeriesCause, SeriesState};
-    use crate::store::{RealDisk, SeriesPlan, Store, StoreConfig, catalogue, verify};
+    use wingd_base::clock::{Clock, SystemClock};
+    use wingd_store::manifest::{SeriesCause, SeriesState};
+    use wingd_store::{RealDisk, SeriesPlan, Store, StoreConfig, catalogue, verify};
 
     struct Bench {
         dir: tempfile::TempDir,
@@ -170,7 +170,7 @@ mod tests {
             .unwrap()
             .remove(0);
         assert_eq!(
-            crate::store::aircraft::closed_files(&RealDisk, &flight)
+            wingd_store::aircraft::closed_files(&RealDisk, &flight)
                 .unwrap()
                 .len(),
             1
@@ -296,14 +296,17 @@ mod tests {
 
     #[test]
     fn impossible_tags_are_a_fault() {
-        let at = |synchronised: bool| crate::clock::Stamp {
+        let at = |synchronised: bool| wingd_base::clock::Stamp {
             utc: "2026-03-01T06:00:00Z".parse().unwrap(),
             utc_synchronised: synchronised,
             boot_id: "b".to_owned(),
             since_boot_s: 10.0,
         };
         let ahead = |seconds: f64, synchronised| {
-            crate::aircraft::impossible_delay_s(1_772_344_800.0 + seconds, &at(synchronised))
+            wingd_evaluation::aircraft::impossible_delay_s(
+                1_772_344_800.0 + seconds,
+                &at(synchronised),
+            )
         };
         assert_eq!(
             (ahead(40.0, true), ahead(40.0, false), ahead(1.0, true)),

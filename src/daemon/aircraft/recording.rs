@@ -4,10 +4,11 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use super::feed::{FeedContext, POLL_INTERVAL};
-use crate::aircraft::{self, Layout};
 use crate::daemon::budget::DiskShare;
 use crate::daemon::status::format_span;
-use crate::store::aircraft::AircraftLine;
+use wingd_evaluation::aircraft;
+use wingd_evaluation::aircraft::Layout;
+use wingd_store::aircraft::AircraftLine;
 
 /// Maximum number of lines that wait to be recorded: one minute of ten feeds at 10 Hz, at most 25 MB.
 pub(super) const MAX_WAITING: usize = 6000;

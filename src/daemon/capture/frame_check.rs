@@ -1,10 +1,13 @@
 //! Checks captured frames: completeness, freshness, time of exposure; and names the kinds of failure.
 
 use crate::camera::freshness::Freshness;
-use crate::camera::{CameraError, CameraFrame, Format, exif, jpeg};
-use crate::clock::exposure::{self, Exposure};
-use crate::clock::{Clock, Stamp};
-use crate::store::manifest::ShotFailure;
+use crate::camera::{CameraError, CameraFrame, jpeg};
+use wingd_base::clock::exposure;
+use wingd_base::clock::exposure::Exposure;
+use wingd_base::clock::{Clock, Stamp};
+use wingd_evaluation::exif;
+use wingd_evaluation::frame_format::Format;
+use wingd_store::manifest::ShotFailure;
 
 /// Maximum step of the camera's clock against UTC between two frames, s. It shows whole seconds, so a step of 1 s is
 /// normal.

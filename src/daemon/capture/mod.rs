@@ -11,11 +11,11 @@ use super::config::SeriesConfig;
 use super::core::Core;
 use super::worker::{CallError, Worker};
 use crate::camera::{Camera, CameraError, CameraFactory, CameraFrame, CameraInfo};
-use crate::clock::Stamp;
-use crate::clock::exposure::Exposure;
-use crate::store::manifest::{Shot, ShotFailure};
 pub(crate) use frame_check::STALE;
 use frame_check::{FrameChecker, shot_failure};
+use wingd_base::clock::Stamp;
+use wingd_base::clock::exposure::Exposure;
+use wingd_store::manifest::{Shot, ShotFailure};
 
 /// Maximum number of hanging calls; beyond it no new camera is created, because each holds a thread.
 const MAX_HANGING: usize = 8;

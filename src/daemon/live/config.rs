@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::daemon::aircraft::AircraftConfig;
-use crate::installation::KeyFault;
+use wingd_base::fault::KeyFault;
 
 /// Maximum frame rate, above that of any camera, Hz.
 const MAX_RATE_HZ: f64 = 100.0;

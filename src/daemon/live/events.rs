@@ -1,7 +1,7 @@
 //! Detects events in the results, whose raw frames are kept. Pure.
 
 use super::config::KeepConfig;
-use crate::pipeline::live::LiveResult;
+use wingd_evaluation::pipeline::live::LiveResult;
 
 /// Time constant of the mean from which a departure counts, s.
 const MEAN_TIME_S: f64 = 60.0;

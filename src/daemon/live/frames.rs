@@ -13,8 +13,8 @@ use super::context::LiveContext;
 use super::result::LiveFrame;
 use crate::daemon::budget::DiskShare;
 use crate::daemon::frame_storage;
-use crate::store::manifest::{SeriesCause, SeriesState};
-use crate::store::{OpenSeries, SeriesPlan, StoreResult};
+use wingd_store::manifest::{SeriesCause, SeriesState};
+use wingd_store::{OpenSeries, SeriesPlan, StoreResult};
 
 /// Maximum number of every-n-th frames that wait for the disk.
 const MAX_NTH_WAITING: usize = 4;
@@ -354,12 +354,12 @@ impl RawFrameWriter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::{Clock, SimulatedClock};
     use crate::daemon::core::Core;
     use crate::daemon::live::LiveConfig;
     use crate::daemon::shutdown::Halt;
     use crate::daemon::status::StatusBoard;
-    use crate::store::{RealDisk, Store, StoreConfig};
+    use wingd_base::clock::{Clock, SimulatedClock};
+    use wingd_store::{RealDisk, Store, StoreConfig};
 
     #[test]
     fn an_event_that_others_prolong_ends_and_a_pause_follows() {

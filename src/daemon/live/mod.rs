@@ -91,6 +91,7 @@ pub(crate) fn start_live(
         preview,
         shared: shared.clone(),
     };
+    core.board.show_live(Arc::new(publisher.clone()));
     let (rows, inbox) = sync_channel(storing::MAX_WAITING);
     let solving = LiveSolver {
         shared: shared.clone(),

@@ -6,9 +6,10 @@ use std::time::{Duration, Instant};
 
 use super::result::LiveFrame;
 use crate::daemon::core::{DISPLAY_NICE, lower_priority};
-use crate::pipeline::decode::decode_image;
-use crate::pipeline::guard::catch_panic;
-use crate::pipeline::shrink::small_jpeg;
+use wingd_evaluation::pipeline::decode::decode_image;
+use wingd_evaluation::pipeline::guard::catch_panic;
+use wingd_evaluation::pipeline::shrink::small_jpeg;
+use wingd_pages::recorder::PreviewImage;
 
 /// Longer side of the preview, px.
 const LONGER_SIDE_PX: usize = 1280;
@@ -16,16 +17,6 @@ const LONGER_SIDE_PX: usize = 1280;
 const JPEG_QUALITY: u8 = 70;
 /// Minimum time between two previews.
 const MIN_INTERVAL: Duration = Duration::from_secs(1);
-
-/// A small image of a frame.
-pub(crate) struct PreviewImage {
-    /// Number of the frame.
-    pub number: u64,
-    /// Width and height of the frame, px; the outlines refer to it.
-    pub size: (usize, usize),
-    /// JPEG file of the small image.
-    pub jpeg: Vec<u8>,
-}
 
 #[derive(Default)]
 struct PreviewState {

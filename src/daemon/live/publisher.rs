@@ -14,9 +14,9 @@ use tokio::sync::broadcast::{Receiver, Sender};
 
 use super::context::LiveContext;
 use super::preview::Preview;
-use super::result::LiveMessage;
 use super::state;
 use crate::daemon::endpoint;
+use wingd_pages::recorder::{LiveMessage, LiveResults, PreviewImage};
 
 /// Maximum number of results that wait for a slow listener: three seconds at 20 per second.
 pub(super) const MAX_WAITING: usize = 64;
@@ -84,7 +84,8 @@ impl ResultPublisher {
                 let line = tokio::select! {
                     result = results.recv() => match result {
                         Ok(message) if message.is_state && !states => continue,
-                        Ok(message) => message.line.clone(),
+                        Ok(message) if message.is_state => socket_state(&message.json),
+                        Ok(message) => message.json.clone(),
                         Err(RecvError::Lagged(lines)) => {
                             self.shared.update(|live| live.lines_lost += lines);
                             continue;
@@ -94,7 +95,7 @@ impl ResultPublisher {
                     Some(request) = requests.recv() => match request {
                         ListenerRequest::State => {
                             states = true;
-                            state::state_line(&self.shared.core.board.snapshot())
+                            socket_state(&self.state())
                         }
                         ListenerRequest::Frame => match self.preview_line().await {
                             Some(line) => line,
@@ -147,6 +148,25 @@ impl ResultPublisher {
         let (width, height) = preview.size;
         Some(serde_json::json!({ "frame": preview.number, "width": width, "height": height, "jpeg": jpeg }).to_string())
     }
+}
+
+impl LiveResults for ResultPublisher {
+    fn subscribe(&self) -> Receiver<Arc<LiveMessage>> {
+        self.messages.subscribe()
+    }
+
+    fn state(&self) -> String {
+        state::state_json(&self.shared.core.board.snapshot())
+    }
+
+    fn newest_frame(&self) -> Option<Arc<PreviewImage>> {
+        self.preview.image()
+    }
+}
+
+/// Returns the line of the socket that carries a state.
+fn socket_state(json: &str) -> String {
+    format!("{{\"state\":{json}}}")
 }
 
 /// Request of a listener, a line with this word.

@@ -10,14 +10,16 @@ use super::frames::RawFrameBuffer;
 use super::mailbox::{Delivery, Mailbox};
 use super::meter::Meter;
 use super::publisher::ResultPublisher;
-use super::result::{LiveFrame, LiveMessage};
+use super::result::{LiveFrame, result_datagram};
 use super::storing::WaitingResult;
 use crate::camera::CameraFrame;
 use crate::daemon::solver::{CurrentSolver, FrameTracker, Solver};
 use crate::daemon::worker::{CallError, Worker};
-use crate::measure::view::SearchMode;
-use crate::pipeline::live::{LiveResult, TrackedFrame};
-use crate::record::{AdjustmentMethod, ImageRecord};
+use wingd_evaluation::pipeline::live::TrackedFrame;
+use wingd_evaluation::record::ImageRecord;
+use wingd_measure::adjust::AdjustmentMethod;
+use wingd_measure::view::SearchMode;
+use wingd_pages::recorder::LiveMessage;
 
 /// Time after which a frame is abandoned with its thread. Machine time.
 const DEADLINE: Duration = Duration::from_secs(5);
@@ -124,7 +126,7 @@ impl LiveSolver {
         let now_s = self.shared.core.clock.since_boot().as_secs_f64();
         let latency_ms = 1e3 * (now_s - frame.exposed_at_s());
         let skipped = self.shared.skipped();
-        let result = Arc::new(LiveResult::new(frame, tracked, latency_ms, skipped));
+        let result = Arc::new(frame.result(tracked, latency_ms, skipped));
         if let Some(reason) = watch.detect(&result) {
             self.raw
                 .add_event(&self.shared, reason, frame.exposed_at_s(), false);
@@ -140,10 +142,10 @@ impl LiveSolver {
             .add_live_result(frame.exposed_at_s(), outcome, skipped);
         // Without a listener this fails, which is no error.
         if self.publisher.messages.receiver_count() > 0 {
-            let datagram = result.datagram(self.shared.core.board.health());
+            let datagram = result_datagram(&result, self.shared.core.board.health());
             let _ = self.publisher.messages.send(Arc::new(LiveMessage {
                 is_state: false,
-                line: result.json_line(),
+                json: result.json_line(),
                 datagram,
             }));
         }

@@ -8,9 +8,9 @@ use serde_json::json;
 use tokio::sync::broadcast::Sender;
 
 use super::context::LiveContext;
-use super::result::LiveMessage;
 use crate::daemon::status::{DaemonStatus, Health};
-use crate::record::variant_name;
+use wingd_evaluation::record::variant_name;
+use wingd_pages::recorder::LiveMessage;
 
 /// Time between two checks of the health.
 const CHECK_INTERVAL: Duration = Duration::from_millis(200);
@@ -19,12 +19,12 @@ const MAX_CHECKS: u32 = 5;
 /// Maximum length of the reasons in a datagram, bytes.
 const MAX_REASON_BYTES: usize = 900;
 
-/// Returns the state as one JSON object with the key `state`, without a line end.
-pub(super) fn state_line(status: &DaemonStatus) -> String {
+/// Returns the state as one JSON object without a line end.
+pub(super) fn state_json(status: &DaemonStatus) -> String {
     let live = status.live.clone().unwrap_or_default();
-    let state = json!({ "health": status.health, "reasons": status.reasons, "age_s": status.age_s,
-        "interval_s": live.interval_s, "rate_hz": live.rate_hz, "recent": live.recent });
-    json!({ "state": state }).to_string()
+    json!({ "health": status.health, "reasons": status.reasons, "age_s": status.age_s,
+        "interval_s": live.interval_s, "rate_hz": live.rate_hz, "recent": live.recent })
+    .to_string()
 }
 
 /// Returns the datagram of the state: ASCII, fields separated by commas; docs/live.md lists the fields.
@@ -76,7 +76,7 @@ pub(super) async fn publish_state(shared: LiveContext, to: Sender<Arc<LiveMessag
             (last, checks) = (status.health, 0);
             let message = LiveMessage {
                 is_state: true,
-                line: state_line(&status),
+                json: state_json(&status),
                 datagram: state_datagram(&status),
             };
             // Without a listener this fails, which is no error.
@@ -102,9 +102,9 @@ mod tests {
         let live = status.live.get_or_insert_default();
         (live.interval_s, live.recent.solved) = (Some(0.1), Some(0.5));
         assert!(
-            state_line(&status).starts_with("{\"state\":{\"health\":\"failed\""),
+            state_json(&status).starts_with("{\"health\":\"failed\""),
             "{}",
-            state_line(&status)
+            state_json(&status)
         );
         let expected = "WINGDH,,failed,31.000,0.100,0.500,,,the last live result is 31 s old  one every 0.1 s is expected\r\n";
         assert_eq!(state_datagram(&status), expected);

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use super::context::LiveContext;
 use super::table::{ReasonWords, RowLayout};
 use crate::daemon::solver::Solver;
-use crate::pipeline::live::LiveResult;
+use wingd_evaluation::pipeline::live::LiveResult;
 
 /// Maximum time from a result until it is durable, apart from the disk's own time.
 const FLUSH_INTERVAL: Duration = Duration::from_secs(2);

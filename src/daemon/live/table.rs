@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use serde_json::{Map, Value};
 
-use crate::clock::Stamp;
-use crate::pipeline::live::LiveResult;
-use crate::quantities::{
+use wingd_base::clock::Stamp;
+use wingd_evaluation::pipeline::live::LiveResult;
+use wingd_evaluation::quantities::{
     LiveSource, REASON, ResultQuantity, ResultRow, Subject, stored_quantities,
 };
-use crate::store::columns::{LiveColumn, LiveRow, LiveTable, WORD};
+use wingd_store::columns::{LiveColumn, LiveRow, LiveTable, WORD};
 
 /// Layout of the rows, taken from one result.
 pub(crate) struct RowLayout {

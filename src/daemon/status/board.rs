@@ -1,20 +1,23 @@
 //! The status as written by all threads of the daemon.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use super::faults::{self, AIRCRAFT_PART, Faults, LIVE_PARTS, Part};
 use super::health::{self, FrameMonitor, LiveMonitor, StorageMonitor};
 use super::recent::RecentResults;
 use super::{DaemonStatus, FaultNote, Health, LiveStatus, RecentShares};
-use crate::clock::{Clock, Stamp};
 use crate::daemon::watchdog::Beats;
+use wingd_base::clock::{Clock, Stamp};
+use wingd_evaluation::record::variant_name;
+use wingd_pages::recorder::{LiveResults, Recorder, RecorderState};
 
 /// The status, written by the threads. Cheap to clone; all clones share one status.
 #[derive(Clone)]
 pub struct StatusBoard {
     clock: Arc<dyn Clock>,
     state: Arc<Mutex<BoardState>>,
+    live: Arc<OnceLock<Arc<dyn LiveResults>>>,
 }
 
 struct BoardState {
@@ -68,7 +71,14 @@ impl StatusBoard {
         Self {
             clock,
             state: Arc::new(Mutex::new(state)),
+            live: Arc::default(),
         }
+    }
+
+    /// Shows the results of live mode on the pages.
+    pub(crate) fn show_live(&self, results: Arc<dyn LiveResults>) {
+        // Live mode starts once.
+        let _ = self.live.set(results);
     }
 
     /// Returns the current status.
@@ -239,11 +249,31 @@ impl StatusBoard {
     }
 }
 
+impl Recorder for StatusBoard {
+    fn state(&self) -> RecorderState {
+        let status = self.snapshot();
+        RecorderState {
+            health: variant_name(status.health).to_owned(),
+            is_healthy: status.health == Health::Ok,
+            activity: variant_name(status.activity).to_owned(),
+            reasons: status.reasons.clone(),
+            last_fault: status.last_fault.as_ref().map(|fault| fault.what.clone()),
+            next_series_s: status.next_series_s,
+            reserve_mb: status.store.reserve_mb,
+            status: serde_json::to_value(&status).unwrap_or_default(),
+        }
+    }
+
+    fn live(&self) -> Option<Arc<dyn LiveResults>> {
+        self.live.get().cloned()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::SimulatedClock;
     use crate::daemon::Health;
+    use wingd_base::clock::SimulatedClock;
 
     #[test]
     fn health_is_the_age_of_the_last_good_frame() {

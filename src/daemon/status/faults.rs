@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::installation::printable_text;
+use wingd_base::text::printable_text;
 
 /// Part of the recorder: its group, and its name in the group, empty for the group's only part.
 pub(crate) type Part = (&'static str, &'static str);

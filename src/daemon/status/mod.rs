@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::clock::Stamp;
+use wingd_base::clock::Stamp;
 
 pub use board::StatusBoard;
 pub(crate) use faults::{

@@ -3,10 +3,10 @@
 use nalgebra::{Matrix2, Rotation3, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, Estimate, GlobalTest, Observation, Options};
-use wingd::measure::render::{
+use wingd::measure::setup::{Orientation, Setup, SetupUncertainty, Width};
+use wingd_simulate::render::{
     FrameTruth, Light, MarkerTruth, Scene, SceneOptions as RenderOptions, SceneSide,
 };
-use wingd::measure::setup::{Orientation, Setup, SetupUncertainty, Width};
 
 use super::{ErrorSource, KINDS, PRIORS, fit_to_ground_frame, misconfigure};
 use crate::common::beam_truth::{normal2, normal3, remounted, rms, rng};

@@ -15,9 +15,9 @@ use std::path::Path;
 use rand::prelude::*;
 use rand::rngs::StdRng;
 use wingd::aircraft::{AircraftTable, Mapping, Quantity};
-use wingd::exchange::read_corners;
 use wingd::installation::{Installation, load, read_mountings, read_observations, read_stiffness};
 use wingd::measure::adjust::Mounting;
+use wingd_evaluation::boards::read_corners;
 
 use self::strict::{KINDS, Kind, Read, Rows, read_strictly};
 use crate::mutations::first_seed;

@@ -8,8 +8,8 @@ use wingd::installation;
 use wingd::measure::adjust::{self, Observation, Options};
 use wingd::measure::geometry::{PointPair, TransformFit};
 use wingd::measure::plan::{self, PlanOptions};
-use wingd::measure::render::{Light, SampledAircraft, Scene, SceneShot, SeededRandom};
 use wingd::measure::setup::{Orientation, Setup, SurveyMarker};
+use wingd_simulate::render::{Light, SampledAircraft, Scene, SceneShot, SeededRandom};
 
 /// Precision of marker detection in a rendered frame, px.
 const PIXEL_SIGMA: f64 = 0.08;

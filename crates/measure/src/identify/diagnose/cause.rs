@@ -411,7 +411,7 @@ pub(super) fn is_bent(tip_m: f64, setup: &Setup) -> bool {
 }
 
 /// Returns the span from the projection centre to the outermost marker, m.
-pub(in super::super) fn span_m(setup: &Setup) -> f64 {
+pub(crate) fn span_m(setup: &Setup) -> f64 {
     setup
         .wing_markers()
         .iter()

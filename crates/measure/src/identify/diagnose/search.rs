@@ -507,7 +507,7 @@ impl WingView<'_> {
     }
 
     /// Diagnoses a ground frame that does not fit the orientation of the other frames; one sentence.
-    pub(in super::super) fn diagnose_misfit(&self, detections: &[Detection]) -> Option<String> {
+    pub(crate) fn diagnose_misfit(&self, detections: &[Detection]) -> Option<String> {
         let size = |i: &Identities| {
             [Estimate {
                 value: i.tip_deflection_m,

@@ -1,0 +1,324 @@
+//! `wingd export` writes a store's results for other tools.
+
+mod live;
+#[cfg(feature = "shapes")]
+mod shape;
+mod sink;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use clap::ValueEnum;
+use serde_json::{Map, Value};
+
+use self::sink::{ExportEnd, FileMetadata, RowSink, end_output, finish_export, write_failure};
+use crate::export;
+use crate::export::ExportContext;
+use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_base::output::{print_line, print_notes};
+use wingd_evaluation::inputs::stored_flights;
+use wingd_evaluation::installation;
+use wingd_evaluation::quantities::{ResultTable, SCHEMA_VERSION};
+use wingd_evaluation::record::TorsionRecord;
+use wingd_evaluation::results::source;
+use wingd_evaluation::results::source::ResultChoice;
+use wingd_evaluation::results::{
+    GroundMarker, ReportData, ReportSite, SeriesData, distinct_values, summary,
+};
+use wingd_store::{FlightRef, RealDisk, catalogue, layout, result_sets, result_summary};
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum FormatName {
+    /// Table with a header line
+    Csv,
+    /// The same table with typed columns and times as UTC timestamps
+    Parquet,
+    /// Shapes: a .vtp per frame, a .pvd per flight, the ground, a mean .vtu per series (ParaView)
+    Vtk,
+    /// A JSON object per shot, with its complete record
+    Jsonl,
+    /// Arrays of the joint shape with its covariance (xarray, MATLAB)
+    Netcdf,
+    /// The same arrays for NumPy
+    Npz,
+}
+
+/// Export a store's results for other tools.
+#[derive(clap::Args)]
+pub struct ExportArgs {
+    /// Store
+    store: PathBuf,
+    /// Format of the output
+    #[arg(long, value_enum)]
+    format: FormatName,
+    /// Rows of csv and parquet output
+    #[arg(long, value_enum, default_value = "markers", default_value_ifs = [("format", "csv", "summary"), ("format", "netcdf", "shape"), ("format", "npz", "shape")])]
+    table: ResultTable,
+    /// Stations of the shape, CSV with a column arc_length_m: from the bending root along the axis [default: those of the
+    /// curves, and the tip]
+    #[arg(long, value_name = "FILE")]
+    stations: Option<PathBuf>,
+    /// Stations of the shape as fractions of the length to the tip
+    #[arg(
+        long,
+        value_name = "ETA,ETA",
+        value_delimiter = ',',
+        conflicts_with = "stations"
+    )]
+    eta: Option<Vec<f64>>,
+    /// Flight, for example f0001 [default: all flights]
+    #[arg(long)]
+    flight: Option<String>,
+    /// Results to use if a flight was solved with several inputs: first characters of their key [default: newest complete
+    /// solve]
+    #[arg(long, value_name = "KEY")]
+    inputs: Option<String>,
+    /// Installation, for the ground shape of vtk output [default: the one kept in the store]
+    #[arg(long, value_name = "DIR")]
+    installation: Option<PathBuf>,
+    /// Output file, or folder for vtk [default: standard output for csv and jsonl, export.parquet, export-vtk]
+    #[arg(long, short, value_name = "PATH")]
+    output: Option<PathBuf>,
+}
+
+impl ExportArgs {
+    fn result_choice(&self) -> ResultChoice<'_> {
+        ResultChoice {
+            flight: self.flight.as_deref(),
+            inputs: self.inputs.as_deref(),
+        }
+    }
+}
+
+/// Exports results of a flight, of all flights or of live mode as a file of the chosen format.
+pub(super) fn run(args: &ExportArgs) -> TaskResult<Completion> {
+    let is_array = matches!(args.format, FormatName::Netcdf | FormatName::Npz);
+    let is_shape = matches!(args.table, ResultTable::Shape | ResultTable::Series);
+    let is_possible = match args.table {
+        ResultTable::Shape => is_array,
+        ResultTable::Series => {
+            is_array || matches!(args.format, FormatName::Csv | FormatName::Parquet)
+        }
+        _ => !is_array,
+    };
+    if !is_possible {
+        let remedy = "--table shape needs --format netcdf or npz; --table series needs one of these, csv or parquet; netcdf \
+                      and npz have no other table";
+        return Err(Failure::Usage(remedy.into()));
+    }
+    if !is_shape && (args.stations.is_some() || args.eta.is_some()) {
+        return Err(Failure::Usage(
+            "--stations and --eta are for --table shape and series".into(),
+        ));
+    }
+    let data = match args.format {
+        FormatName::Netcdf | FormatName::Npz => return export_shapes(args),
+        _ if is_shape => return export_shapes(args),
+        _ if args.table == ResultTable::Live => return live::export_live_results(args),
+        FormatName::Csv | FormatName::Parquet => export_rows(args)?,
+        FormatName::Vtk => export_vtk(args)?,
+        FormatName::Jsonl => export_jsonl(args)?,
+    };
+    print_notes(data.warnings.iter().chain(&data.notes));
+    Ok(Completion::from_success(data.notes.is_empty()))
+}
+
+#[cfg(feature = "shapes")]
+use shape::export_shapes;
+
+#[cfg(not(feature = "shapes"))]
+fn export_shapes(_: &ExportArgs) -> TaskResult<Completion> {
+    Err(Failure::Usage(
+        "this wingd was built without NetCDF and NumPy; use --format csv --table span".into(),
+    ))
+}
+
+/// Collects the facts common to all rows. The names of torsion pairs need a first pass through the results.
+fn read_common_facts(args: &ExportArgs) -> TaskResult<ExportContext> {
+    let mut names: Vec<String> = Vec::new();
+    for flight in source::selected_flights(&args.store, args.flight.as_deref())? {
+        for series in catalogue::list_series(&RealDisk, &flight)? {
+            // Damaged files are reported when their rows are read.
+            let _ = catalogue::for_each_line(
+                &RealDisk,
+                &series.folder.join(layout::RESULTS_FILE),
+                |_, line| {
+                    let head = result_summary::parse_summary(line, &["torsion"]);
+                    let torsion = head
+                        .and_then(|head| head.record.into_values().next())
+                        .map(serde_json::from_value);
+                    let torsion: Vec<TorsionRecord> =
+                        torsion.and_then(Result::ok).unwrap_or_default();
+                    let known = std::mem::take(&mut names);
+                    names = distinct_values(
+                        known
+                            .into_iter()
+                            .chain(torsion.into_iter().map(|pair| pair.name)),
+                    );
+                },
+            );
+        }
+    }
+    Ok(ExportContext {
+        store_id: catalogue::store_id(&RealDisk, &args.store),
+        pairs: names,
+    })
+}
+
+/// Exports a table, series by series.
+fn export_rows(args: &ExportArgs) -> TaskResult<ReportData> {
+    let common = read_common_facts(args)?;
+    let empty = export::table_columns(args.table, &SeriesData::default(), &common);
+    let written = || {
+        let mut sink = RowSink::begin(args, empty, || file_metadata(args, &common))?;
+        let data = source::for_each_series(&args.store, args.result_choice(), |series| {
+            sink.add_rows(export::table_columns(args.table, &series, &common))
+                .map_err(ExportEnd::from)
+        })?;
+        sink.finish()?;
+        Ok::<_, ExportEnd>(data)
+    };
+    finish_export(args, written())
+}
+
+fn export_jsonl(args: &ExportArgs) -> TaskResult<ReportData> {
+    let id = catalogue::store_id(&RealDisk, &args.store);
+    let written = || {
+        let mut output = args.open_output()?;
+        let data = source::for_each_series(&args.store, args.result_choice(), |series| {
+            export::write_json_lines(&mut output, &series, id.as_deref()).map_err(ExportEnd::from)
+        })?;
+        end_output(output)?;
+        Ok::<_, ExportEnd>(data)
+    };
+    finish_export(args, written())
+}
+
+/// Metadata on the recorder and the program.
+fn recorder_metadata(store_id: Option<&str>) -> FileMetadata {
+    let units = "m, deg, px, s by the suffix of the column name; columns: docs/tables.md";
+    vec![
+        (
+            "program".to_owned(),
+            format!("wingd {}", env!("CARGO_PKG_VERSION")),
+        ),
+        ("schema_version".to_owned(), SCHEMA_VERSION.to_string()),
+        (
+            "recorder_id".to_owned(),
+            store_id.unwrap_or_default().to_owned(),
+        ),
+        ("units".to_owned(), units.to_owned()),
+    ]
+}
+
+/// Adds the provenance of results, once for each key of the inputs.
+fn add_provenance(notes: &mut FileMetadata, key: &str, provenance: &Map<String, Value>) {
+    let note = (
+        format!("inputs {key}"),
+        serde_json::to_string(provenance).unwrap_or_default(),
+    );
+    if !notes.contains(&note) {
+        notes.push(note);
+    }
+}
+
+/// Metadata of an exported file with the recorder and the provenance of results by the key in column `inputs`.
+fn file_metadata(args: &ExportArgs, common: &ExportContext) -> TaskResult<FileMetadata> {
+    let mut notes = recorder_metadata(common.store_id.as_deref());
+    for flight in source::selected_flights(&args.store, args.flight.as_deref())? {
+        if let Some(set) =
+            result_sets::flight_result_sets(&RealDisk, &flight)?.choose_set(args.inputs.as_deref())
+        {
+            add_provenance(&mut notes, &set.key, &set.provenance);
+        }
+    }
+    Ok(notes)
+}
+
+fn export_vtk(args: &ExportArgs) -> TaskResult<ReportData> {
+    let folder = args.output.as_deref().unwrap_or(Path::new("export-vtk"));
+    let mut data = ReportData::default();
+    for flight in source::selected_flights(&args.store, args.flight.as_deref())? {
+        let one = export_vtk_flight(args, &flight, folder)?;
+        data.notes.extend(one.notes);
+        data.warnings.extend(one.warnings);
+    }
+    Ok(data)
+}
+
+/// Reads the surveyed positions that displacements refer to.
+fn ground_markers(args: &ExportArgs, flight: &FlightRef) -> TaskResult<Vec<GroundMarker>> {
+    let directory = match &args.installation {
+        Some(directory) => Some(directory.clone()),
+        None => stored_flights::kept_installation(&args.store, flight)?,
+    };
+    let Some(directory) = directory else {
+        let flight = &flight.id;
+        eprintln!(
+            "wingd: {flight}: the store has no installation for it; name one with --installation to get displacement vectors"
+        );
+        return Ok(Vec::new());
+    };
+    let installation = installation::load_without_orientation(&directory)?;
+    Ok(ReportSite::from(&installation.setup).ground)
+}
+
+fn export_vtk_flight(
+    args: &ExportArgs,
+    flight: &FlightRef,
+    folder: &Path,
+) -> TaskResult<ReportData> {
+    let ground = ground_markers(args, flight)?;
+    let below = folder.join(&flight.id);
+    fs::create_dir_all(&below).map_err(|e| write_failure(&below, &e))?;
+    if !ground.is_empty() {
+        write_file(
+            &folder.join(format!("{}-ground.vtp", flight.id)),
+            &export::ground_shape(&ground).to_vtp(None),
+        )?;
+    }
+    let (mut files, mut first) = (Vec::new(), None);
+    let choice = ResultChoice {
+        flight: Some(&flight.id),
+        inputs: args.inputs.as_deref(),
+    };
+    let data = source::for_each_series(&args.store, choice, |series| {
+        if summary::solved_records(&series).is_empty() {
+            eprintln!(
+                "wingd: {}/{}: no solved frame, skipped",
+                series.flight, series.name
+            );
+            return Ok(());
+        }
+        let name = format!("{}-{}", series.flight, series.name);
+        write_file(
+            &folder.join(format!("{name}.vtu")),
+            &export::series_shape(&series, &ground).to_vtu(),
+        )?;
+        for record in summary::solved_records(&series) {
+            let Some(stamp) = series.shot_for_record(record).and_then(|s| s.stamp.clone()) else {
+                continue;
+            };
+            let began = first.get_or_insert_with(|| stamp.clone());
+            let time_s = 3600.0 * summary::hours_between(began, &stamp);
+            let stem = record.image.split('.').next().unwrap_or_default();
+            let file = format!("{}-{stem}.vtp", series.name);
+            let shape = export::frame_shape(record, &ground);
+            installation::write_atomically(&below.join(&file), shape.to_vtp(Some(time_s)))
+                .map_err(|e| write_failure(&below, &e))?;
+            files.push((time_s, format!("{}/{file}", flight.id)));
+        }
+        Result::<(), Failure>::Ok(())
+    })?;
+    write_file(
+        &folder.join(format!("{}.pvd", flight.id)),
+        &export::time_collection(&files),
+    )?;
+    Ok(data)
+}
+
+/// Writes a file and prints its path.
+fn write_file(file: &Path, text: &str) -> TaskResult<()> {
+    installation::write_atomically(file, text).map_err(|e| write_failure(file, &e))?;
+    print_line(&file.display().to_string())
+}

@@ -1,0 +1,103 @@
+//! `wingd export --table live` reads block by block, so that memory does not grow with the length of a recording.
+
+use super::sink::{ExportEnd, FileMetadata, RowSink, finish_export};
+use super::{ExportArgs, FormatName, add_provenance, recorder_metadata};
+use crate::export::LiveColumns;
+use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_base::output::{byte_progress, print_notes};
+use wingd_evaluation::quantities::LiveSource;
+use wingd_evaluation::results::{aircraft, source};
+use wingd_store::{FlightRef, Inputs, LiveTable, RealDisk, StoreError, catalogue, live};
+
+pub(super) fn export_live_results(args: &ExportArgs) -> TaskResult<Completion> {
+    check_live_options(args)?;
+    let flights = source::selected_flights(&args.store, args.flight.as_deref())?;
+    let (mut tables, mut bytes) = (Vec::new(), 0);
+    for flight in &flights {
+        live::for_each_live_file(&RealDisk, &args.store, flight, |file| {
+            bytes += file.length() as u64;
+            if !tables.contains(&file.head.table) {
+                tables.push(file.head.table);
+            }
+            Result::<usize, StoreError>::Ok(0)
+        })?;
+    }
+    if tables.is_empty() {
+        let what = "no live results; enable [live] in the configuration to record them";
+        return Err(Failure::from_path_error(&args.store, what));
+    }
+    let store_id = catalogue::store_id(&RealDisk, &args.store);
+    let columns = LiveColumns::from_tables(&tables, store_id.clone());
+    let bar = byte_progress(bytes, "live results");
+    let mut notes = Vec::new();
+    let sink = RowSink::begin(args, columns.empty_columns(), || {
+        Ok(live_metadata(&tables, store_id.as_deref()))
+    });
+    let outcome = sink.and_then(|mut sink| {
+        flights.iter().try_for_each(|flight| {
+            notes.extend(write_flight_rows(
+                args,
+                flight,
+                &columns,
+                &mut sink,
+                |bytes| bar.inc(bytes),
+            )?);
+            Ok::<(), ExportEnd>(())
+        })?;
+        Ok(sink.finish()?)
+    });
+    bar.finish_and_clear();
+    finish_export(args, outcome)?;
+    print_notes(&notes);
+    Ok(Completion::from_success(notes.is_empty()))
+}
+
+/// Metadata of an exported file with the recorder and the provenance of results by the key in column `inputs`.
+fn live_metadata(tables: &[LiveTable], store_id: Option<&str>) -> FileMetadata {
+    let mut notes = recorder_metadata(store_id);
+    for table in tables {
+        let inputs = LiveSource::from_table(table).provenance;
+        if !inputs.is_empty() {
+            add_provenance(&mut notes, &Inputs::new(inputs.clone()).key(""), &inputs);
+        }
+    }
+    notes
+}
+
+/// Writes a flight's rows and returns notes on its files.
+fn write_flight_rows(
+    args: &ExportArgs,
+    flight: &FlightRef,
+    columns: &LiveColumns,
+    sink: &mut RowSink,
+    read: impl Fn(u64),
+) -> Result<Vec<String>, ExportEnd> {
+    let (track, mut notes) = aircraft::read_track(&RealDisk, &args.store, flight)?;
+    let files = live::for_each_live_file(&RealDisk, &args.store, flight, |mut file| {
+        read(file.length() as u64);
+        let head = file.head.clone();
+        while let Some(block) = file.next_block() {
+            match columns.block_columns(&head, &block, &track) {
+                Some(rows) => sink.add_rows(rows)?,
+                None => return Ok(file.torn_length().max(1)),
+            }
+        }
+        Result::<usize, ExportEnd>::Ok(file.torn_length())
+    })?;
+    notes.extend(files);
+    Ok(notes)
+}
+
+fn check_live_options(args: &ExportArgs) -> TaskResult<()> {
+    let wrong = match args.format {
+        FormatName::Vtk => Some("--format vtk has no live results; use csv, parquet or jsonl"),
+        _ if args.inputs.is_some() => {
+            Some("--inputs cannot be used with live results, which are never solved again; omit it")
+        }
+        _ => args
+            .installation
+            .is_some()
+            .then_some("--installation is used only for vtk; omit it"),
+    };
+    wrong.map_or(Ok(()), |what| Err(Failure::Usage(what.to_owned())))
+}

@@ -1,0 +1,109 @@
+//! `wingd report` writes a flight's figures and tables as one HTML file.
+
+use std::path::PathBuf;
+
+use super::difference::compare_with_computation;
+use crate::report as html;
+use wingd_base::failure::{Completion, TaskResult};
+use wingd_base::output::{print_line, print_notes, show_busy, write_output};
+use wingd_evaluation::inputs::default_paths::load_setup;
+use wingd_evaluation::number::count_text;
+use wingd_evaluation::results::source;
+use wingd_evaluation::results::source::ResultChoice;
+use wingd_evaluation::results::{overview, summary, table};
+use wingd_store::RealDisk;
+
+/// Write a flight's figures and tables as one HTML file.
+#[derive(clap::Args)]
+pub struct ReportArgs {
+    /// Store
+    store: PathBuf,
+    /// Flight, for example f0001 [default: the newest]
+    #[arg(long)]
+    flight: Option<String>,
+    /// Show all flights on one page: the deflection over time of each
+    #[arg(long, conflicts_with_all = ["flight", "inputs", "installation"])]
+    all_flights: bool,
+    /// Results to use if a flight was solved with several inputs: first characters of their key [default: newest complete
+    /// solve]
+    #[arg(long, value_name = "KEY")]
+    inputs: Option<String>,
+    /// Installation, for the ground shape and the lines of sight [default: the one kept in the store]
+    #[arg(long, value_name = "DIR")]
+    installation: Option<PathBuf>,
+    /// Number of frames shown as images, those with warnings first; each adds about 200 kB to the page
+    #[arg(long, value_name = "COUNT", default_value_t = source::DEFAULT_PICTURES, conflicts_with = "all_flights")]
+    pictures: usize,
+    /// Text in the head of the page, for example --field author="A. Engineer"; can be given several times
+    #[arg(long, value_name = "NAME=TEXT", value_parser = parse_field, conflicts_with = "all_flights")]
+    field: Vec<(String, String)>,
+    /// Computation to compare the shape with, CSV as for `wingd difference --against`
+    #[arg(long, value_name = "FILE", conflicts_with = "all_flights")]
+    against: Option<PathBuf>,
+    /// Series or frame to compare with the computation [default: the mean of the flight's frames]
+    #[arg(long, value_name = "SERIES[/FRAME]", requires = "against")]
+    against_frames: Option<String>,
+    /// Show all columns of the table [default: those that fit 80 characters]
+    #[arg(long)]
+    wide: bool,
+    /// File for the page
+    #[arg(long, short, value_name = "FILE", default_value = "report.html")]
+    output: PathBuf,
+}
+
+pub(super) fn run(args: &ReportArgs) -> TaskResult<Completion> {
+    if args.all_flights {
+        return report_all_flights(args);
+    }
+    let setup = load_setup(args.installation.as_deref())?;
+    let choice = ResultChoice {
+        flight: args.flight.as_deref(),
+        inputs: args.inputs.as_deref(),
+    };
+    let mut data = show_busy("reading the store", || {
+        source::read_flight_with_pictures(&args.store, choice, setup.as_ref(), args.pictures)
+    })?;
+    data.fields.clone_from(&args.field);
+    if let Some(file) = &args.against {
+        let flight = data.series.first().map_or("", |series| &series.flight);
+        let within = args
+            .against_frames
+            .as_ref()
+            .map_or(String::new(), |within| format!("/{within}"));
+        let frames = format!("{}:{flight}{within}", args.store.display());
+        let (comparison, notes) = compare_with_computation(&frames, args.inputs.as_deref(), file)?;
+        data.comparison = Some(comparison);
+        data.warnings.extend(notes);
+    }
+    print_notes(data.warnings.iter().chain(&data.notes));
+    write_output(&args.output, html::report_page(&data), OTHER_OUTPUT)?;
+    print_line(table::series_text(&summary::summarise_series(&data.series), args.wide).trim_end())?;
+    print_line(&format!("\nReport: {}", args.output.display()))?;
+    Ok(Completion::from_success(data.notes.is_empty()))
+}
+
+fn parse_field(text: &str) -> Result<(String, String), String> {
+    let (name, value) = text.split_once('=').ok_or("write NAME=TEXT")?;
+    Ok((name.trim().to_owned(), value.trim().to_owned()))
+}
+
+/// Remedy for a page that cannot be written.
+const OTHER_OUTPUT: &str = "choose another file with --output";
+
+fn report_all_flights(args: &ReportArgs) -> TaskResult<Completion> {
+    let flights = source::selected_flights(&args.store, None)?;
+    let read = flights
+        .iter()
+        .map(|flight| overview::read_overview(&RealDisk, flight));
+    let all = read.collect::<Result<Vec<_>, _>>()?;
+    print_notes(all.iter().flat_map(|f| f.warning.iter().chain(&f.notes)));
+    write_output(&args.output, html::flights_page(&all), OTHER_OUTPUT)?;
+    print_line(&format!(
+        "Report of {}: {}",
+        count_text(all.len(), "flight"),
+        args.output.display()
+    ))?;
+    Ok(Completion::from_success(
+        all.iter().all(|f| f.notes.is_empty()),
+    ))
+}

@@ -1,0 +1,158 @@
+//! Export of results as CSV or Parquet tables, JSON Lines and VTK shapes.
+
+mod columns;
+#[cfg(feature = "shapes")]
+mod dataset;
+mod lines;
+mod live;
+#[cfg(feature = "parquet")]
+mod parquet_file;
+#[cfg(feature = "shapes")]
+mod shape;
+mod vtk;
+
+use std::io::Write;
+
+use wingd_base::text::text_cell;
+
+pub use columns::{ColumnValues, ExportColumn, ExportContext, NumberType, table_columns};
+pub use lines::write_json_lines;
+pub use live::{LiveColumns, write_json_rows};
+#[cfg(feature = "parquet")]
+pub use parquet_file::ParquetFile;
+#[cfg(feature = "shapes")]
+pub use shape::{DatedShape, shape_dataset};
+pub use vtk::{VtkShape, frame_shape, ground_shape, series_shape, time_collection};
+
+/// Writer of a table as CSV; a missing value is an empty field.
+pub struct CsvWriter<W: Write>(csv::Writer<W>);
+
+impl<W: Write> CsvWriter<W> {
+    /// Writes the heading line and the first rows.
+    pub fn begin(output: W, columns: &[ExportColumn]) -> Result<Self, csv::Error> {
+        let mut writer = csv::Writer::from_writer(output);
+        writer.write_record(columns.iter().map(|c| c.name.as_str()))?;
+        let mut csv = Self(writer);
+        csv.add(columns)?;
+        Ok(csv)
+    }
+
+    /// Adds rows of the same columns.
+    pub fn add(&mut self, columns: &[ExportColumn]) -> Result<(), csv::Error> {
+        let rows = columns.first().map_or(0, |c| c.values.len());
+        let cell = |values: &ColumnValues, row| match (values, values.value_text(row)) {
+            (ColumnValues::Texts(_), text) => text_cell(&text).into_owned(),
+            (_, text) => text,
+        };
+        (0..rows).try_for_each(|row| {
+            self.0
+                .write_record(columns.iter().map(|c| cell(&c.values, row)))
+        })
+    }
+
+    /// Returns the output with all that was written.
+    pub fn end(self) -> std::io::Result<W> {
+        self.0.into_inner().map_err(csv::IntoInnerError::into_error)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use wingd_evaluation::quantities::ResultTable;
+    use wingd_evaluation::results::{SeriesData, sample};
+
+    fn text(table: ResultTable, series: &[SeriesData]) -> String {
+        let common = ExportContext {
+            store_id: Some("ab".to_owned()),
+            pairs: vec!["tip".to_owned()],
+        };
+        let mut bytes = Vec::new();
+        let mut csv = CsvWriter::begin(
+            &mut bytes,
+            &table_columns(table, &SeriesData::default(), &common),
+        )
+        .unwrap();
+        for one in series {
+            csv.add(&table_columns(table, one, &common)).unwrap();
+        }
+        csv.end().unwrap();
+        String::from_utf8(bytes).unwrap()
+    }
+
+    fn rows(text: &str) -> (csv::StringRecord, Vec<csv::StringRecord>) {
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        let heading = reader.headers().unwrap().clone();
+        (heading, reader.records().map(Result::unwrap).collect())
+    }
+
+    #[test]
+    fn csv_reads_back_with_every_marker_of_every_image() {
+        let mut series = sample::series("s000001", 0, &[2.9, 3.1]);
+        series
+            .records
+            .push(sample::failed("=x.jpg", "dark, \"quoted\"\nand broken"));
+        let text = text(ResultTable::Markers, &[series]);
+        let (heading, rows) = rows(&text);
+        let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
+        assert_eq!(
+            rows.len(),
+            2 * 4 + 1,
+            "four markers twice, and the failed image"
+        );
+        let tip = rows.iter().find(|r| &r[at("marker")] == "M03").unwrap();
+        assert_eq!(tip[at("deflection_m")].parse::<f64>().unwrap(), 2.9);
+        assert_eq!(tip[at("position_z_m")].parse::<f64>().unwrap(), 3.0 + 2.9);
+        assert_eq!(
+            (&tip[at("torsion_tip_twist_deg")], &tip[at("recorder_id")]),
+            ("2.7", "ab")
+        );
+        assert_eq!(&tip[at("used")], "true");
+        assert!(tip[at("utc")].ends_with('Z'), "with its zone");
+        let hidden = rows.iter().find(|r| &r[at("marker")] == "M04").unwrap();
+        assert_eq!(
+            (&hidden[at("deflection_m")], &hidden[at("marker_reason")]),
+            ("", "hidden by glare")
+        );
+        let failed = rows.last().unwrap();
+        assert_eq!(&failed[at("reason")], "dark, \"quoted\"\nand broken");
+        assert_eq!(&failed[at("marker")], "");
+    }
+
+    #[test]
+    fn the_other_tables_have_points_parameters_and_shots() {
+        let mut series = sample::series("s000001", 0, &[2.9]);
+        let lost = wingd_evaluation::results::ShotData {
+            number: 2,
+            failures: vec!["gone: unplugged".into()],
+            ..Default::default()
+        };
+        series.shots.push(lost);
+        let series = [series];
+        let (heading, span) = rows(&text(ResultTable::Span, &series));
+        let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
+        assert_eq!(
+            (
+                span.len(),
+                &span[12][at("span_m")],
+                &span[12][at("deflection_m")]
+            ),
+            (13, "36", "2.9")
+        );
+        let (heading, parameters) = rows(&text(ResultTable::Parameters, &series));
+        let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
+        assert_eq!(
+            (&parameters[0][at("parameter")], &parameters[0][at("value")]),
+            ("a_per_m", "0.00219")
+        );
+        let (heading, shots) = rows(&text(ResultTable::Shots, &series));
+        let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
+        assert_eq!((shots.len(), &shots[1][at("status")]), (2, "no frame"));
+        assert_eq!(&shots[1][at("camera_failures")], "gone: unplugged");
+    }
+
+    #[test]
+    fn an_empty_store_gives_the_heading_alone() {
+        assert_eq!(text(ResultTable::Markers, &[]).lines().count(), 1);
+    }
+}

@@ -1,0 +1,421 @@
+//! Report as one page that opens offline and prints well.
+
+mod aircraft;
+mod budget;
+#[cfg(feature = "boards")]
+pub mod calibration;
+mod comparison;
+mod figures;
+mod flights;
+mod frames;
+pub mod layout_figure;
+pub mod plan_figure;
+mod tables;
+mod views;
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use wingd_evaluation::number::{count_text, decimals_for, format_fixed, format_measured};
+use wingd_evaluation::record::ImageRecord;
+use wingd_evaluation::results::source::PICTURES_FLIGHT;
+use wingd_evaluation::results::summary::{Mean, SeriesSummary, summarise_series};
+use wingd_evaluation::results::{ReportBuilder, ReportData, SeriesData, distinct_values, table};
+
+pub use flights::flights_page;
+pub use wingd_evaluation::figures::plot::{Axis, round_step};
+
+/// Style sheet of the report.
+const STYLE: &str = concat!(
+    include_str!("../../../evaluation/src/figures/figure.css"),
+    include_str!("style.css")
+);
+/// Script for interactive figures. It makes no requests, and the page is complete without it.
+pub const SCRIPT: &str = concat!(
+    include_str!("../../../evaluation/src/figures/figure.js"),
+    include_str!("script/chart.js"),
+    include_str!("script/frames.js"),
+    include_str!("script/start.js")
+);
+
+/// Builder of reports.
+pub const REPORT_BUILDER: ReportBuilder = ReportBuilder {
+    page: report_page,
+    script: SCRIPT,
+};
+
+/// Builds a self-contained page; `units` describes its units.
+pub fn standalone_page(title: &str, main: &Markup, units: &str) -> String {
+    let markup = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width";
+                title { (title) }
+                style { (PreEscaped(STYLE)) }
+            }
+            body {
+                main {
+                    (main)
+                    footer { "Written by wingd " (env!("CARGO_PKG_VERSION")) ". " (units) span.printed { " Tables folded on the screen are not printed." } }
+                }
+                script { (PreEscaped(SCRIPT)) }
+            }
+        }
+    };
+    markup.into_string()
+}
+
+/// Builds the report, without external resources.
+pub fn report_page(data: &ReportData) -> String {
+    let summaries = summarise_series(&data.series);
+    let shown = shown_record(data);
+    let named = shown.map(|(series, record)| (frame_name(data, series, record), record));
+    let main = html! {
+        (report_header(data, &summaries))
+        (contents_links(data.comparison.is_some()))
+        (warnings_section(data))
+        (deflection_section(&summaries, shown.map(|(_, record)| record)))
+        (comparison::comparison_section(data.comparison.as_ref()))
+        (time_section(data, &summaries))
+        (aircraft::aircraft_section(data))
+        (tables::series_section(&summaries))
+        (budget::budget_section(data))
+        (views_section(data, named.clone()))
+        (frames::frames_section(data, &summaries))
+        (tables::solution_section(named))
+        (tables::quality_section(data))
+        (tables::results_section(data))
+        (tables::provenance_section(data))
+    };
+    standalone_page(
+        &format!("Wing deflection: {}", report_title(data)),
+        &main,
+        "Lengths in metres, angles in degrees, image coordinates in pixels; sigma is one standard deviation.",
+    )
+}
+
+/// Returns the solved record that ranks first, or the first solved one, with its series.
+fn shown_record(data: &ReportData) -> Option<(&str, &ImageRecord)> {
+    let ranked = data
+        .frames
+        .iter()
+        .map(|frame| (frame.series.as_str(), &frame.record))
+        .take(1);
+    let all = data
+        .series
+        .iter()
+        .flat_map(|s| s.records.iter().map(|r| (s.name.as_str(), r)));
+    ranked.chain(all).find(|(_, record)| record.is_solved())
+}
+
+/// Returns the name of a frame in the report, with its series if there are several.
+fn frame_name(data: &ReportData, series: &str, record: &ImageRecord) -> String {
+    if data.series.len() < 2 {
+        record.image.clone()
+    } else {
+        format!("{series}/{}", record.image)
+    }
+}
+
+fn report_title(data: &ReportData) -> String {
+    let mut flights: Vec<&str> = data.series.iter().map(|s| s.flight.as_str()).collect();
+    flights.dedup();
+    let flights = match flights.as_slice() {
+        [] => "empty store".to_owned(),
+        [PICTURES_FLIGHT] => PICTURES_FLIGHT.to_owned(),
+        [one] => format!("flight {one}"),
+        [first, .., last] => format!("flights {first} to {last}"),
+    };
+    data.site
+        .as_ref()
+        .map_or(flights.clone(), |s| format!("{}, {flights}", s.name))
+}
+
+fn report_header(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
+    html! {
+        header {
+            h1 { "Wing deflection in flight" }
+            p.sub { (report_title(data)) " | " (recording_period(data)) }
+            @if !data.fields.is_empty() {
+                p.sub { @for (k, (name, value)) in data.fields.iter().enumerate() { @if k > 0 { " | " } (name) ": " b { (value) } } }
+            }
+        }
+        (summary_tiles(summaries))
+    }
+}
+
+fn summary_tiles(summaries: &[SeriesSummary]) -> Markup {
+    let sum = |f: fn(&SeriesSummary) -> usize| summaries.iter().map(f).sum::<usize>();
+    let (frames, solved) = (sum(|s| s.shots), sum(|s| s.solved));
+    let (passed, made) = (sum(|s| s.tests_passed), sum(|s| s.tests_made));
+    html! {
+        div.tiles {
+            (greatest_tile(summaries))
+            (change_tile(summaries))
+            div.tile.warn[solved < frames] { b { (solved) " of " (frames) } span { "frames solved, in " (summaries.len()) " series" } }
+            div.tile.warn[passed < made] { b { (passed) " of " (made) } span { "global tests passed; a test cannot show errors that leave no residuals, such as those of root, axis, lens or window" } }
+        }
+    }
+}
+
+/// Returns the largest deflection of a single frame; empty if no frame has one.
+fn greatest_tile(summaries: &[SeriesSummary]) -> Markup {
+    let with_deflection = summaries
+        .iter()
+        .filter_map(|s| Some((s, s.greatest.as_ref()?)));
+    let Some((s, one)) =
+        with_deflection.max_by(|a, b| a.1.deflection_m.total_cmp(&b.1.deflection_m))
+    else {
+        return html! {};
+    };
+    html! {
+        div.tile {
+            b { (format_measured(Some(one.deflection_m), one.sigma_m, 3)) " m" }
+            span { "largest tip deflection (" (one.marker) ") of a single frame ± 1 sigma, " (s.reference.description()) "; " (one.image) " of series " (s.name) @if s.begun.is_some() { ", started " (s.begun_text()) " UTC" } }
+        }
+    }
+}
+
+/// Returns the change from the first series with a deflection to the last one; for one series its mean and scatter.
+fn change_tile(summaries: &[SeriesSummary]) -> Markup {
+    let means: Vec<_> = summaries
+        .iter()
+        .filter_map(|s| Some((s, s.tip_deflection_m?)))
+        .collect();
+    let tip = |s: &SeriesSummary| {
+        s.greatest
+            .as_ref()
+            .map_or(String::new(), |one| format!(" ({})", one.marker))
+    };
+    let scatter = |mean: Mean| table::scatter_text(Some(mean));
+    match means.as_slice() {
+        [(s, mean)] if mean.count > 1 => html! {
+            div.tile { b { (format_fixed(Some(mean.value), 3)) " m" } span { "mean tip deflection" (tip(s)) " of " (mean.count) " frames; scatter of single frames " (scatter(*mean)) " m" } }
+        },
+        [(first, a), .., (last, b)] => {
+            // Errors common to both series (survey, mounting) cancel, so this is an upper limit.
+            let both = a.sigma.zip(b.sigma).map(|(a, b)| a.hypot(b));
+            let scattered = a.scatter.or(b.scatter).is_some();
+            html! {
+                div.tile {
+                    b { (format_measured(Some(b.value - a.value), both, 3)) " m" }
+                    span {
+                        "change of the mean tip deflection" (tip(last)) " from series " (first.name) " to " (last.name) " ± 1 sigma at most"
+                        @if scattered { "; scatter of single frames " (scatter(*a)) " and " (scatter(*b)) " m" }
+                    }
+                }
+            }
+        }
+        _ => html! {},
+    }
+}
+
+/// Formats the period from the first shot to the last one.
+fn recording_period(data: &ReportData) -> String {
+    let series_times = |s: &SeriesData| {
+        let shots = s
+            .shots
+            .iter()
+            .filter(|_| s.begun.is_some())
+            .filter_map(|shot| shot.stamp.as_ref());
+        s.begun
+            .iter()
+            .chain(shots)
+            .map(|s| s.utc)
+            .collect::<Vec<_>>()
+    };
+    let times: Vec<_> = data.series.iter().flat_map(series_times).collect();
+    let Some((first, last)) = times.iter().min().zip(times.iter().max()) else {
+        return "times unknown".to_owned();
+    };
+    let text = |format: &str| {
+        (
+            first.strftime(format).to_string(),
+            last.strftime(format).to_string(),
+        )
+    };
+    let ((day, last_day), (clock, last_clock)) = (text("%Y-%m-%d"), text("%H:%M"));
+    match (day == last_day, clock == last_clock) {
+        (true, true) => format!("{day} {clock} UTC"),
+        (true, false) => format!("{day} {clock} to {last_clock} UTC"),
+        (false, _) => format!("{day} {clock} to {last_day} {last_clock} UTC"),
+    }
+}
+
+fn contents_links(is_compared: bool) -> Markup {
+    let comparison = is_compared.then_some(("comparison", "Comparison"));
+    let parts = [
+        ("deflection", "Deflection along the span"),
+        ("time", "Deflection and torsion over time"),
+        ("series", "Series"),
+        ("budget", "Uncertainty budget"),
+        ("views", "Positions"),
+        ("frame", "A frame and its markers"),
+        ("quality", "Quality"),
+        ("results", "Results"),
+        ("provenance", "Provenance"),
+    ];
+    html! { nav aria-label="Contents" { @for (id, text) in parts.into_iter().chain(comparison) { a href={ "#" (id) } { (text) } " " } } }
+}
+
+fn warnings_section(data: &ReportData) -> Markup {
+    html! {
+        @if data.series.is_empty() {
+            p.warning { "The store holds no series yet." }
+        } @else if !data.series.iter().flat_map(|s| &s.records).any(ImageRecord::is_solved) {
+            p.warning { "No frame has been solved; see the reasons under Quality." }
+        }
+        @for note in data.warnings.iter().chain(&data.notes) { p.warning { (note) } }
+    }
+}
+
+fn deflection_section(summaries: &[SeriesSummary], shown: Option<&ImageRecord>) -> Markup {
+    if summaries.iter().all(|s| s.curve.is_empty()) {
+        return html! { h2 id="deflection" { "Deflection along the span" } p { "No frame has a deflection curve." } };
+    }
+    html! {
+        h2 id="deflection" { "Deflection along the span" }
+        figure {
+            (figures::draw_deflection(summaries))
+            p.caption { "Mean curve of every series, vertical deflection of the bending axis against the survey. Band: 1 sigma of one frame (errors of survey and mounting are common to all frames of a series, so it does not decrease with their number). If the band is narrower than the line, see the next figure." }
+            @if let Some(text) = scatter_note(summaries) { p.caption { (text) } }
+            @if let Some(text) = shown.and_then(marker_and_axis_note) { p.caption { (text) } }
+        }
+        figure {
+            (figures::draw_uncertainty(summaries))
+            p.caption { "Standard deviation of the deflection in the figure above." }
+        }
+        @if let Some(twist) = figures::draw_twist(summaries) {
+            figure {
+                (twist)
+                p.caption { "Rotation of the sections, free of bending, with 1-sigma bands." }
+            }
+        }
+        @if let Some(streamwise) = figures::draw_streamwise_twist(summaries) {
+            figure {
+                (streamwise)
+                p.caption { "Change of the angle of attack in the vertical plane of the flow, with 1-sigma bands: twist and, on a swept wing, bending." }
+            }
+        }
+    }
+}
+
+/// Describes series whose frames scatter by more than the band of their mean curve; `None` if there are none.
+fn scatter_note(summaries: &[SeriesSummary]) -> Option<String> {
+    let beyond = |mean: Mean| {
+        mean.scatter
+            .filter(|scatter| mean.sigma.is_some_and(|sigma| *scatter > sigma))
+    };
+    let wide: Vec<_> = summaries
+        .iter()
+        .filter_map(|s| Some((s, beyond(s.tip_deflection_m?)?)))
+        .collect();
+    let largest = wide.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    Some(format!(
+        "Single frames of {} scatter about their mean by more than its band, at the tip by up to {} m (series {}). See the \
+         curve of each frame under \"A frame and its markers\".",
+        count_text(wide.len(), "series"),
+        format_fixed(Some(largest.1), decimals_for(largest.1)),
+        largest.0.name
+    ))
+}
+
+/// Explains with numbers a difference between the deflections of the tip marker and of the bending axis, due to twist;
+/// `None` if they agree.
+fn marker_and_axis_note(record: &ImageRecord) -> Option<String> {
+    let tip = record.tip.as_ref()?;
+    let axis = record.curve.last()?;
+    let differ = (tip.deflection_m - axis.deflection_m).abs()
+        > 3.0 * tip.sigma_deflection_m.unwrap_or(0.0).max(0.001);
+    differ.then(|| {
+        format!(
+            "In {}, the deflection of marker {} is {} m against the survey; that of the bending axis, at the end of its curve, is {} m. \
+             The twist also displaces a marker in front of or behind the axis, and the curve may end at a different span.",
+            record.image,
+            tip.marker,
+            format_fixed(Some(tip.deflection_m), 3),
+            format_fixed(Some(axis.deflection_m), 3)
+        )
+    })
+}
+
+fn time_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
+    if summaries.iter().all(|s| s.solved == 0) {
+        return html! { h2 id="time" { "Deflection and torsion over time" } p { "No frame has been solved." } };
+    }
+    let pairs = distinct_values(
+        summaries
+            .iter()
+            .flat_map(|s| &s.torsion)
+            .map(|pair| pair.name.as_str()),
+    );
+    html! {
+        h2 id="time" { "Deflection and torsion over time" }
+        figure {
+            (figures::draw_tip_deflection(&data.series, summaries))
+            p.caption { "Deflection of the outermost marker " (summaries.first().map(|s| s.reference).unwrap_or_default().description()) ": single frames (circles), means of the series with 1 sigma of one frame." }
+        }
+        @for pair in pairs {
+            figure {
+                (figures::draw_torsion(&data.series, summaries, pair))
+                p.caption { "Pair '" (pair) "'. Twist is the adjusted rotation of the section. Torsion computed from the two deflections, hidden at first, includes bending if the markers are at different spanwise stations." }
+            }
+        }
+    }
+}
+
+fn views_section(data: &ReportData, shown: Option<(String, &ImageRecord)>) -> Markup {
+    let views =
+        shown.and_then(|(name, r)| Some((name, views::orthographic_views(r, data.site.as_ref())?)));
+    html! {
+        h2 id="views" { "Positions in three views" }
+        @if let Some((name, views)) = views {
+            figure {
+                (views.drawing)
+                p.caption {
+                    (name) ", true scale. "
+                    @if views.surveyed { "Wing frame: origin in the camera's projection centre, X outboard, Y up, Z = X x Y." }
+                    @else { "Without an installation (option --installation): axes along the row of markers, ground position computed as flight position minus deflection, no camera." }
+                }
+            }
+        } @else { p { "No frame has positions." } }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use wingd_evaluation::results::sample;
+
+    fn data() -> ReportData {
+        let mut series = sample::series("s000001", 0, &[2.93, 2.95]);
+        series.records[0].image = "<b>&\"x.jpg".to_owned();
+        ReportData {
+            series: vec![series, sample::series("s000002", 3600, &[2.5])],
+            ..ReportData::default()
+        }
+    }
+
+    #[test]
+    fn hostile_names_are_escaped() {
+        let html = report_page(&data());
+        assert!(html.contains("&lt;b&gt;&amp;&quot;x.jpg") && !html.contains("<b>&\"x"));
+    }
+
+    #[test]
+    fn empty_and_failed_stores_give_a_page_without_invalid_numbers() {
+        let failed = wingd_evaluation::results::SeriesData {
+            records: vec![sample::failed("a.jpg", "too dark; set the exposure")],
+            name: "s1".into(),
+            ..Default::default()
+        };
+        for series in [vec![], vec![failed]] {
+            let html = report_page(&ReportData {
+                series,
+                ..ReportData::default()
+            });
+            assert!(!html.contains("NaN") && !html.contains("inf") && html.contains("</html>"));
+        }
+    }
+}

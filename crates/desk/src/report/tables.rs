@@ -1,0 +1,361 @@
+//! Sections of the report with tables: series, solution, quality and provenance.
+
+use maud::{Markup, html};
+use serde_json::Value;
+
+use wingd_base::clock::Stamp;
+use wingd_evaluation::grid::Grid;
+use wingd_evaluation::number;
+use wingd_evaluation::number::{NONE, count_text, format_fixed, format_general};
+use wingd_evaluation::record::{
+    ImageRecord, Provenance, Quality, json_fields, json_text, variant_name,
+};
+use wingd_evaluation::results::summary::SeriesSummary;
+use wingd_evaluation::results::{ReportData, SeriesData, ShotData, protocol, summary, table};
+use wingd_measure::estimation::quality::GlobalTest;
+
+/// Returns the section of the series means.
+pub fn series_section(summaries: &[SeriesSummary]) -> Markup {
+    html! {
+        h2 id="series" { "Series" }
+        div.scroll { (table::series_table(summaries).html()) }
+        p.caption { "Mean over the solved frames of a series, deflections of the tip marker " (summaries.first().map(|s| s.reference).unwrap_or_default().description()) ". sigma: standard deviation of one frame from the adjustment; scatter: standard deviation of single frames about the mean of the series. Torsion and twist: first pair of the installation." }
+    }
+}
+
+/// Maximum number of series whose results are unfolded.
+const MAX_OPEN_SERIES: usize = 12;
+
+/// Returns the section of the results of every frame.
+pub fn results_section(data: &ReportData) -> Markup {
+    html! {
+        h2 id="results" { "Results of every frame" }
+        @if data.series.iter().all(|s| s.records.is_empty()) { p { "There are no results." } }
+        @let many = data.series.len() > MAX_OPEN_SERIES;
+        @let reference = summary::common_reference(&data.series);
+        p.caption { "Deflections of the tip marker " (reference.description()) "." }
+        div.many[many] {
+            @for s in data.series.iter().filter(|s| !s.records.is_empty()) {
+                details open[!many] {
+                    summary { "Series " (s.flight) "/" (s.name) @if s.interrupted { " (interrupted)" } }
+                    @let rows = if s.counts.is_empty() { table::image_table(&s.records, reference) } else { table::image_table_with_counts(&s.records, &s.counts, reference) };
+                    div.scroll { (rows.html()) }
+                }
+            }
+        }
+    }
+}
+
+/// Returns the parameters of one solution.
+pub fn solution_section(shown: Option<(String, &ImageRecord)>) -> Markup {
+    let Some((name, record)) = shown else {
+        return html! {};
+    };
+    let mut grid = Grid::new(&["<parameter", "value", "sigma"]);
+    for term in record.model.terms() {
+        let name = term
+            .index
+            .map_or(term.name.clone(), |k| format!("{} [{}]", term.name, k + 1));
+        let format_value = |value: Option<f64>| value.map_or(NONE.to_owned(), format_general);
+        let measured = term.estimate;
+        grid.push(vec![
+            name,
+            format_value(measured.map(|m| m.value)),
+            format_value(measured.and_then(|m| m.sigma)),
+        ]);
+    }
+    let quality = Quality {
+        correlation: None,
+        cad: None,
+        ..record.quality.clone()
+    };
+    for (name, value) in &json_fields(&quality) {
+        push_parameter(&mut grid, name, value);
+    }
+    html! {
+        @if !grid.rows.is_empty() {
+            h3 { "Parameters of " (name) }
+            div.scroll { (grid.html()) }
+        }
+        @if let Some(correlations) = protocol::correlation_grid(record) {
+            details {
+                summary { "Correlations of the parameters" }
+                div.scroll { (correlations.html()) }
+            }
+        }
+    }
+}
+
+/// Adds one row per number; a value with its sigma is one row.
+fn push_parameter(grid: &mut Grid, name: &str, value: &Value) {
+    let number = |v: Option<&Value>| {
+        v.and_then(Value::as_f64)
+            .map_or(NONE.to_owned(), format_general)
+    };
+    match value {
+        Value::Object(map) if map.contains_key("value") => {
+            grid.push(vec![
+                name.to_owned(),
+                number(map.get("value")),
+                number(map.get("sigma")),
+            ]);
+        }
+        Value::Object(map) => {
+            for (key, inner) in map {
+                push_parameter(grid, &format!("{name}, {key}"), inner);
+            }
+        }
+        Value::Array(items) => {
+            for (i, inner) in items.iter().enumerate() {
+                push_parameter(grid, &format!("{name} [{}]", i + 1), inner);
+            }
+        }
+        Value::Number(_) => grid.push(vec![name.to_owned(), number(Some(value)), NONE.to_owned()]),
+        other => grid.push(vec![name.to_owned(), value_text(other), NONE.to_owned()]),
+    }
+}
+
+fn value_text(value: &Value) -> String {
+    if value.is_null() {
+        NONE.to_owned()
+    } else {
+        json_text(value)
+    }
+}
+
+/// Returns the section on the accuracy of the exposure times.
+fn exposure_section(data: &ReportData) -> Markup {
+    let exposures: Vec<_> = data
+        .series
+        .iter()
+        .flat_map(|s| &s.shots)
+        .filter_map(|shot| shot.exposure.as_ref())
+        .collect();
+    let largest = |values: Vec<f64>| values.into_iter().fold(0.0, f64::max);
+    let own_ms = 1e3 * largest(exposures.iter().map(|e| e.exposure_sigma_s).collect());
+    let clock: Vec<f64> = exposures.iter().filter_map(|e| e.clock_sigma_s).collect();
+    let mut sources: Vec<String> = exposures
+        .iter()
+        .map(|e| variant_name(e.exposure_source).replace('_', " "))
+        .collect();
+    sources.sort_unstable();
+    sources.dedup();
+    html! {
+        @if !exposures.is_empty() {
+            h3 { "Exposure times" }
+            p {
+                (count_text(exposures.len(), "frame")) ", timed by " (sources.join(", ")) ": standard deviation relative to the recorder's clock at most "
+                (format_fixed(Some(own_ms), 1)) " ms. "
+                @if clock.is_empty() { "The offset of that clock from UTC is unknown." }
+                @else { "Standard deviation of that clock relative to UTC, if synchronised (" (clock.len()) " frames): at most " (format_fixed(Some(1e3 * largest(clock.clone())), 1)) " ms." }
+            }
+        }
+    }
+}
+
+/// Returns the section on tests, unused markers and failures.
+pub fn quality_section(data: &ReportData) -> Markup {
+    let records = || {
+        data.series
+            .iter()
+            .flat_map(|s| s.records.iter().map(move |r| (s, r)))
+    };
+    let unused =
+        table::unused_markers_of_series(records().map(|(s, r)| (format!("{}/", s.name), r)));
+    let (failed, camera, remarks) = (
+        failed_frames(data),
+        camera_failures(data),
+        remark_table(data),
+    );
+    html! {
+        h2 id="quality" { "Quality" }
+        (global_test_text(records().map(|(_, r)| r)))
+        @if let Some(cad) = records().filter_map(|(_, r)| r.quality.cad.as_ref()).next_back() {
+            p { "CAD frame: " (cad.describe()) "." }
+        }
+        (titled_table("Markers not used", "Every marker of the survey was used in every solved frame.", &unused))
+        (titled_table("Frames without a result", "Every frame has a result.", &failed))
+        (exposure_section(data))
+        (titled_table("Camera failures", "The camera delivered every shot at the first attempt.", &camera))
+        @if !remarks.rows.is_empty() {
+            h3 { "Remarks" }
+            div.scroll { (remarks.html()) }
+        }
+    }
+}
+
+fn titled_table(title: &str, none: &str, grid: &Grid) -> Markup {
+    html! {
+        h3 { (title) }
+        @if grid.rows.is_empty() { p { (none) } } @else { div.scroll { (grid.html()) } }
+    }
+}
+
+fn global_test_text<'a>(records: impl Iterator<Item = &'a ImageRecord>) -> Markup {
+    let (mut passed, mut rejected) = (0, 0);
+    for verdict in records.filter_map(|r| r.global_test) {
+        passed += usize::from(verdict == GlobalTest::Passed);
+        rejected += usize::from(verdict == GlobalTest::Rejected);
+    }
+    html! {
+        @if passed + rejected == 0 {
+            p { "No global test could be made." }
+        } @else if rejected == 0 {
+            p {
+                @if passed == 1 { "The global test" } @else { "All " (passed) " global tests" } " passed: the residuals are consistent with the model and the specified standard deviations. "
+                "A passed test cannot rule out errors that leave no residuals, such as a wrong root, axis, lens or window. "
+                "Their specified uncertainties are in the " a href="#budget" { "variance budget" } "."
+            }
+        } @else {
+            p.warning { (rejected) " of " (passed + rejected) " global tests rejected the model or the specified standard deviations; unless configured otherwise, the standard deviations of those frames are a posteriori." }
+        }
+    }
+}
+
+fn failed_frames(data: &ReportData) -> Grid {
+    let mut grid = Grid::new(&["<series", "<frame", "<reason"]);
+    for s in &data.series {
+        for r in s.records.iter().filter(|r| !r.is_solved()) {
+            let reason = r
+                .reason
+                .clone()
+                .unwrap_or_else(|| "no reason recorded".to_owned());
+            grid.push(vec![s.name.clone(), r.image.clone(), reason]);
+        }
+        for image in unsolved_images(s) {
+            grid.push(vec![
+                s.name.clone(),
+                image.to_owned(),
+                "not solved yet".to_owned(),
+            ]);
+        }
+    }
+    grid
+}
+
+fn unsolved_images(s: &SeriesData) -> impl Iterator<Item = &str> {
+    let images = s.shots.iter().filter_map(|shot| shot.image.as_deref());
+    images.filter(|image| !s.records.iter().any(|r| r.image == *image))
+}
+
+fn camera_failures(data: &ReportData) -> Grid {
+    let mut grid = Grid::new(&["<series", "shot", "<time (UTC)", "<frame", "<failure"]);
+    for s in &data.series {
+        for shot in &s.shots {
+            for failure in &shot.failures {
+                let time = shot_time(s, shot);
+                let image = shot.image.clone().unwrap_or_else(|| "none".to_owned());
+                grid.push(vec![
+                    s.name.clone(),
+                    shot.number.to_string(),
+                    time,
+                    image,
+                    failure.clone(),
+                ]);
+            }
+        }
+    }
+    grid
+}
+
+fn shot_time(series: &SeriesData, shot: &ShotData) -> String {
+    let text = |s: &Stamp| s.utc.strftime("%Y-%m-%d %H:%M:%S").to_string();
+    shot.stamp
+        .as_ref()
+        .filter(|_| series.begun.is_some())
+        .map_or(NONE.to_owned(), text)
+}
+
+/// Lists remarks, each once with the number of its occurrences.
+fn remark_table(data: &ReportData) -> Grid {
+    let mut seen: Vec<(&str, usize, String)> = Vec::new();
+    for s in &data.series {
+        let of_frames = s.records.iter().flat_map(|r| {
+            r.remarks
+                .iter()
+                .map(move |t| (t.as_str(), r.image.as_str()))
+        });
+        for (text, image) in s.remarks.iter().map(|t| (t.as_str(), "")).chain(of_frames) {
+            match seen.iter_mut().find(|known| known.0 == text) {
+                Some(known) => known.1 += 1,
+                None => seen.push((text, 1, format!("{}/{image}", s.name))),
+            }
+        }
+    }
+    let mut grid = Grid::new(&["<remark", "times", "<first in"]);
+    for (text, count, first) in seen {
+        grid.push(vec![text.to_owned(), count.to_string(), first]);
+    }
+    grid
+}
+
+/// Returns the section of the inputs of the results and the hash of every frame.
+pub fn provenance_section(data: &ReportData) -> Markup {
+    let mut sets: Vec<(Provenance, usize)> = Vec::new();
+    for record in data.series.iter().flat_map(|s| &s.records) {
+        let inputs = Provenance {
+            frame_sha256: None,
+            ..record.provenance.clone()
+        };
+        match sets.iter_mut().find(|known| known.0 == inputs) {
+            Some(known) => known.1 += 1,
+            None => sets.push((inputs, 1)),
+        }
+    }
+    html! {
+        h2 id="provenance" { "Provenance" }
+        @if sets.is_empty() { p { "There are no results." } }
+        @for (set, count) in &sets {
+            h3 { "Inputs of " (number::count_text(*count, "result")) }
+            div.scroll { (input_table(set).html()) }
+        }
+        @let frames = frame_hashes(data);
+        @if !frames.rows.is_empty() {
+            details {
+                summary { "Frames, SHA-256" }
+                div.scroll.hashes { (frames.html()) }
+            }
+        }
+    }
+}
+
+fn input_table(set: &Provenance) -> Grid {
+    let mut grid = Grid::new(&["<input", "<value"]);
+    for (key, value) in &json_fields(set) {
+        match value {
+            Value::Object(inner) => {
+                for (name, value) in inner {
+                    grid.push(vec![format!("{key}, {name}"), value_text(value)]);
+                }
+            }
+            other => grid.push(vec![key.clone(), value_text(other)]),
+        }
+    }
+    grid
+}
+
+fn frame_hashes(data: &ReportData) -> Grid {
+    let mut grid = Grid::new(&[
+        "<series",
+        "<frame",
+        "<original file",
+        "<UTC",
+        "<SHA-256",
+        "solve / ms",
+    ]);
+    for s in &data.series {
+        for shot in &s.shots {
+            let Some(image) = &shot.image else { continue };
+            let ms = s.record_for_shot(shot).map(|r| r.timing_ms.total());
+            grid.push(vec![
+                s.name.clone(),
+                image.clone(),
+                shot.source.clone().unwrap_or_else(|| NONE.to_owned()),
+                shot_time(s, shot),
+                shot.sha256.clone().unwrap_or_else(|| NONE.to_owned()),
+                format_fixed(ms, 0),
+            ]);
+        }
+    }
+    grid
+}

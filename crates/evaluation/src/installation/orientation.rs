@@ -1,0 +1,419 @@
+//! `orientation.toml`: the camera's attitude, written by `wingd orient`.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use std::path::Path;
+
+use image::codecs::png::{PngDecoder, PngEncoder};
+use image::{DynamicImage, ExtendedColorType, ImageDecoder as _, ImageEncoder as _};
+use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2};
+use serde::Deserialize;
+use sha2::{Digest as _, Sha256};
+
+use super::{Installation, ORIENTATION_FILE, Reader};
+use wingd_base::pending_file::write_atomically;
+use wingd_measure::identify::OrientationFit;
+use wingd_measure::observation::Observation;
+use wingd_measure::points::TEMPLATE_SIDE_PX;
+use wingd_measure::raster::Raster;
+use wingd_measure::setup::{Orientation, PointTemplate, Shape, SurveyMarker};
+
+#[derive(Deserialize)]
+struct OrientationTable {
+    camera_from_survey: [[f64; 3]; 3],
+    covariance_rad2: Option<[[f64; 3]; 3]>,
+    /// Reason for accepting an orientation that its test refuses.
+    accepted: Option<String>,
+    #[serde(default)]
+    ground: Vec<GroundEntry>,
+    /// Markers that were not used, with the reason.
+    #[serde(default)]
+    unused: Vec<UnusedMarker>,
+    /// Points whose templates are in [`TEMPLATES_FILE`], from top to bottom.
+    #[serde(default)]
+    point: Vec<PointEntry>,
+    /// File name -> SHA-256 of camera, survey and templates.
+    #[serde(default)]
+    made_with: BTreeMap<String, String>,
+}
+
+#[derive(Deserialize)]
+struct UnusedMarker {
+    id: String,
+    reason: String,
+}
+
+#[derive(Deserialize)]
+struct GroundEntry {
+    id: String,
+    u_px: f64,
+    v_px: f64,
+    covariance_px2: [f64; 3],
+}
+
+#[derive(Deserialize)]
+struct PointEntry {
+    id: String,
+    left_px: usize,
+    top_px: usize,
+    u_px: f64,
+    v_px: f64,
+}
+
+/// Image of the templates of all points, one below the other.
+const TEMPLATES_FILE: &str = "points.png";
+
+/// Largest deviation of the rows from orthonormality that rounding in a text file explains.
+const ORTHONORMAL_TOLERANCE: f64 = 1e-6;
+
+/// Contents of `orientation.toml`.
+pub(super) struct StoredOrientation {
+    pub orientation: Orientation,
+    /// Markers that the ground frames did not use, with the reason.
+    pub unused: Vec<(usize, String)>,
+    /// Reason for accepting an orientation that its test refuses.
+    pub accepted: Option<String>,
+}
+
+/// Reads the orientation.
+pub(super) fn read_orientation(
+    reader: &mut Reader,
+    markers: &[SurveyMarker],
+) -> Option<StoredOrientation> {
+    if !reader.directory.join(ORIENTATION_FILE).exists() {
+        return None;
+    }
+    let (file, text) = reader.read_text(ORIENTATION_FILE, "write it with `wingd orient`")?;
+    let table: OrientationTable = reader.parse_toml(&file, &text)?;
+    let m = matrix_from_rows(&table.camera_from_survey);
+    let defect = (m * m.transpose() - Matrix3::identity()).amax();
+    if !(defect < ORTHONORMAL_TOLERANCE && m.determinant() > 0.0) {
+        let problem = format!(
+            "is not a rotation (largest defect {defect:.1e}, determinant {:.6})",
+            m.determinant()
+        );
+        reader.fault(
+            &file,
+            "camera_from_survey",
+            problem,
+            "run `wingd orient` again",
+        );
+        return None;
+    }
+    let covariance_rad2 = table.covariance_rad2.as_ref().map(matrix_from_rows);
+    if covariance_rad2.is_some_and(|c| !is_covariance(&c)) {
+        let problem = "is not a covariance (finite, symmetric, positive variances)";
+        reader.fault(
+            &file,
+            "covariance_rad2",
+            problem,
+            "run `wingd orient` again",
+        );
+    }
+    let ground = table
+        .ground
+        .iter()
+        .filter_map(|s| parse_ground_observation(reader, &file, s, markers))
+        .collect();
+    // Rounding errors are removed so that products of rotations stay rotations.
+    let svd = m.svd(true, true);
+    let rotation = svd.u? * svd.v_t?;
+    let camera_from_survey = Rotation3::from_matrix_unchecked(rotation);
+    let index = |u: UnusedMarker| Some((markers.iter().position(|m| m.id == u.id)?, u.reason));
+    let unused = table.unused.into_iter().filter_map(index).collect();
+    let templates = if table.point.is_empty() {
+        Some(vec![])
+    } else {
+        read_templates(reader, &table.point, markers)
+    };
+    check_sources(reader, &file, &table.made_with);
+    let templates = templates?;
+    let orientation = Orientation {
+        camera_from_survey,
+        covariance_rad2,
+        ground,
+        templates,
+    };
+    Some(StoredOrientation {
+        orientation,
+        unused,
+        accepted: table.accepted,
+    })
+}
+
+/// Reads the templates of points.
+fn read_templates(
+    reader: &mut Reader,
+    entries: &[PointEntry],
+    markers: &[SurveyMarker],
+) -> Option<Vec<PointTemplate>> {
+    let remedy = "run `wingd orient` again with the ground frames";
+    let (file, bytes) = reader.read_bytes(TEMPLATES_FILE, remedy)?;
+    let side = TEMPLATE_SIDE_PX;
+    let size = (side as u32, (side * entries.len()) as u32);
+    let decoder = PngDecoder::new(std::io::Cursor::new(bytes))
+        .ok()
+        .filter(|decoder| decoder.dimensions() == size);
+    let Some(grey) = decoder
+        .and_then(|decoder| DynamicImage::from_decoder(decoder).ok())
+        .map(|i| i.to_luma8())
+    else {
+        let problem = format!(
+            "is not an image of {} templates of {side} px",
+            entries.len()
+        );
+        reader.fault(&file, "file", problem, remedy);
+        return None;
+    };
+    let template = |(entry, patch): (&PointEntry, &[u8])| {
+        let marker = markers
+            .iter()
+            .position(|m| m.id == entry.id && m.shape == Shape::Point)?;
+        let origin_px = [entry.left_px, entry.top_px];
+        let place_px = Vector2::new(entry.u_px, entry.v_px);
+        let template = PointTemplate {
+            marker,
+            patch: Raster::new(side, side, patch.to_vec())?,
+            origin_px,
+            place_px,
+        };
+        template.is_centred().then_some(template)
+    };
+    let templates = entries
+        .iter()
+        .zip(grey.as_raw().chunks_exact(side * side))
+        .map(template);
+    let found: Option<Vec<PointTemplate>> = templates.collect();
+    if found.is_none() {
+        let problem =
+            "has a place outside its template, or names a point that the survey does not have";
+        reader.fault(
+            &reader.directory.join(ORIENTATION_FILE),
+            "point",
+            problem,
+            remedy,
+        );
+    }
+    found
+}
+
+/// Writes the image of the templates, and returns its SHA-256.
+fn write_templates(
+    installation: &Installation,
+    templates: &[PointTemplate],
+) -> std::io::Result<String> {
+    let (side, height) = (
+        TEMPLATE_SIDE_PX as u32,
+        (TEMPLATE_SIDE_PX * templates.len()) as u32,
+    );
+    let all: Vec<u8> = templates
+        .iter()
+        .flat_map(|t| t.patch.luma())
+        .copied()
+        .collect();
+    let mut png = vec![];
+    let encoder = PngEncoder::new(&mut png);
+    encoder
+        .write_image(&all, side, height, ExtendedColorType::L8)
+        .map_err(std::io::Error::other)?;
+    write_atomically(&installation.directory.join(TEMPLATES_FILE), &png)?;
+    Ok(hex::encode(Sha256::digest(&png)))
+}
+
+/// Writes the entries of the templates.
+fn write_points(text: &mut String, installation: &Installation, templates: &[PointTemplate]) {
+    if templates.is_empty() {
+        return;
+    }
+    let _ = writeln!(
+        text,
+        "\n# Templates of points, in the order of {TEMPLATES_FILE}: origin in the ground frame, and place, px"
+    );
+    for template in templates {
+        let id = installation
+            .setup
+            .markers
+            .get(template.marker)
+            .map_or("", |m| m.id.as_str());
+        let ([left, top], place) = (template.origin_px, template.place_px);
+        let _ = writeln!(
+            text,
+            "[[point]]\nid = {}\nleft_px = {left}\ntop_px = {top}",
+            toml::Value::from(id)
+        );
+        let _ = writeln!(text, "u_px = {:.5}\nv_px = {:.5}\n", place.x, place.y);
+    }
+}
+
+/// Checks that camera and survey are those that the attitude was computed with.
+fn check_sources(reader: &mut Reader, file: &Path, made_with: &BTreeMap<String, String>) {
+    for (name, digest) in made_with {
+        let now = reader
+            .digests
+            .iter()
+            .find(|(n, _)| n == name)
+            .map(|(_, d)| d);
+        if now != Some(digest) {
+            let problem = match now {
+                Some(_) => format!("{name} has changed since this was computed with it"),
+                None => format!("was computed with {name}, which the installation no longer names"),
+            };
+            reader.fault(
+                file,
+                "made_with",
+                problem,
+                "run `wingd orient` again with the ground frames",
+            );
+        }
+    }
+}
+
+fn parse_ground_observation(
+    reader: &mut Reader,
+    file: &Path,
+    s: &GroundEntry,
+    markers: &[SurveyMarker],
+) -> Option<Observation> {
+    let [uu, uv, vv] = s.covariance_px2;
+    let covariance_px2 = Matrix2::new(uu, uv, uv, vv);
+    let finite = s.u_px.is_finite() && s.v_px.is_finite();
+    let marker = markers.iter().position(|m| m.id == s.id);
+    let sound = finite && uu > 0.0 && covariance_px2.determinant() > 0.0;
+    let problem = match (marker, sound) {
+        (Some(marker), true) => {
+            return Some(Observation {
+                marker,
+                pixel: Vector2::new(s.u_px, s.v_px),
+                covariance_px2,
+            });
+        }
+        (None, _) => "is not in the survey",
+        (_, false) => "has no finite pixel with a positive covariance",
+    };
+    reader.fault(
+        file,
+        "ground",
+        format!("marker \"{}\" {problem}", s.id),
+        "run `wingd orient` again",
+    );
+    None
+}
+
+fn matrix_from_rows(rows: &[[f64; 3]; 3]) -> Matrix3<f64> {
+    Matrix3::from_fn(|r, c| rows[r][c])
+}
+
+fn is_covariance(c: &Matrix3<f64>) -> bool {
+    let finite = c.iter().all(|v| v.is_finite());
+    finite && (c - c.transpose()).amax() <= 1e-9 * c.amax() && (0..3).all(|k| c[(k, k)] >= 0.0)
+}
+
+/// Writes `orientation.toml`: rotation, standard deviations, residuals, source images.
+pub fn write_orientation(
+    installation: &Installation,
+    fit: &OrientationFit,
+    images: &[(String, String)],
+    accepted: Option<&str>,
+) -> std::io::Result<()> {
+    let m = fit.orientation.camera_from_survey.matrix();
+    let mut text =
+        String::from("# Attitude of the camera on the ground, written by `wingd orient`.\n");
+    let _ = writeln!(text, "camera_from_survey = {}", format_rows(m));
+    if let Some(c) = &fit.orientation.covariance_rad2 {
+        let sigma: Vec<String> = (0..3)
+            .map(|k| format!("{:?}", 1e3 * c[(k, k)].sqrt()))
+            .collect();
+        let _ = writeln!(text, "# small rotation about the camera's x, y, z axes");
+        let _ = writeln!(
+            text,
+            "sigma_mrad = [{}]\ncovariance_rad2 = {}",
+            sigma.join(", "),
+            format_rows(c)
+        );
+    }
+    let _ = writeln!(
+        text,
+        "variance_factor = {:?}\nredundancy = {}",
+        fit.variance_factor, fit.redundancy
+    );
+    if let Some(reason) = accepted {
+        let _ = writeln!(text, "accepted = {}", toml::Value::from(reason));
+    }
+    text.push_str("\n# SHA-256 of the files it was computed with: another camera or survey needs another orientation\n[made_with]\n");
+    for (name, digest) in installation
+        .digests
+        .iter()
+        .filter(|(name, _)| installation.sources.contains(name))
+    {
+        let _ = writeln!(text, "{} = \"{digest}\"", toml::Value::from(name.as_str()));
+    }
+    if !fit.orientation.templates.is_empty() {
+        let digest = write_templates(installation, &fit.orientation.templates)?;
+        let _ = writeln!(text, "\"{TEMPLATES_FILE}\" = \"{digest}\"");
+    }
+    for (k, (name, digest)) in images.iter().enumerate() {
+        let _ = writeln!(
+            text,
+            "\n[[image]]\nname = {}\nsha256 = \"{digest}\"",
+            toml::Value::from(name.as_str())
+        );
+        let _ = writeln!(
+            text,
+            "# marker, residual u, v (observed - computed), px\nresiduals = ["
+        );
+        for (_, marker, r) in fit.residuals.iter().filter(|(frame, _, _)| *frame == k) {
+            let id = installation
+                .setup
+                .markers
+                .get(*marker)
+                .map_or("", |m| m.id.as_str());
+            let _ = writeln!(
+                text,
+                "  {{ id = {}, u_px = {:.4}, v_px = {:.4} }},",
+                toml::Value::from(id),
+                r.x,
+                r.y
+            );
+        }
+        text.push_str("]\n");
+    }
+    for (marker, reason) in fit.unused_markers(&installation.setup) {
+        let id = installation
+            .setup
+            .markers
+            .get(marker)
+            .map_or("", |m| m.id.as_str());
+        let (id, reason) = (toml::Value::from(id), toml::Value::from(reason));
+        let _ = writeln!(text, "\n[[unused]]\nid = {id}\nreason = {reason}");
+    }
+    write_ground(&mut text, installation, &fit.orientation.ground);
+    write_points(&mut text, installation, &fit.orientation.templates);
+    write_atomically(&installation.directory.join(ORIENTATION_FILE), &text)
+}
+
+/// Writes the ground-frame observations, which the adjustment of flights refers to.
+fn write_ground(text: &mut String, installation: &Installation, ground: &[Observation]) {
+    for s in ground {
+        let id = installation
+            .setup
+            .markers
+            .get(s.marker)
+            .map_or("", |m| m.id.as_str());
+        let c = &s.covariance_px2;
+        let _ = writeln!(text, "\n[[ground]]\nid = {}", toml::Value::from(id));
+        let _ = writeln!(text, "u_px = {:.5}\nv_px = {:.5}", s.pixel.x, s.pixel.y);
+        let _ = writeln!(
+            text,
+            "covariance_px2 = [{:e}, {:e}, {:e}]",
+            c[(0, 0)],
+            c[(0, 1)],
+            c[(1, 1)]
+        );
+    }
+}
+
+fn format_rows(m: &Matrix3<f64>) -> String {
+    let row = |r: usize| format!("[{:?}, {:?}, {:?}]", m[(r, 0)], m[(r, 1)], m[(r, 2)]);
+    format!("[\n  {},\n  {},\n  {},\n]", row(0), row(1), row(2))
+}

@@ -1,0 +1,468 @@
+//! Reader of all CSV files (RFC 4180: quotes, separators within them). Lines are not trimmed, so a blank first cell is
+//! kept.
+
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+
+use crate::installation::fold::{MAX_SIMILAR_FAULTS, NO_NUMBER};
+use crate::installation::reader::Reader;
+
+/// Record of a table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// Line on which it begins, from 1.
+    pub line: u64,
+    /// Text in the file, without its line end.
+    pub text: String,
+    /// Cells without their quotes and surrounding blanks.
+    pub cells: Vec<String>,
+}
+
+impl Row {
+    /// Returns whether all cells are empty.
+    pub fn is_blank(&self) -> bool {
+        self.cells.iter().all(String::is_empty)
+    }
+
+    /// Returns whether a cell beyond this number of columns is not empty.
+    pub fn exceeds(&self, columns: usize) -> bool {
+        self.cells.iter().skip(columns).any(|cell| !cell.is_empty())
+    }
+}
+
+/// Reason why a text is not a table.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RowsError {
+    /// Quoted field without its end, which swallows all following lines.
+    #[error("a quote is not closed")]
+    OpenQuote {
+        /// Line on which the record begins.
+        line: u64,
+    },
+    /// Text between a closing quote and the next separator.
+    #[error("text follows a closing quote")]
+    AfterQuote {
+        /// Line on which the record begins.
+        line: u64,
+    },
+    /// Character that cannot be a separator.
+    #[error("the separator {0:?} is not a single byte")]
+    Separator(char),
+    /// Record that cannot be read.
+    #[error("{problem}")]
+    Record {
+        /// Line on which the record begins.
+        line: u64,
+        /// Message of the parser.
+        problem: String,
+    },
+}
+
+impl RowsError {
+    /// Returns the line on which the record begins; 0 if no record is affected.
+    pub fn line(&self) -> u64 {
+        match self {
+            Self::OpenQuote { line } | Self::AfterQuote { line } | Self::Record { line, .. } => {
+                *line
+            }
+            Self::Separator(_) => 0,
+        }
+    }
+}
+
+/// Parses a text into records; blank ones are skipped.
+///
+/// # Errors
+/// Returns an error for the first invalid record.
+pub fn parse_rows(text: &str, separator: char) -> Result<Vec<Row>, RowsError> {
+    let delimiter = u8::try_from(separator).map_err(|_| RowsError::Separator(separator))?;
+    let mut csv = csv::ReaderBuilder::new();
+    csv.delimiter(delimiter).has_headers(false).flexible(true);
+    let mut csv = csv.from_reader(text.as_bytes());
+    let mut record = csv::StringRecord::new();
+    let mut found: Vec<Row> = vec![];
+    loop {
+        let begin = csv.position().clone();
+        let more = csv.read_record(&mut record).map_err(|error| {
+            let line = error.position().map_or(begin.line(), csv::Position::line);
+            RowsError::Record {
+                line,
+                problem: error.to_string(),
+            }
+        })?;
+        if !more {
+            return Ok(found);
+        }
+        let bytes = begin.byte() as usize..csv.position().byte() as usize;
+        // The parser skips empty lines before a record together with it.
+        let raw = text.get(bytes).unwrap_or_default();
+        let own = raw.trim_start_matches(['\r', '\n']);
+        let line = begin.line() + raw[..raw.len() - own.len()].matches('\n').count() as u64;
+        let own = own.trim_end_matches(['\r', '\n']);
+        match quote_state(own, separator) {
+            QuoteState::Sound => {}
+            QuoteState::Open => return Err(RowsError::OpenQuote { line }),
+            QuoteState::Followed => return Err(RowsError::AfterQuote { line }),
+        }
+        let cells = record
+            .iter()
+            .map(|cell| wingd_base::text::cell_text(cell.trim()).to_owned())
+            .collect();
+        let row = Row {
+            line,
+            text: own.to_owned(),
+            cells,
+        };
+        if !row.is_blank() {
+            found.push(row);
+        }
+    }
+}
+
+/// State of the quotes of a record.
+enum QuoteState {
+    /// Every quoted field is closed.
+    Sound,
+    /// A quoted field is not closed.
+    Open,
+    /// Text follows a closing quote: readers disagree about `"1"2`.
+    Followed,
+}
+
+fn quote_state(record: &str, separator: char) -> QuoteState {
+    let (mut quoted, mut begins) = (false, true);
+    let mut signs = record.chars().peekable();
+    while let Some(sign) = signs.next() {
+        match (sign, quoted) {
+            ('"', true) if signs.peek() == Some(&'"') => drop(signs.next()),
+            ('"', true) if signs.peek().is_some_and(|next| *next != separator) => {
+                return QuoteState::Followed;
+            }
+            ('"', true) => quoted = false,
+            ('"', false) => quoted = begins,
+            _ => {}
+        }
+        begins = !quoted && sign == separator;
+    }
+    if quoted {
+        QuoteState::Open
+    } else {
+        QuoteState::Sound
+    }
+}
+
+/// Returns the separator that a first line `sep=;` names, as spreadsheets write it.
+pub fn separator_line(line: &str) -> Option<char> {
+    let rest = line.trim_matches(['\r', '\n', '"']).strip_prefix("sep=")?;
+    let mut signs = rest.chars();
+    signs.next().filter(|_| signs.next().is_none())
+}
+
+/// Line of a table with named columns.
+pub(crate) struct TableLine<const N: usize> {
+    file: Rc<Path>,
+    columns: [&'static str; N],
+    /// Line on which it begins, from 1.
+    pub number: u64,
+    /// Texts in the order of the columns; empty for a missing optional one.
+    pub cells: [String; N],
+}
+
+impl<const N: usize> TableLine<N> {
+    /// Reports an error of the line.
+    pub fn fault(
+        &self,
+        reader: &mut Reader,
+        problem: impl Into<String>,
+        remedy: impl Into<String>,
+    ) {
+        reader.fault(
+            &self.file,
+            &format!("line {}", self.number),
+            problem,
+            remedy,
+        );
+    }
+
+    /// Reports an error of a cell.
+    pub fn cell_fault(
+        &self,
+        reader: &mut Reader,
+        k: usize,
+        problem: impl Into<String>,
+        remedy: impl Into<String>,
+    ) {
+        reader.fault(&self.file, &self.cell_place(k), problem, remedy);
+    }
+
+    fn cell_place(&self, k: usize) -> String {
+        format!("line {}, column {}", self.number, self.columns[k])
+    }
+
+    /// Parses a finite number; reports an error if the cell is not one.
+    pub fn parse_number(&self, reader: &mut Reader, k: usize) -> Option<f64> {
+        let value = self.cells[k].parse::<f64>().ok().filter(|v| v.is_finite());
+        if value.is_none() {
+            let problem = format!("\"{}\" {NO_NUMBER}", self.cells[k]);
+            self.cell_fault(reader, k, problem, "give a decimal number with a point");
+        }
+        value
+    }
+
+    /// Parses the numbers of consecutive columns; reports an error for each cell that is not one.
+    pub fn parse_numbers<const M: usize>(
+        &self,
+        reader: &mut Reader,
+        first: usize,
+    ) -> Option<[f64; M]> {
+        let numbers: [Option<f64>; M] =
+            std::array::from_fn(|k| self.parse_number(reader, first + k));
+        let found: Vec<f64> = numbers.into_iter().flatten().collect();
+        found.try_into().ok()
+    }
+
+    /// Reports a number of a cell outside its range.
+    pub fn check_range(
+        &self,
+        reader: &mut Reader,
+        k: usize,
+        value: f64,
+        range: RangeInclusive<f64>,
+        unit: &str,
+    ) {
+        reader.check_range(&self.file, &self.cell_place(k), value, range, unit);
+    }
+}
+
+/// Reads the lines of a table with named columns, separated by commas; `optional` columns may be missing. One cause is
+/// reported once.
+pub(crate) fn read_table<const N: usize>(
+    reader: &mut Reader,
+    name: impl AsRef<Path>,
+    remedy: &str,
+    columns: [&'static str; N],
+    optional: &[&str],
+) -> Option<(PathBuf, Vec<TableLine<N>>)> {
+    let (file, text) = reader.read_text(name, remedy)?;
+    let needed = columns.iter().filter(|c| !optional.contains(c)).count();
+    if text.lines().next().and_then(separator_line).is_some() {
+        let remedy = "delete the line: columns are separated by commas";
+        reader.fault(
+            &file,
+            "line 1",
+            "is a spreadsheet's separator line (sep=)",
+            remedy,
+        );
+        return None;
+    }
+    let text = blank_comments(reader, &file, &text, needed);
+    let found = match parse_rows(&text, ',') {
+        Ok(found) => found,
+        Err(error) => {
+            reader.fault(
+                &file,
+                &format!("line {}", error.line()),
+                error.to_string(),
+                "correct the line",
+            );
+            return None;
+        }
+    };
+    let mut found = found.into_iter();
+    let header = found.next().unwrap_or_else(|| Row {
+        line: 1,
+        text: String::new(),
+        cells: vec![],
+    });
+    let index = find_columns(reader, &file, &header, columns, optional)?;
+    let (shared, width) = (Rc::from(file.as_path()), header.cells.len());
+    let mut lines = vec![];
+    for row in found {
+        let cell = |k: Option<usize>| {
+            k.and_then(|k| row.cells.get(k))
+                .cloned()
+                .unwrap_or_default()
+        };
+        let line = TableLine {
+            file: Rc::clone(&shared),
+            columns,
+            number: row.line,
+            cells: index.map(cell),
+        };
+        // Optional columns at the end may be omitted with their commas.
+        let short = header
+            .cells
+            .iter()
+            .skip(row.cells.len())
+            .any(|name| !optional.contains(&name.as_str()));
+        if short || row.exceeds(width) {
+            let problem = format!("has {} cells under a header of {width}", row.cells.len());
+            let remedy = "give one cell per column: decimal points in numbers, quotes around a text with a comma";
+            line.fault(reader, problem, remedy);
+            continue;
+        }
+        lines.push(line);
+    }
+    Some((file, lines))
+}
+
+/// Returns the index of each column in the header; reports missing and repeated ones.
+fn find_columns<const N: usize>(
+    reader: &mut Reader,
+    file: &Path,
+    header: &Row,
+    columns: [&str; N],
+    optional: &[&str],
+) -> Option<[Option<usize>; N]> {
+    let needed = columns
+        .iter()
+        .filter(|c| !optional.contains(c))
+        .copied()
+        .collect::<Vec<_>>();
+    let place = format!("line {}", header.line);
+    if let Some(separator) = foreign_separator(&header.cells) {
+        let problem = format!("is separated by {separator}");
+        reader.fault(
+            file,
+            &place,
+            problem,
+            "save it with commas between the columns and decimal points in the numbers",
+        );
+        return None;
+    }
+    let cells = &header.cells;
+    let index = columns.map(|name| cells.iter().position(|h| h == name));
+    let before = reader.faults.len();
+    for name in columns
+        .iter()
+        .filter(|name| cells.iter().filter(|h| h == *name).count() > 1)
+    {
+        reader.fault(
+            file,
+            &format!("column {name}"),
+            "occurs twice",
+            "keep the valid one",
+        );
+    }
+    let missing: Vec<&str> = columns
+        .iter()
+        .zip(&index)
+        .filter(|(n, k)| k.is_none() && needed.contains(n))
+        .map(|(n, _)| *n)
+        .collect();
+    let otherwise = |name: &str| {
+        cells
+            .iter()
+            .any(|h| h.eq_ignore_ascii_case(name) && h != name)
+    };
+    let remedy = format!("the header must have {}", needed.join(","));
+    if !missing.is_empty() && missing.iter().all(|name| otherwise(name)) {
+        let problem = format!("has the header {} in other case", cells.join(","));
+        reader.fault(
+            file,
+            &place,
+            problem,
+            format!("write it in lower case: {}", needed.join(",")),
+        );
+    } else if missing.len() > MAX_SIMILAR_FAULTS {
+        reader.fault(
+            file,
+            &place,
+            format!("is not a header with {}", missing.join(", ")),
+            remedy,
+        );
+    } else {
+        for name in missing {
+            reader.fault(
+                file,
+                &format!("column {name}"),
+                "is missing",
+                remedy.clone(),
+            );
+        }
+    }
+    (reader.faults.len() == before).then_some(index)
+}
+
+/// Replaces comments by empty lines. A line that begins with `#` and is a complete row may be a comment or a name, which is
+/// an error.
+fn blank_comments(reader: &mut Reader, file: &Path, text: &str, columns: usize) -> String {
+    let mut kept = String::with_capacity(text.len());
+    for (k, line) in text.lines().enumerate() {
+        let comment = line.trim_start().strip_prefix('#');
+        if comment
+            .is_some_and(|c| !c.starts_with([' ', '\t', '#']) && c.split(',').count() >= columns)
+        {
+            let id = line.split(',').next().unwrap_or_default().trim();
+            let remedy = "write a blank after # if it is a comment, or give a name that does not begin with #";
+            reader.fault(
+                file,
+                &format!("line {}", k + 1),
+                format!("\"{id}\" may be a comment or a name"),
+                remedy,
+            );
+        }
+        kept.push_str(if comment.is_some() { "" } else { line });
+        kept.push('\n');
+    }
+    kept
+}
+
+/// Returns the separator other than a comma if the header is one cell for that reason.
+fn foreign_separator(header: &[String]) -> Option<&'static str> {
+    let [only] = header else { return None };
+    [(';', "semicolons"), ('\t', "tabs"), ('|', "bars")]
+        .into_iter()
+        .find(|(c, _)| only.contains(*c))
+        .map(|(_, name)| name)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn cells(text: &str, separator: char) -> Vec<(u64, Vec<String>)> {
+        parse_rows(text, separator)
+            .unwrap()
+            .into_iter()
+            .map(|row| (row.line, row.cells))
+            .collect()
+    }
+
+    #[test]
+    fn quotes_contain_separators_and_line_ends_and_blank_cells_stay() {
+        let found = cells(
+            "a,b\r\n\r\n\"x, y\",\"2\n3\"\n\tlast,\" \"\"q\"\" \"\n",
+            ',',
+        );
+        assert_eq!(found[0], (1, vec!["a".into(), "b".into()]));
+        assert_eq!(found[1], (3, vec!["x, y".into(), "2\n3".into()]));
+        assert_eq!(found[2], (5, vec!["last".into(), "\"q\"".into()]));
+        assert_eq!(cells("T/O\t1\t2\n\t3\t4\n", '\t')[1].1, ["", "3", "4"]);
+        assert_eq!(
+            parse_rows("a,b\n1,\"2\n3,4\n", ','),
+            Err(RowsError::OpenQuote { line: 2 })
+        );
+        assert_eq!(parse_rows("a,b\n1,5\" pipe\n3,4\n", ',').unwrap().len(), 3);
+        assert_eq!(
+            parse_rows("a,b\n\"1\"2,3\n", ','),
+            Err(RowsError::AfterQuote { line: 2 })
+        );
+    }
+
+    #[test]
+    fn rows_keep_their_text() {
+        let found = parse_rows("a;b\n\n \"1\";2 \r\n;;\n3;4", ';').unwrap();
+        let texts: Vec<(u64, &str)> = found
+            .iter()
+            .map(|row| (row.line, row.text.as_str()))
+            .collect();
+        assert_eq!(texts, [(1, "a;b"), (3, " \"1\";2 "), (5, "3;4")]);
+        assert_eq!(
+            (separator_line("sep=;\r"), separator_line("separator")),
+            (Some(';'), None)
+        );
+    }
+}

@@ -1,0 +1,627 @@
+//! The quantities, in the order of the tables' columns. To add one, see `docs/recipes.md`.
+
+use super::LiveForm::{Derived, Identity};
+use super::ResultTable::{Markers, Parameters, Shots, Span};
+use super::{
+    QuantitySection, ResultQuantity, ResultRow, SCHEMA_VERSION, Subject, ValueGetter, quantity,
+};
+use crate::record::{Tip, variant_name};
+use wingd_base::clock::exposure::ExposureSource;
+use wingd_measure::adjust::DeflectionReference;
+use wingd_measure::estimation::quality::{GlobalTest, SigmaKind};
+use wingd_measure::view::SearchMode;
+use wingd_store::columns::ValueKind::{F32, F64, U8, U32, U64};
+
+type Number = fn(&ResultRow) -> Option<f64>;
+type Text = fn(&ResultRow) -> Option<String>;
+
+const fn number(
+    name: &'static str,
+    unit: &'static str,
+    meaning: &'static str,
+    value: Number,
+) -> ResultQuantity {
+    quantity(name, unit, meaning, ValueGetter::Number(value))
+}
+
+/// Creates the standard deviation of the quantity that has its name without `sigma_`.
+const fn sigma(name: &'static str, unit: &'static str, value: Number) -> ResultQuantity {
+    number(name, unit, "", value)
+}
+
+const fn count(
+    name: &'static str,
+    meaning: &'static str,
+    value: fn(&ResultRow) -> Option<usize>,
+) -> ResultQuantity {
+    quantity(name, "", meaning, ValueGetter::Count(value))
+}
+
+const fn flag(
+    name: &'static str,
+    meaning: &'static str,
+    value: fn(&ResultRow) -> Option<bool>,
+) -> ResultQuantity {
+    quantity(name, "", meaning, ValueGetter::Flag(value))
+}
+
+const fn time(
+    name: &'static str,
+    meaning: &'static str,
+    value: fn(&ResultRow) -> Option<jiff::Timestamp>,
+) -> ResultQuantity {
+    quantity(name, "", meaning, ValueGetter::Time(value))
+}
+
+const fn text(name: &'static str, meaning: &'static str, value: Text) -> ResultQuantity {
+    quantity(name, "", meaning, ValueGetter::Text(value))
+}
+
+fn tip<'a>(row: &ResultRow<'a>) -> Option<&'a Tip> {
+    row.image?.tip.as_ref()
+}
+
+/// Time of the result; other readers of live results use it too, as those below.
+pub const UTC: ResultQuantity = time(
+    "utc",
+    "time of the request to the camera; of a live result `exposure_time`",
+    |r| Some(r.stamp?.utc),
+)
+.stored(U64);
+/// Time of the result since boot, s.
+pub const SINCE_BOOT: ResultQuantity = number("since_boot", "s", "the same time since boot", |r| {
+    Some(r.stamp?.since_boot_s)
+})
+.stored(F64);
+/// Standard deviation of the exposure time on this machine's clock, s.
+pub const EXPOSURE_SIGMA: ResultQuantity = number(
+    "exposure_sigma",
+    "s",
+    "its standard deviation on the machine's clock",
+    |r| Some(r.exposure?.exposure_sigma_s),
+)
+.stored(F32);
+/// Standard deviation of the machine's clock, s.
+pub const CLOCK_SIGMA: ResultQuantity = number(
+    "clock_sigma",
+    "s",
+    "standard deviation of the machine's clock",
+    |r| r.exposure?.clock_sigma_s,
+)
+.stored(F32);
+/// Reason for a result without numbers.
+pub const REASON: ResultQuantity = text("reason", "why the frame has no solution", |r| {
+    r.image?.reason.clone()
+})
+.word_since(2, Vec::new);
+/// Number of the live result, from 1 at each start.
+pub const NUMBER: ResultQuantity = count(
+    "number",
+    "number since the start of live mode, from 1",
+    |r| Some(r.live?.number as usize),
+)
+.stored(U64);
+/// Whether the live frame was solved, 1 or 0.
+pub const SOLVED: ResultQuantity = count("solved", "1 or 0; name in version 1 of `status`", |r| {
+    Some(usize::from(r.live?.is_solved()))
+})
+.stored(U8);
+/// Whether the global test of a live result passed, 1 or 0.
+pub const GLOBAL_TEST_PASSED: ResultQuantity = count(
+    "global_test_passed",
+    "1 or 0; name in version 1 of `global_test`",
+    |r| Some(usize::from(r.image?.global_test? == GlobalTest::Passed)),
+)
+.stored(U8)
+.only_live();
+/// Standard deviations of the tip's deflection relative to survey, ground frame and root, by their stored names.
+pub const TIP_SIGMAS: [ResultQuantity; 3] = [
+    number(
+        "sigma_tip_deflection",
+        "m",
+        "version 1 of `tip_sigma_deflection_m`",
+        |r| tip(r)?.sigma_deflection_m,
+    )
+    .stored(F32)
+    .only_live(),
+    number(
+        "sigma_tip_deflection_ground",
+        "m",
+        "version 1, ground frame",
+        |r| tip(r)?.sigma_deflection_ground_m,
+    )
+    .stored(F32)
+    .only_live(),
+    number(
+        "sigma_tip_deflection_root",
+        "m",
+        "version 1, root's tangent",
+        |r| tip(r)?.sigma_deflection_root_m,
+    )
+    .stored(F32)
+    .only_live(),
+];
+/// Coefficients of the curvature of the bending line, 1/m.
+pub const CURVATURE: ResultQuantity =
+    number("curvature", "1/m", "coefficients of the curvature", |r| {
+        r.curvature?.per_m.get(r.index?).copied()
+    })
+    .stored(F64);
+/// Covariance of the curvature coefficients, 1/m².
+pub const CURVATURE_COVARIANCE: ResultQuantity = number(
+    "curvature_covariance",
+    "1/m2",
+    "upper triangle of their covariance, row by row",
+    |r| r.curvature?.covariance.get(r.index?).copied(),
+)
+.stored(F64);
+
+/// Names of the quantities of a frame that the summary has; those of the aircraft data have none.
+pub const SUMMARY: [&str; 19] = [
+    "flight",
+    "series",
+    "image",
+    "utc",
+    "status",
+    "reason",
+    "global_test",
+    "tip_marker",
+    "tip_deflection",
+    "tip_sigma_deflection",
+    "tip_deflection_ground",
+    "tip_sigma_deflection_ground",
+    "tip_reference",
+    "twist",
+    "sigma_twist",
+    "streamwise_twist",
+    "sigma_streamwise_twist",
+    "",
+    "sigma_",
+];
+
+/// All quantities.
+pub static SECTIONS: [QuantitySection; 13] = [
+    QuantitySection {
+        subject: Subject::Row,
+        tables: &[Shots, Markers, Span, Parameters],
+        quantities: &[
+            text("recorder_id", "random id of the store", |r| {
+                r.recorder_id.map(str::to_owned)
+            })
+            .in_live(Identity),
+            text("flight", "flight", |r| r.flight.map(str::to_owned)).in_live(Identity),
+            text("result_id", "key of the result", |r| r.result_id()).in_live(Identity),
+            text("series", "series of the frame", |r| {
+                r.series.map(str::to_owned)
+            }),
+            count("shot", "number of the shot in the series, from 1", |r| {
+                r.shot.map(|shot| shot as usize)
+            }),
+            text("image", "file name of the frame", |r| {
+                r.frame.map(str::to_owned)
+            }),
+            text("image_sha256", "SHA-256 of the frame", |r| {
+                r.frame_sha256.map(str::to_owned)
+            }),
+            UTC,
+            flag(
+                "utc_synchronised",
+                "whether a service disciplined the clock",
+                |r| Some(r.stamp?.utc_synchronised),
+            )
+            .stored_since(2, U8),
+            text("boot_id", "boot of the machine", |r| {
+                Some(r.stamp?.boot_id.clone())
+            })
+            .in_live(Identity),
+            SINCE_BOOT,
+            time("exposure_time", "middle of the [exposure](time.md)", |r| {
+                Some(r.exposure?.exposure_time)
+            })
+            .in_live(Derived),
+            EXPOSURE_SIGMA,
+            text("exposure_source", "event that determines it", |r| {
+                Some(variant_name(r.exposure?.exposure_source))
+            })
+            .word_since(2, || words(ExposureSource::ALL)),
+            CLOCK_SIGMA,
+            text(
+                "status",
+                "`ok`, `doubtful`, `failed`, `not solved`, `no frame`",
+                |r| r.status(),
+            )
+            .in_live(Derived),
+            REASON,
+        ],
+    },
+    QuantitySection {
+        subject: Subject::Row,
+        tables: &[],
+        quantities: &[
+            NUMBER,
+            count("skipped", "frames skipped since the start", |r| {
+                Some(r.live?.skipped as usize)
+            })
+            .stored(U64),
+            SOLVED,
+            count(
+                "full_search",
+                "1 if the full frame was searched, 0 if guided",
+                |r| Some(usize::from(r.live?.tracked.search == SearchMode::Full)),
+            )
+            .stored(U8),
+            count("mounting", "number of the camera's mounting, from 1", |r| {
+                Some(r.live?.tracked.mounting)
+            })
+            .stored(U32),
+            count(
+                "mount_disturbed",
+                "1 with a [mount disturbance](live.md#results), else 0",
+                |r| Some(usize::from(r.live?.tracked.mount_disturbed)),
+            )
+            .stored(U8),
+            number("latency", "ms", "from exposure to result", |r| {
+                Some(r.live?.latency_ms)
+            })
+            .stored(F32),
+        ],
+    },
+    QuantitySection {
+        subject: Subject::Row,
+        tables: &[Shots, Markers, Span],
+        quantities: &[
+            text("method", "`profile`, `spatial`, `live`", |r| {
+                r.method
+                    .map(str::to_owned)
+                    .or_else(|| Some(variant_name(r.image?.method)))
+            })
+            .in_live(Derived),
+            flag(
+                "flight_adjustment",
+                "whether the flight was adjusted jointly",
+                |r| Some(r.image?.flight),
+            )
+            .in_live(Derived),
+            number("variance_factor", "", "a-posteriori variance factor", |r| {
+                r.image?.variance_factor
+            })
+            .stored(F32),
+            GLOBAL_TEST_PASSED,
+            count("redundancy", "conditions minus parameters", |r| {
+                r.image?.redundancy
+            })
+            .stored_since(1, U32),
+            text("global_test", "`passed` or `rejected`", |r| {
+                r.image?.global_test.map(variant_name)
+            })
+            .in_live(Derived),
+            text(
+                "sigma_kind",
+                "standard deviations `prior` or `posterior`",
+                |r| r.image?.sigma_kind.map(variant_name),
+            )
+            .word_since(2, || words([SigmaKind::Prior, SigmaKind::Posterior])),
+        ],
+    },
+    QuantitySection {
+        subject: Subject::Row,
+        tables: &[Shots, Markers],
+        quantities: &[
+            text("cad_global_test", "test of the CAD tie points", |r| {
+                r.image?.quality.cad.as_ref()?.global_test.map(variant_name)
+            }),
+            text("tip_marker", "outermost marker", |r| {
+                Some(tip(r)?.marker.clone())
+            })
+            .in_live(Derived),
+            flag(
+                "tip_predicted",
+                "whether the adjusted shape predicts it",
+                |r| Some(tip(r)?.predicted),
+            ),
+            number(
+                "tip_deflection",
+                "m",
+                "its deflection against the survey",
+                |r| Some(tip(r)?.deflection_m),
+            )
+            .stored(F32),
+            sigma("tip_sigma_deflection", "m", |r| tip(r)?.sigma_deflection_m).in_live(Derived),
+            TIP_SIGMAS[0],
+            number(
+                "tip_deflection_ground",
+                "m",
+                "against the ground frame",
+                |r| tip(r)?.deflection_ground_m,
+            )
+            .stored(F32),
+            sigma("tip_sigma_deflection_ground", "m", |r| {
+                tip(r)?.sigma_deflection_ground_m
+            })
+            .in_live(Derived),
+            TIP_SIGMAS[1],
+            number("tip_deflection_root", "m", "from the root's tangent", |r| {
+                tip(r)?.deflection_root_m
+            })
+            .stored(F32),
+            sigma("tip_sigma_deflection_root", "m", |r| {
+                tip(r)?.sigma_deflection_root_m
+            })
+            .in_live(Derived),
+            TIP_SIGMAS[2],
+            text(
+                "tip_reference",
+                "reference with the smallest standard deviation",
+                |r| tip(r)?.reference.map(variant_name),
+            )
+            .word_since(2, || words(DeflectionReference::ALL)),
+        ],
+    },
+    QuantitySection {
+        subject: Subject::Pair,
+        tables: &[Markers],
+        quantities: &[
+            number("angle", "deg", "change of the angle of attack", |r| {
+                r.pair()?.angle_deg
+            })
+            .stored(F32),
+            sigma("sigma_angle", "deg", |r| r.pair()?.sigma_deg).stored(F32),
+            number(
+                "twist",
+                "deg",
+                "twist of the section, without bending",
+                |r| r.pair()?.twist_deg,
+            )
+            .stored(F32),
+            sigma("sigma_twist", "deg", |r| r.pair()?.sigma_twist_deg).stored(F32),
+            number(
+                "slope",
+                "deg",
+                "change of the slope along the span, tip up",
+                |r| r.pair()?.incidence.slope_deg,
+            )
+            .stored_since(3, F32),
+            sigma("sigma_slope", "deg", |r| {
+                r.pair()?.incidence.sigma_slope_deg
+            })
+            .stored_since(3, F32),
+            number(
+                "streamwise_twist",
+                "deg",
+                "change of the incidence along the flow, nose up",
+                |r| r.pair()?.incidence.streamwise_twist_deg,
+            )
+            .stored_since(3, F32),
+            sigma("sigma_streamwise_twist", "deg", |r| {
+                r.pair()?.incidence.sigma_streamwise_twist_deg
+            })
+            .stored_since(3, F32),
+        ],
+    },
+    QuantitySection {
+        subject: Subject::Marker,
+        tables: &[Markers],
+        quantities: &[
+            text("marker", "id of the marker", |r| {
+                Some(r.marker()?.id.clone())
+            }),
+            text("shape", "kind of marker", |r| {
+                Some(r.marker()?.shape.name().to_owned())
+            }),
+            flag("used", "whether it took part in the adjustment", |r| {
+                Some(r.marker()?.used)
+            }),
+            count("used", "1 if it took part in the adjustment, else 0", |r| {
+                Some(usize::from(r.marker()?.used))
+            })
+            .stored(U8)
+            .only_live(),
+            text("marker_reason", "why it did not, a sentence", |r| {
+                r.marker()?.reason.clone()
+            }),
+            number("u", "px", "image of the centre", |r| r.marker()?.u_px).stored(F32),
+            number("v", "px", "", |r| r.marker()?.v_px).stored(F32),
+            sigma("sigma_u", "px", |r| r.marker()?.sigma_u_px).stored(F32),
+            sigma("sigma_v", "px", |r| r.marker()?.sigma_v_px).stored(F32),
+            number("residual_u", "px", "adjusted minus observed", |r| {
+                r.marker()?.residual_u_px
+            })
+            .stored(F32),
+            number("residual_v", "px", "", |r| r.marker()?.residual_v_px).stored(F32),
+            number("redundancy_u", "", "redundancy numbers, 0 to 1", |r| {
+                r.marker()?.redundancy_u
+            }),
+            number("redundancy_v", "", "", |r| r.marker()?.redundancy_v),
+            number("w_test", "", "statistic of the w-test", |r| {
+                r.marker()?.w_test
+            }),
+            number("mdb_u", "px", "minimal detectable biases", |r| {
+                r.marker()?.mdb_u_px
+            }),
+            number("mdb_v", "px", "", |r| r.marker()?.mdb_v_px),
+            number(
+                "distance",
+                "m",
+                "distance from the projection centre",
+                |r| r.marker()?.distance_m,
+            ),
+            sigma("sigma_distance", "m", |r| r.marker()?.sigma_distance_m),
+            number("deflection", "m", "against the survey", |r| {
+                r.marker()?.deflection_m
+            })
+            .stored(F32),
+            sigma("sigma_deflection", "m", |r| r.marker()?.sigma_deflection_m).stored(F32),
+            number("deflection_ground", "m", "against the ground frame", |r| {
+                r.marker()?.deflection_ground_m
+            })
+            .stored(F32),
+            sigma("sigma_deflection_ground", "m", |r| {
+                r.marker()?.sigma_deflection_ground_m
+            })
+            .stored(F32),
+            number("deflection_root", "m", "from the root's tangent", |r| {
+                r.marker()?.deflection_root_m
+            })
+            .stored(F32),
+            sigma("sigma_deflection_root", "m", |r| {
+                r.marker()?.sigma_deflection_root_m
+            })
+            .stored(F32),
+            number("position_x", "m", "position in flight, survey frame", |r| {
+                Some(r.marker()?.position_m?[0])
+            }),
+            number("position_y", "m", "", |r| Some(r.marker()?.position_m?[1])),
+            number("position_z", "m", "", |r| Some(r.marker()?.position_m?[2])),
+            sigma("sigma_position_x", "m", |r| {
+                Some(r.marker()?.sigma_position_m?[0])
+            }),
+            sigma("sigma_position_y", "m", |r| {
+                Some(r.marker()?.sigma_position_m?[1])
+            }),
+            sigma("sigma_position_z", "m", |r| {
+                Some(r.marker()?.sigma_position_m?[2])
+            }),
+            number("position_cad_x", "m", "CAD frame, with `[cad]`", |r| {
+                Some(r.marker()?.position_cad_m?[0])
+            }),
+            number("position_cad_y", "m", "", |r| {
+                Some(r.marker()?.position_cad_m?[1])
+            }),
+            number("position_cad_z", "m", "", |r| {
+                Some(r.marker()?.position_cad_m?[2])
+            }),
+            sigma("sigma_position_cad_x", "m", |r| {
+                Some(r.marker()?.sigma_position_cad_m?[0])
+            }),
+            sigma("sigma_position_cad_y", "m", |r| {
+                Some(r.marker()?.sigma_position_cad_m?[1])
+            }),
+            sigma("sigma_position_cad_z", "m", |r| {
+                Some(r.marker()?.sigma_position_cad_m?[2])
+            }),
+        ],
+    },
+    QuantitySection {
+        subject: Subject::Station,
+        tables: &[Span],
+        quantities: &[
+            number("arc_length", "m", "arc length from the bending root", |r| {
+                Some(r.station()?.arc_length_m)
+            }),
+            number("span", "m", "coordinate of the wing frame in flight", |r| {
+                Some(r.station()?.span_m)
+            })
+            .stored(F32),
+            number("deflection", "m", "deflection of the bending axis", |r| {
+                Some(r.station()?.deflection_m)
+            })
+            .stored(F32),
+            sigma("sigma_deflection", "m", |r| r.station()?.sigma_deflection_m).stored(F32),
+            number("twist", "deg", "twist of the section", |r| {
+                r.station()?.twist_deg
+            })
+            .stored(F32),
+            sigma("sigma_twist", "deg", |r| r.station()?.sigma_twist_deg).stored(F32),
+            number("slope", "deg", "change of the slope, tip up", |r| {
+                r.station()?.incidence.slope_deg
+            }),
+            sigma("sigma_slope", "deg", |r| {
+                r.station()?.incidence.sigma_slope_deg
+            }),
+            number(
+                "streamwise_twist",
+                "deg",
+                "change of the incidence along the flow",
+                |r| r.station()?.incidence.streamwise_twist_deg,
+            ),
+            sigma("sigma_streamwise_twist", "deg", |r| {
+                r.station()?.incidence.sigma_streamwise_twist_deg
+            }),
+        ],
+    },
+    QuantitySection {
+        subject: Subject::Row,
+        tables: &[Parameters],
+        quantities: &[
+            text("parameter", "name of the parameter", |r| {
+                Some(r.parameter?.name.clone())
+            }),
+            count("index", "place in a list, from 1", |r| {
+                Some(r.parameter?.index? + 1)
+            }),
+            number("value", "", "value in the unit of the name", |r| {
+                Some(r.parameter?.estimate?.value)
+            }),
+            sigma("sigma", "", |r| r.parameter?.estimate?.sigma),
+        ],
+    },
+    QuantitySection {
+        subject: Subject::CurvatureTerm,
+        tables: &[],
+        quantities: &[CURVATURE],
+    },
+    QuantitySection {
+        subject: Subject::CurvatureTermPair,
+        tables: &[],
+        quantities: &[CURVATURE_COVARIANCE],
+    },
+    QuantitySection {
+        subject: Subject::Aircraft,
+        tables: &[Shots, Markers, Span],
+        quantities: &[
+            number(
+                "",
+                "",
+                "[aircraft data](aircraft-data.md) at the exposure",
+                |r| Some(r.joined()?.value),
+            )
+            .in_live(Derived),
+            sigma("sigma_", "", |r| Some(r.joined()?.sigma)).in_live(Derived),
+        ],
+    },
+    QuantitySection {
+        subject: Subject::Row,
+        tables: &[Shots],
+        quantities: &[
+            count("failed_attempts", "failed attempts of the camera", |r| {
+                r.shot.map(|_| r.failures.len())
+            }),
+            text("camera_failures", "their reasons", |r| {
+                Some(r.failures.join("; ")).filter(|text| !text.is_empty())
+            }),
+        ],
+    },
+    QuantitySection {
+        subject: Subject::Row,
+        tables: &[Shots, Markers, Span, Parameters],
+        quantities: &[
+            text("program", "name and version of the program", |r| {
+                r.inputs?.program.clone()
+            })
+            .in_live(Derived),
+            text(
+                "installation_sha256",
+                "folder below `installations/` of the store",
+                |r| r.inputs?.installation_sha256.clone(),
+            )
+            .in_live(Derived),
+            text("parameters", "options of the adjustment as JSON", |r| {
+                r.inputs?.parameters.clone()
+            })
+            .in_live(Derived),
+            text("inputs", "SHA-256 over all inputs", |r| {
+                r.inputs?.key.clone()
+            })
+            .in_live(Derived),
+            count("schema_version", "version of this schema", |_| {
+                Some(SCHEMA_VERSION)
+            })
+            .in_live(Derived),
+        ],
+    },
+];
+
+/// Returns the words of an enumeration.
+fn words(all: impl IntoIterator<Item = impl serde::Serialize>) -> Vec<String> {
+    all.into_iter().map(variant_name).collect()
+}

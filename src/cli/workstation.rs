@@ -1,0 +1,139 @@
+//! The workstation's part of the program: commands, reports, downloads, plans. The on-board program has `on_board.rs` in
+//! place of this file.
+
+#[path = "demo.rs"]
+mod demo;
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use clap::Subcommand;
+
+use crate::camera::Camera;
+use crate::camera::freshness::Freshness;
+use crate::config;
+use wingd_base::clock::SystemClock;
+use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_desk::board_camera::BoardCamera;
+use wingd_desk::commands;
+use wingd_desk::download::Download;
+use wingd_evaluation::results::ReportBuilder;
+use wingd_measure::plan::{NarrowWidth, find_narrow_widths};
+use wingd_measure::setup::Setup;
+use wingd_store::receive::Receiver;
+
+/// Builder of reports.
+pub const REPORT_BUILDER: Option<ReportBuilder> = Some(wingd_desk::report::REPORT_BUILDER);
+
+// Only one value exists per run: its size does not matter.
+#[allow(clippy::large_enum_variant)]
+#[derive(Subcommand)]
+pub enum DeskCommand {
+    /// Run a bundled flight through the real recorder
+    Demo(demo::DemoArgs),
+    #[command(flatten)]
+    Desk(commands::DeskCommand),
+}
+
+/// Runs a command of the workstation.
+pub fn run(command: &DeskCommand) -> TaskResult<Completion> {
+    match command {
+        DeskCommand::Demo(args) => demo::run(args),
+        DeskCommand::Desk(command) => command.run(open_camera),
+    }
+}
+
+/// Page of a recorder from which flights are downloaded.
+pub struct Source(Download);
+
+impl Source {
+    /// Opens a page with its access token and the certificate that it must present.
+    pub fn open(
+        url: &str,
+        token_file: Option<&Path>,
+        certificate: Option<&Path>,
+    ) -> TaskResult<Self> {
+        Download::open(url, token_file, certificate).map(Self)
+    }
+
+    /// Lists the flights of the page.
+    pub fn flight_names(&mut self) -> TaskResult<Vec<String>> {
+        self.0.flight_names()
+    }
+
+    /// Downloads the missing files of flights, or, if `thorough`, also the damaged ones.
+    pub fn receive(
+        &mut self,
+        receiver: &Receiver,
+        flights: &[String],
+        thorough: bool,
+    ) -> TaskResult<()> {
+        self.0.receive(receiver, flights, thorough)
+    }
+}
+
+/// Describes the prior standard deviations of a setup that are smaller than images support.
+pub fn describe_small_priors(setup: &Setup) -> Vec<String> {
+    let describe = |narrow: NarrowWidth| {
+        let NarrowWidth {
+            key,
+            unit,
+            values,
+            tip_sigmas_m,
+        } = narrow;
+        let [given_mm, default_mm] = tip_sigmas_m.map(|sigma_m| 1e3 * sigma_m);
+        format!(
+            "{key} = {} (default {} {unit}). With the default, the tip sigma of one frame is {default_mm:.0} mm instead of \
+             {given_mm:.0} mm. Keep your value only if a measurement supports it",
+            values[0], values[1]
+        )
+    };
+    find_narrow_widths(setup)
+        .into_iter()
+        .map(describe)
+        .collect()
+}
+
+/// Maximum time for a shot of a board.
+const SHOT_DEADLINE: Duration = Duration::from_secs(20);
+
+/// Configured camera, for live calibration.
+struct ConfiguredCamera {
+    camera: Box<dyn Camera>,
+    name: String,
+    freshness: Freshness,
+}
+
+fn open_camera(file: &Path) -> TaskResult<Box<dyn BoardCamera>> {
+    let section = config::load_camera(file)?;
+    let mut camera = section.factory(Arc::new(SystemClock::new()), Duration::ZERO)();
+    let opened = camera.open().map_err(Failure::from_error)?;
+    Ok(Box::new(ConfiguredCamera {
+        camera,
+        name: opened.name,
+        freshness: Freshness::default(),
+    }))
+}
+
+impl BoardCamera for ConfiguredCamera {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn shoot(&mut self) -> Result<Vec<u8>, String> {
+        let shot = self.camera.shoot(SHOT_DEADLINE);
+        let frame = shot.map_err(|error| error.to_string())?;
+        let fresh = self.freshness.check(&frame.bytes);
+        fresh.map_err(|error| error.to_string())?;
+        // The copy is enough; a camera that keeps its own does no harm.
+        let _ = self.camera.release_last();
+        Ok(frame.bytes)
+    }
+}
+
+impl Drop for ConfiguredCamera {
+    fn drop(&mut self) {
+        self.camera.close();
+    }
+}
