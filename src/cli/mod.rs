@@ -3,7 +3,7 @@
 mod board;
 #[cfg(feature = "gphoto")]
 mod camera_child;
-mod camera_test;
+mod camera_shots;
 mod check;
 mod copy;
 mod detect;
@@ -23,14 +23,12 @@ mod verify;
 #[cfg_attr(not(feature = "desk"), path = "on_board.rs")]
 mod workstation;
 
-use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use board::BoardCommand;
 use wingd_base::failure::{Completion, Failure};
-use wingd_store::layout;
 use workstation::{DeskCommand, REPORT_BUILDER};
 
 /// Measure the shape of a wing in flight with one camera at a cabin window.
@@ -66,8 +64,8 @@ enum CliCommand {
 
 /// Parses the arguments and runs the command; docs/reference/cli.md lists the exit statuses.
 pub fn main() -> ExitCode {
-    let matches = help::with_groups_and_examples(Arguments::command())
-        .get_matches_from(join_flight_option(std::env::args_os()));
+    let matches =
+        help::with_groups_and_examples(Arguments::command()).get_matches_from(std::env::args_os());
     let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     let done = match &arguments.command {
         CliCommand::Board(command) => command.run(REPORT_BUILDER),
@@ -81,24 +79,6 @@ pub fn main() -> ExitCode {
         Ok(Completion::Faulty) => ExitCode::from(78),
         Err(failure) => report_failure(&failure),
     }
-}
-
-/// Joins `--flight f0001` into one argument: `--flight` alone, before images, takes no value.
-fn join_flight_option(arguments: impl Iterator<Item = OsString>) -> Vec<OsString> {
-    let mut all: Vec<OsString> = Vec::new();
-    for argument in arguments {
-        let flight = argument
-            .to_str()
-            .is_some_and(|text| layout::flight_number(text).is_some());
-        match all.last_mut() {
-            Some(last) if flight && last == "--flight" => {
-                last.push("=");
-                last.push(argument);
-            }
-            _ => all.push(argument),
-        }
-    }
-    all
 }
 
 fn report_failure(failure: &Failure) -> ExitCode {

@@ -94,7 +94,7 @@ fn solved_store_of(
         ]
         .concat(),
     );
-    let together: &[&str] = if jointly { &["--flight"] } else { &[] };
+    let together: &[&str] = if jointly { &[] } else { &["--single"] };
     stdout(&[&["solve", &store], together].concat());
     store
 }

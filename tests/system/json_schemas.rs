@@ -91,7 +91,7 @@ fn output_for_frames_and_an_installation_matches_its_schema() {
         "diagnose",
         &run(&[
             "diagnose",
-            "--flight",
+            "--joint",
             "--json",
             "--installation",
             &at,
@@ -132,15 +132,7 @@ fn output_for_frames_and_an_installation_matches_its_schema() {
     );
     assert_valid(
         "solve",
-        &run(&[
-            "solve",
-            "--flight",
-            "--json",
-            "--installation",
-            &at,
-            &flight,
-        ])
-        .stdout,
+        &run(&["solve", "--joint", "--json", "--installation", &at, &flight]).stdout,
     );
     assert_valid(
         "check",

@@ -190,7 +190,7 @@ fn an_address_may_be_a_name() {
 
 /// Results of a test of the camera alone are results too.
 #[test]
-fn the_camera_test_reports_the_cause() {
+fn shots_of_a_check_report_the_cause() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("frames")).unwrap();
     std::fs::copy(
@@ -203,7 +203,7 @@ fn the_camera_test_reports_the_cause() {
         std::fs::write(&config, text).unwrap();
         let mut command = wingd();
         command
-            .args(["camera-test", "--config"])
+            .args(["check", "--camera", "1", "--config"])
             .arg(&config)
             .arg("--output")
             .arg(folder.path());

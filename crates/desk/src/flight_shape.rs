@@ -157,7 +157,7 @@ impl FrameSelection {
         if means.len() > 1 {
             return Err(fail(
                 "the frames were adjusted singly, so the errors that they share are not known; name one frame as \
-                 STORE:FLIGHT/SERIES/FRAME, or run `wingd solve STORE --flight`",
+                 STORE:FLIGHT/SERIES/FRAME, or run `wingd solve STORE`",
             ));
         }
         let (one, chosen) = means
@@ -249,7 +249,7 @@ impl SelectedMean {
         let has_same_sources = self.mean.lasting.ncols() == other.mean.lasting.ncols();
         if !(self.jointly && other.jointly && has_same_sources) {
             let what = "the errors that the frames share are not known, because frames were adjusted singly or with other \
-                        parameters; run `wingd solve STORE --flight` with the same options for all";
+                        parameters; run `wingd solve STORE` with the same options for all";
             return Err(Failure::Failed(what.into()));
         }
         Ok(if self.flight == other.flight {

@@ -157,10 +157,9 @@ fn run_all<'a>(lines: impl Iterator<Item = &'a str>, folder: &Path, port: u16) {
 }
 
 fn examples(wanted: impl Fn(&str) -> bool) -> impl Iterator<Item = &'static str> {
-    let of = wingd::cli::help::EXAMPLES
-        .iter()
-        .filter(move |(name, _)| wanted(name));
-    of.flat_map(|(_, lines)| lines.iter().copied())
+    let listed = wingd::cli::help::listed_commands().into_iter();
+    let of = listed.filter(move |command| wanted(&command.name()));
+    of.flat_map(|command| command.examples.iter().copied())
 }
 
 /// Excluded commands: they ask the recorder or need a page; `upload` is in no program that `make test` builds (make fleet-test),

@@ -513,7 +513,7 @@ fn add_facts(
         }
         false => {
             "value = truth + own e, with e independent with standard deviation 1 within a frame; the frames were adjusted \
-             singly, so the errors that they have in common are not known: solve with --flight to compare or average them"
+             singly, so the errors that they have in common are not known: run `wingd solve STORE` to compare or average them"
         }
     };
     let of_fit = "; displacements in the CAD frame: + fit c, with c common to all flights with the same tie points";

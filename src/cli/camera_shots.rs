@@ -1,6 +1,6 @@
-//! Takes shots with the configured camera, without recorder and store: for mounting and for tests.
+//! `wingd check --camera N` takes shots with the configured camera, without recorder and store: for mounting and for tests.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -13,32 +13,28 @@ use crate::config;
 use wingd_base::clock::SystemClock;
 use wingd_base::failure::{Completion, TaskResult};
 use wingd_base::output::print_json;
+use wingd_evaluation::inputs::default_paths::resolve_configuration;
 
-/// Arguments of `wingd camera-test`.
+/// Shots of the configured camera.
 #[derive(ClapArgs)]
-pub struct CameraTestArgs {
-    /// Configuration; only [camera] is used [default: wingd.toml in this directory]
-    #[arg(long, value_name = "wingd.toml")]
-    config: Option<PathBuf>,
-    /// Number of shots to take
-    #[arg(long, default_value_t = 1, value_name = "N")]
-    shots: u32,
-    /// Maximum time for a shot, s
-    #[arg(long, default_value_t = 20.0, value_name = "S")]
+pub struct ShotArgs {
+    /// Take N shots with the configured camera instead of the other checks; prints one JSON object for each
+    #[arg(long = "camera", value_name = "N", requires = "output", conflicts_with_all = ["installation", "no_camera"])]
+    pub shots: Option<u32>,
+    /// For --camera: maximum time for a shot, s
+    #[arg(long, default_value_t = 20.0, value_name = "S", requires = "shots")]
     deadline: f64,
-    /// Attempts per shot; the camera is reopened between attempts
-    #[arg(long, default_value_t = 1, value_name = "N")]
+    /// For --camera: attempts per shot; the camera is reopened between attempts
+    #[arg(long, default_value_t = 1, value_name = "N", requires = "shots")]
     attempts: u32,
-    /// Existing directory for the frames, stored as delivered
-    #[arg(long, value_name = "DIR")]
-    output: PathBuf,
+    /// For --camera: existing directory for the frames, stored as delivered
+    #[arg(long, value_name = "DIR", requires = "shots")]
+    output: Option<PathBuf>,
 }
 
 /// Takes the shots and prints one line of JSON for each.
-pub fn run(args: &CameraTestArgs) -> TaskResult<Completion> {
-    let camera = config::load_camera(
-        &wingd_evaluation::inputs::default_paths::resolve_configuration(args.config.as_deref())?,
-    )?;
+pub fn take_shots(args: &ShotArgs, shots: u32, config: Option<&Path>) -> TaskResult<Completion> {
+    let camera = config::load_camera(&resolve_configuration(config)?)?;
     let mut bench = CameraBench {
         camera: camera.factory(Arc::new(SystemClock::new()), Duration::ZERO)(),
         args,
@@ -47,7 +43,7 @@ pub fn run(args: &CameraTestArgs) -> TaskResult<Completion> {
         freshness: Freshness::default(),
     };
     let mut good = 0;
-    for number in 0..args.shots {
+    for number in 0..shots {
         let start = Instant::now();
         let shot = bench.take_with_retries();
         let (error, settings) = match shot {
@@ -64,12 +60,12 @@ pub fn run(args: &CameraTestArgs) -> TaskResult<Completion> {
         )?;
     }
     bench.camera.close();
-    Ok(Completion::from_success(good == args.shots))
+    Ok(Completion::from_success(good == shots))
 }
 
 struct CameraBench<'a> {
     camera: Box<dyn Camera>,
-    args: &'a CameraTestArgs,
+    args: &'a ShotArgs,
     open: bool,
     saved: u32,
     freshness: Freshness,
@@ -113,7 +109,8 @@ impl CameraBench<'_> {
     }
 
     fn save_test_frame(&mut self, frame: &CameraFrame, kind: &str) -> Result<(), CameraError> {
-        let path = self.args.output.join(format!("{kind}-{:03}", self.saved));
+        let folder = self.args.output.as_deref().unwrap_or(Path::new("."));
+        let path = folder.join(format!("{kind}-{:03}", self.saved));
         self.saved += 1;
         std::fs::write(&path, &frame.bytes).map_err(|error| {
             CameraError::Refused(format!(
