@@ -1,0 +1,613 @@
+"""Shapes: quantities of a dataset with their covariance, references, means and differences.
+
+The accessor ``dataset.wingd`` works on datasets of ``xarray.open_dataset(file, engine="wingd")`` and of
+:func:`wingd.open`.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import make_interp_spline
+
+from wingd import WingdError
+from wingd.values import FRAME, SINGLE, Factor, Values, WingdWarning, concat, digest
+
+if TYPE_CHECKING:
+    from wingd.comparison import Comparison
+
+#: Standard deviation of the bending root along the span if a file does not state it, m: the program's default.
+DEFAULT_ROOT_SIGMA_M = 0.3
+#: Facts of a dataset that its values carry.
+FACTS = ("side", "reference", "length_to_tip_m", "outermost_marker_m", "root_offset_sigma_m", "installation_digest")
+#: Largest relative difference of the distance from the root of equal arc lengths.
+SECTION_TOLERANCE = 0.005
+#: Numbers of frames that are no aircraft data.
+NO_CONDITION = {"frames", "variance_factor"}
+#: Quantities that are compared between measurements, and the unit of their columns.
+MEASURED = {"displacement_z": "m", "slope": "deg", "twist": "deg", "streamwise_twist": "deg"}
+
+
+@xr.register_dataset_accessor("wingd")
+class ShapeAccessor:
+    """Quantities of a shape, its means and what is done with it."""
+
+    def __init__(self, dataset: xr.Dataset):
+        self._data = dataset
+
+    @property
+    def quantities(self) -> list[str]:
+        """Names of the quantities with a standard deviation."""
+        return [str(n) for n in self._data.data_vars if f"sigma_{n}" in self._data]
+
+    def values(self, quantity: str, **indexers: Any) -> Values:
+        """Return a quantity with its covariance.
+
+        Parameters
+        ----------
+        quantity
+            Name of a variable, such as ``displacement``, ``slope``, ``marker_displacement``.
+        indexers
+            Positions along dimensions, read alone: ``axis=2``.
+        """
+        data = self._data
+        if quantity not in data or f"sigma_{quantity}" not in data:
+            raise WingdError(f"the shape has no {quantity!r}; known are {', '.join(self.quantities)}")
+        prefix = f"{quantity}_"
+        names = [
+            n
+            for n in data.variables
+            if n == quantity or (str(n).startswith(prefix) and str(data[n].dims[-1:]).strip("(',)").endswith("_source"))
+        ]
+        names += [n for n in (f"{quantity}_rest",) if n in data]
+        part = data[names].isel(indexers)
+        value = part[quantity]
+        keep = [c for c in value.coords if set(value[c].dims) <= set(value.dims) and not str(c).endswith("_key")]
+        clean = xr.DataArray(
+            value.values, {c: value[c].variable for c in keep}, value.dims, quantity, dict(value.attrs)
+        )
+        clean.attrs |= {k: data.attrs[k] for k in FACTS if k in data.attrs}
+        factors = {}
+        for name in names[1:]:
+            kind = str(name)[len(prefix) :]
+            if kind != "rest":
+                factors[kind] = _read_factor(part, str(name), kind, value.dims)
+        rest = part[f"{quantity}_rest"].values.astype(float) ** 2 if f"{quantity}_rest" in part else None
+        return Values(clean, factors, rest)
+
+    def displacement(
+        self, axis: str | None = "z", reference: str = "survey", axes: str = "survey", thermal: bool = True
+    ) -> Values:
+        """Return the displacement of the bending axis, m.
+
+        Parameters
+        ----------
+        axis
+            ``x``, ``y`` or ``z`` of the frame `axes`; None for all three.
+        reference
+            ``survey`` (the surveyed wing), ``root`` (less the motion of the root's section) or ``ground`` (less the
+            bending between survey and ground frame, if the file has it).
+        axes
+            ``survey`` or ``cad``.
+        thermal
+            False removes the contraction of the wing by temperature: lengths from the root are those on the ground.
+        """
+        return self._moved("displacement", "ground_position", axis, reference, axes, thermal)
+
+    def marker_displacement(
+        self, axis: str | None = "z", reference: str = "survey", axes: str = "survey", thermal: bool = True
+    ) -> Values:
+        """Return the displacement of the markers, m; parameters as for :meth:`displacement`."""
+        return self._moved("marker_displacement", "marker_ground_position", axis, reference, axes, thermal)
+
+    def slope(self, reference: str = "survey") -> Values:
+        """Return the change of the slope along the span, rad, tip up positive; less the root's with ``root``."""
+        return self._turned("slope", reference)
+
+    def twist(self, reference: str = "survey") -> Values:
+        """Return the twist about the bending axis, rad, nose up positive; less the root's with ``root``."""
+        return self._turned("twist", reference)
+
+    def streamwise_twist(self, line: str = "chord", reference: str = "survey") -> Values:
+        """Return the change of the incidence in the vertical plane of the flow, rad, nose up positive.
+
+        Parameters
+        ----------
+        line
+            ``chord``: inclination of the material chord line that lay along the flow on the ground (as in tables of
+            models of wings). ``plane``: of the line in which the plane of the section and the plane of the flow meet.
+        """
+        if line not in ("chord", "plane"):
+            raise WingdError(f'line = {line!r}: give "chord" or "plane"')
+        name = f"streamwise_twist_{line}"
+        if name in self._data:
+            return self._turned(name, reference)
+        if line == "plane":
+            return self._turned("streamwise_twist", reference)
+        if int(float(self._data.attrs.get("format_version", 1))) >= 2 and "streamwise_twist" in self._data:
+            return self._turned("streamwise_twist", reference)
+        return self._chord_twist(reference)
+
+    def rotation(self, axis: str | None = None) -> Values:
+        """Return the rotation vector of the sections, rad, survey frame, the root's included."""
+        return _pick_axis(self.values("rotation"), axis)
+
+    def _turned(self, name: str, reference: str) -> Values:
+        values = self.values(name)
+        if reference == "survey":
+            return values
+        if reference != "root":
+            raise WingdError(f'reference = {reference!r}: angles have "survey" and "root"')
+        return _named(values - self._root(values), f"{values.label}, relative to the root")
+
+    def _root(self, values: Values) -> Values:
+        if "station" not in values.value.dims or values.value["arc_length"].values[0] > 1e-9:
+            raise WingdError("the shape has no station at the root; export it with 0 among --eta")
+        return values.isel(station=0)
+
+    def _moved(self, name: str, ground: str, axis: str | None, reference: str, axes: str, thermal: bool) -> Values:
+        if axes not in ("survey", "cad"):
+            raise WingdError(f'axes = {axes!r}: give "survey" or "cad"')
+        if axes == "cad":
+            if f"{name}_cad" not in self._data:
+                raise WingdError("the shape has no CAD axes; add [cad] to installation.toml and export again")
+            if reference != "survey" or not thermal:
+                raise WingdError("axes='cad' has the reference survey with thermal contraction; use axes='survey'")
+            return _named(_pick_axis(self.values(f"{name}_cad"), axis), axis=axis)
+        if reference == "survey" and thermal:
+            at = {} if axis is None else {"axis": _axis_index(axis)}
+            return _named(self.values(name, **at), axis=axis)
+        values, stations = self.values(name), self.values("displacement")
+        root = self._root(stations)
+        place = values.value.dims[-2]
+        positions, base = self._data[ground].values, self._data["ground_position"].values[0]
+        label = values.label
+        if not thermal:
+            scale = self._scale(values)
+            values = _expand_root(root, values) + (values - _expand_root(root, values) + (positions - base)) / scale
+            values = values - (positions - base)
+            label += ", without thermal contraction"
+        if reference == "root":
+            turn = self.values("rotation").isel(station=0)
+            arm = positions - base + (values - _expand_root(root, values)).value.values
+            values = values - _expand_root(root, values) - _cross(turn, arm, place)
+            label += ", relative to the root"
+        elif reference == "ground":
+            if f"ground_{name}" not in self._data:
+                raise WingdError("the shape has no displacement of the ground frame; use reference='survey' or 'root'")
+            values, label = values - self.values(f"ground_{name}"), f"{label}, relative to the ground frame"
+        elif reference != "survey":
+            raise WingdError(f'reference = {reference!r}: give "survey", "root" or "ground"')
+        return _named(_pick_axis(values, axis), label, axis)
+
+    def _scale(self, values: Values) -> np.ndarray:
+        scale = self._data.coords.get("thermal_scale", None)
+        scale = np.asarray(
+            self._data.attrs.get("thermal_scale", np.nan) if scale is None else scale.values, dtype=float
+        )
+        if np.isnan(scale).any():
+            raise WingdError("the shape does not state its thermal scale; export it with all stations")
+        return scale.reshape(scale.shape + (1,) * (values.value.ndim - scale.ndim))
+
+    def _chord_twist(self, reference: str) -> Values:
+        """Incidence of the material chord line, from the rotation vectors."""
+        flow = np.asarray(self._data.attrs.get("flow_direction", ()), dtype=float)
+        if flow.shape[0] < 2 or not np.isfinite(flow).all():
+            raise WingdError(
+                "the shape has no streamwise twist; give wing.flow_direction in installation.toml and export again"
+            )
+        aft = np.array([*(flow[:2] / np.linalg.norm(flow[:2])), 0.0])
+        turn = self.values("rotation")
+        vector = turn.value.values
+
+        def incidence(rotation: np.ndarray) -> np.ndarray:
+            angle = np.linalg.norm(rotation, axis=-1, keepdims=True)
+            unit = rotation / np.where(angle > 0, angle, 1.0)
+            along = np.sum(unit * aft, axis=-1, keepdims=True)
+            turned = aft * np.cos(angle) + np.cross(unit, aft) * np.sin(angle) + unit * along * (1 - np.cos(angle))
+            return np.arctan2(-turned[..., 2], turned @ aft)
+
+        step, eye = 1e-6, np.eye(3)
+        slopes = np.stack(
+            [(incidence(vector + step * e) - incidence(vector - step * e)) / (2 * step) for e in eye], axis=-1
+        )
+        value = turn.value.isel(axis=0, drop=True).copy(data=incidence(vector))
+        value.name, value.attrs["long_name"] = (
+            "streamwise_twist",
+            "change of the incidence of the material chord line, nose up",
+        )
+        factors = {k: f.with_array(np.einsum("...a,...ags->...gs", slopes, f.array)) for k, f in turn.factors.items()}
+        rest = None if turn.rest is None else (slopes**2 * turn.rest).sum(axis=-1)
+        values = Values(value, factors, rest)
+        return (
+            values
+            if reference == "survey"
+            else _named(values - self._root(values), f"{values.label}, relative to the root")
+        )
+
+    # --- datasets -------------------------------------------------------------------------------------------------
+
+    def where(self, conditions: str) -> xr.Dataset:
+        """Return the frames whose aircraft data fulfil `conditions`, such as ``mach between .78 and .80 and weight_t < 190``."""
+        keep = np.ones(self._data.sizes[FRAME], dtype=bool)
+        for name, scale, offset, low, high in parse_conditions(conditions, self._conditions()):
+            values = (self._data[name].values - offset) / scale
+            keep &= (values >= low) & (values <= high)
+        if not keep.any():
+            raise WingdError(f"no frame fulfils {conditions!r}")
+        return self._data.isel(frame=np.flatnonzero(keep))
+
+    def _conditions(self) -> list[str]:
+        data = self._data
+        names = [str(n) for n in data.data_vars if data[n].dims == (FRAME,) and data[n].dtype.kind == "f"]
+        return [n for n in names if n not in NO_CONDITION and not n.startswith("sigma_")]
+
+    def condition(self, name: str) -> Values:
+        """Return a quantity of the aircraft data; the errors of an instrument are common to the frames of an aircraft."""
+        if name not in self._data:
+            raise WingdError(f"the frames have no {name}; join aircraft data with `wingd aircraft-data`")
+        array = self._data[name]
+        sigma = self._data[f"sigma_{name}"].values if f"sigma_{name}" in self._data else np.full(array.shape, np.nan)
+        if np.isnan(sigma).any() or np.isnan(array.values).any():
+            raise WingdError(
+                f"a frame has no {name} with a standard deviation; join aircraft data, or give the difference and its sigma"
+            )
+        aircraft = str(self._data.attrs.get("aircraft", self._data.attrs.get("recorder_id", "")))
+        plain = xr.DataArray(array.values.astype(float), dims=array.dims, name=name, attrs=dict(array.attrs))
+        return Values(plain).with_source("instrument", f"{aircraft}/{name}", sigma)
+
+    def mean(self) -> xr.Dataset:
+        """Return the mean shape: of the frames of each flight, then of the flights, which count equally.
+
+        ``scatter_QUANTITY`` is the standard deviation of single frames about the mean of their flight.
+        """
+        if FRAME not in self._data.dims:
+            return self._data
+        if "flight_id" not in self._data.coords or len(np.unique(self._data["flight_id"])) == 1:
+            return mean([self._data])
+        return mean(
+            [
+                self._data.isel(frame=np.flatnonzero(self._data["flight_id"] == f))
+                for f in np.unique(self._data["flight_id"])
+            ]
+        )
+
+    def mirror(self) -> xr.Dataset:
+        """Return the shape as of the other side: quantities that depend on the side (x, y, rotations) are dropped."""
+        data = self._data
+        drop = [
+            n
+            for n in data.variables
+            if re.match(r"(sigma_|scatter_)?rotation", str(n)) or re.match(r".*displacement_cad", str(n))
+        ]
+        data = data.drop_vars(drop)
+        for name in ("displacement", "marker_displacement"):
+            if name in data:
+                data[name] = data[name].where(data["axis"] == "z")
+        other = {"left": "right", "right": "left"}
+        data.attrs = data.attrs | {"side": other.get(str(data.attrs.get("side")), ""), "mirrored": 1}
+        return data
+
+    def deform(self, mesh: Any, **options: Any) -> Any:
+        """Return `mesh` moved by this shape; see :mod:`wingd.surfaces`."""
+        from wingd import surfaces
+
+        return surfaces.deform(self._data, mesh, **options)
+
+    def difference(self, other: xr.Dataset, **options: Any) -> Comparison:
+        """Return this shape minus another; see :func:`wingd.comparison.difference`."""
+        from wingd.comparison import difference
+
+        return difference(self._data, other, **options)
+
+    def plot(self, ax: Any = None, **style: Any) -> Any:
+        """Draw the vertical displacement with its band."""
+        return self.displacement().plot(ax=ax, **style)
+
+
+def _read_factor(part: xr.Dataset, name: str, kind: str, dims: tuple[Any, ...]) -> Factor:
+    array = part[name].transpose(*dims, ...)
+    group = f"{kind}_group"
+    data = array.values if group in array.dims else array.values[..., None, :]
+    key = part.coords[f"{kind}_key"] if f"{kind}_key" in part.coords else part[f"{kind}_key"]
+    keys = np.asarray(key.values, dtype=object)
+    if FRAME in dims and FRAME in key.dims:
+        keys = keys.reshape(len(data), -1)
+        # One key for all frames is not a key per frame.
+        if keys.shape[1] == 1 and len(set(keys[:, 0])) == 1 and dims[0] == FRAME:
+            keys = keys[0]
+    else:
+        keys = keys.reshape(-1)
+    return Factor(keys, np.asarray(data, dtype=float))
+
+
+def _axis_index(axis: str) -> int:
+    if axis not in ("x", "y", "z"):
+        raise WingdError(f'axis = {axis!r}: give "x", "y", "z" or None')
+    return "xyz".index(axis)
+
+
+def _pick_axis(values: Values, axis: str | None) -> Values:
+    return values if axis is None else values.isel(axis=_axis_index(axis))
+
+
+def _named(values: Values, label: str | None = None, axis: str | None = None) -> Values:
+    value = values.value.copy()
+    if label is not None:
+        value.attrs["long_name"] = label
+    if axis is not None:
+        value.name = f"{value.name}_{axis}"
+        value.attrs["long_name"] = f"{axis} of the {value.attrs.get('long_name', value.name)}"
+    return Values(value, values.factors, values.rest)
+
+
+def _expand_root(root: Values, like: Values) -> Values:
+    """Return the root's values for every place of `like`: dimensions (frame,) place, axis."""
+    place = like.value.dims[-2]
+    out = root.transpose(*(d for d in root.value.dims if d != "axis"), "axis")
+    axis, n = out.value.ndim - 1, like.value.sizes[place]
+    value = xr.DataArray(np.repeat(np.expand_dims(out.value.values, axis), n, axis), dims=like.value.dims)
+    value = like.value.copy(data=value.values)
+    return out._map(
+        value,
+        lambda a: np.repeat(np.expand_dims(a, axis), n, axis),
+        None if out.rest is None else np.repeat(np.expand_dims(out.rest, axis), n, axis),
+    )
+
+
+def _cross(turn: Values, arm: np.ndarray, place: str) -> Values:
+    """Return the motion of points at `arm` (m, ... x places x 3) by a small rotation."""
+    skew = np.zeros((*arm.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        skew[..., i, j], skew[..., i, k] = arm[..., k], -arm[..., j]
+    value = np.einsum("...pij,...j->...pi", skew, turn.value.values)
+    dims = [*(d for d in turn.value.dims if d != "axis"), place, "axis"]
+    out = xr.DataArray(value, dims=dims)
+    rest = None if turn.rest is None else np.einsum("...pij,...j->...pi", skew**2, turn.rest)
+    return turn._map(out, lambda a: np.einsum("...pij,...jgs->...pigs", skew, a), rest)
+
+
+# --- stations of two shapes ---------------------------------------------------------------------------------------
+
+
+def match_stations(one: Values, two: Values) -> tuple[Values, Values]:
+    """Bring two values to common arc lengths from the bending root.
+
+    Of different installations, the places of the roots are independent: each side gets the error of its root along the
+    span (``root_offset_sigma_m`` times the slope of the value) as a source ``root``.
+
+    Warns
+    -----
+    WingdWarning
+        If the lengths differ, with both.
+    """
+    facts = [v.value.attrs for v in (one, two)]
+    sides = [f.get("side") for f in facts]
+    if all(sides) and sides[0] != sides[1]:
+        raise WingdError(f"the shapes are of the {sides[0]} and the {sides[1]} wing; compare with mirror=True")
+    a, b = (v.value["arc_length"].values for v in (one, two))
+    keys = [f.get("installation_digest") for f in facts]
+    is_other = keys[0] is not None and keys[1] is not None and keys[0] != keys[1]
+    lengths = [f.get("length_to_tip_m") for f in facts]
+    if is_other and None not in lengths and abs(lengths[0] - lengths[1]) > 1e-6 * lengths[0]:
+        markers = [f.get("outermost_marker_m", np.nan) for f in facts]
+        warnings.warn(
+            f"lengths to the tip {lengths[0]:.3f} and {lengths[1]:.3f} m (outermost markers at {markers[0]:.3f} and "
+            f"{markers[1]:.3f} m): compared at equal arc lengths from the root, up to {min(a.max(), b.max()):.3f} m",
+            WingdWarning,
+            stacklevel=3,
+        )
+    if a.shape != b.shape or not np.allclose(a, b, atol=1e-6):
+        low, high = max(a.min(), b.min()), min(a.max(), b.max())
+        keep = np.flatnonzero((a >= low - 1e-9) & (a <= high + 1e-9))
+        if len(keep) == 0:
+            raise WingdError(
+                f"the shapes have no arc length in common: {a.min():.2f} to {a.max():.2f} m and {b.min():.2f} to {b.max():.2f} m"
+            )
+        one, two = one.isel(station=keep), two.at(arc_length=a[keep].clip(b.min(), b.max()))
+    if not is_other:
+        return one, two
+    sigmas = [float(f.get("root_offset_sigma_m", DEFAULT_ROOT_SIGMA_M)) for f in facts]
+    _check_sections(one, two, float(np.hypot(*sigmas)))
+    return tuple(_with_root(v, k, s) for v, k, s in zip((one, two), keys, sigmas, strict=True))
+
+
+def _check_sections(one: Values, two: Values, sigma_m: float) -> None:
+    distances = [v.value.coords.get("root_distance") for v in (one, two)]
+    if any(d is None or np.isnan(d.values).any() for d in distances):
+        return
+    a, b, arc = distances[0].values, distances[1].values, one.value["arc_length"].values
+    off = np.abs(a - b) > SECTION_TOLERANCE * arc + 0.1 * sigma_m
+    if off.any():
+        k = int(np.argmax(np.abs(a - b)))
+        raise WingdError(
+            f"the bending axes differ: at {arc[k]:.2f} m along them, sections are {a[k]:.2f} and {b[k]:.2f} m from the root; "
+            "wings with other sweep or breaks are not compared"
+        )
+
+
+def _with_root(values: Values, key: str, sigma_m: float) -> Values:
+    if "root" in values.factors or sigma_m == 0 or values.value.sizes["station"] < 2:
+        return values
+    axis, arc = values.value.dims.index("station"), values.value["arc_length"].values
+    finite = np.nan_to_num(values.value.values)
+    slope = make_interp_spline(arc, finite, k=min(3, len(arc) - 1), axis=axis).derivative()(arc)
+    return values.with_source("root", str(key), sigma_m * slope)
+
+
+# --- means --------------------------------------------------------------------------------------------------------
+
+
+def mean(shapes: Sequence[xr.Dataset]) -> xr.Dataset:
+    """Return the mean of shapes, which count equally; several frames in one are averaged first.
+
+    Parameters
+    ----------
+    shapes
+        Datasets of one installation and side, with equal stations.
+
+    Returns
+    -------
+    xarray.Dataset
+        Without frames; ``frames`` is their number, ``scatter_QUANTITY`` the standard deviation of single frames about
+        the mean of their flight, if a flight has several.
+    """
+    shapes = list(shapes)
+    if not shapes:
+        raise WingdError("there is no shape to average")
+    first = shapes[0].attrs
+    for shape in shapes[1:]:
+        if shape.attrs.get("side") != first.get("side"):
+            raise WingdError("the flights are of the left and the right wing; average each alone")
+        if shape.attrs.get("installation_digest") != first.get("installation_digest"):
+            raise WingdError(
+                "the flights have different installations, whose common errors are not known; average each alone"
+            )
+        if not np.allclose(shape["arc_length"], shapes[0]["arc_length"], atol=1e-6):
+            raise WingdError("the flights have different stations; export them with the same --eta")
+    names = [n for n in shapes[0].wingd.quantities if all(n in s.wingd.quantities for s in shapes)]
+    quantities, scatters = {}, {}
+    for name in names:
+        parts, squares = [], []
+        for shape in shapes:
+            values = shape.wingd.values(name)
+            if FRAME in values.value.dims:
+                if values.value.sizes[FRAME] > 1:
+                    squares.append(values.value.var(FRAME, ddof=1, skipna=False).values)
+                values = values.mean()
+            parts.append(values)
+        quantities[name] = parts[0] if len(parts) == 1 else concat(parts).mean()
+        if squares:
+            scatters[name] = np.sqrt(np.mean(squares, axis=0))
+    out = to_dataset(quantities)
+    for name, scatter in scatters.items():
+        text = f"standard deviation of single frames about their mean: {quantities[name].label}"
+        out[f"scatter_{name}"] = (
+            quantities[name].value.dims,
+            scatter,
+            {"units": quantities[name].unit, "long_name": text},
+        )
+    extra = [
+        n
+        for n in shapes[0].variables
+        if FRAME not in shapes[0][n].dims and n not in out and not str(shapes[0][n].dims).count("_source")
+    ]
+    out = out.assign(
+        {n: shapes[0][n].variable for n in extra if set(shapes[0][n].dims) <= set(out.dims) | {"row", "column"}}
+    )
+    for name in shapes[0].wingd._conditions():
+        if all(name in s and FRAME in s[name].dims for s in shapes):
+            out[name] = float(np.mean([float(s[name].mean(skipna=False)) for s in shapes]))
+            out[name].attrs = dict(shapes[0][name].attrs)
+    scales = [s["thermal_scale"].mean().item() for s in shapes if "thermal_scale" in s.coords]
+    out = out.assign_coords(thermal_scale=float(np.mean(scales))) if scales else out
+    out["frames"] = sum(int(s["frames"].sum()) if "frames" in s else s.sizes.get(FRAME, 1) for s in shapes)
+    out.attrs = dict(first) | {"flights": len(shapes)}
+    for name in ("eta", "arc_length"):
+        if name in out.coords and name not in out.xindexes:
+            from wingd.backend import StationIndex
+
+            out = out.set_xindex(name, StationIndex)
+    return out
+
+
+def to_dataset(quantities: dict[str, Values]) -> xr.Dataset:
+    """Return a dataset of quantities with their sigmas and factors, which :class:`ShapeAccessor` reads."""
+    out = xr.Dataset()
+    for name, values in quantities.items():
+        value = values.value.copy()
+        out[name] = value.drop_indexes([c for c in ("eta", "arc_length") if c in value.xindexes])
+        out[f"sigma_{name}"] = (
+            value.dims,
+            values.sigma.values,
+            {"units": values.unit, "long_name": values.sigma.attrs["long_name"]},
+        )
+        for kind, factor in values.factors.items():
+            out[f"{name}_{kind}"] = (
+                (*value.dims, f"{kind}_group", f"{kind}_source"),
+                factor.array,
+                {"units": values.unit},
+            )
+            dims = (FRAME, f"{kind}_group") if factor.per_frame else (f"{kind}_group",)
+            out.coords[f"{kind}_key"] = (dims, factor.keys)
+        if values.rest is not None:
+            out[f"{name}_rest"] = (value.dims, np.sqrt(values.rest), {"units": values.unit})
+    return out
+
+
+# --- conditions ---------------------------------------------------------------------------------------------------
+
+#: Unit of a condition's name -> other units: (factor, offset) of value_in_other = value * factor + offset.
+_UNITS = {
+    "kg": {"t": (1e-3, 0.0), "lb": (1 / 0.45359237, 0.0)},
+    "m": {"ft": (1 / 0.3048, 0.0), "km": (1e-3, 0.0)},
+    "m_s": {"kt": (3.6 / 1.852, 0.0), "km_h": (3.6, 0.0)},
+    "c": {"k": (1.0, 273.15), "f": (1.8, 32.0)},
+    "hpa": {"pa": (100.0, 0.0), "psi": (0.0145037738, 0.0)},
+    "deg": {"rad": (np.pi / 180, 0.0)},
+}
+
+
+def find_condition(name: str, known: Iterable[str]) -> tuple[str, float, float]:
+    """Return the known quantity that `name` means, with factor and offset of the unit in `name`."""
+    known = list(known)
+    if name in known:
+        return name, 1.0, 0.0
+    for quantity in known:
+        for unit, others in _UNITS.items():
+            stem = quantity.removesuffix(f"_{unit}")
+            for other, (factor, offset) in others.items():
+                if stem != quantity and name == f"{stem}_{other}":
+                    return quantity, factor, offset
+    raise WingdError(
+        f"there is no quantity {name!r}; known are {', '.join(known) or 'none: join aircraft data with `wingd aircraft-data`'}"
+    )
+
+
+def parse_conditions(text: str, known: Iterable[str]) -> list[tuple[str, float, float, float, float]]:
+    """Return (quantity, unit factor, unit offset, low, high) of each condition; bounds are in the unit that is written.
+
+    The form is ``QUANTITY between A and B``, ``QUANTITY < A`` or ``> A`` (also ``<=``, ``>=``), joined by ``and``.
+    """
+    number = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+    one = re.compile(rf"\s*(\w+)\s*(?:between\s+({number})\s+and\s+({number})|([<>]=?)\s*({number}))\s*(and\b|$)")
+    found, at = [], 0
+    while True:
+        match = one.match(text, at)
+        if match is None:
+            raise WingdError(
+                f"where: {text[at:].strip()!r} is not understood; write `mach between .78 and .80 and weight_kg < 190000`"
+            )
+        name, low, high, sign, bound, more = match.groups()
+        quantity, factor, offset = find_condition(name, known)
+        inverse, shift = 1 / factor, -offset / factor
+        # Values are compared as (value - shift) / inverse.
+        bounds = (
+            (float(low), float(high)) if low else (-np.inf, float(bound)) if sign[0] == "<" else (float(bound), np.inf)
+        )
+        if bounds[0] > bounds[1]:
+            raise WingdError(
+                f"where: {name} between {low} and {high} holds for no value; give the smaller number first"
+            )
+        found.append((quantity, inverse, shift, *bounds))
+        at = match.end()
+        if not more:
+            return found
+
+
+__all__ = [
+    "SINGLE",
+    "ShapeAccessor",
+    "Values",
+    "digest",
+    "find_condition",
+    "match_stations",
+    "mean",
+    "parse_conditions",
+    "to_dataset",
+]
