@@ -12,20 +12,12 @@ from xarray.backends import BackendEntrypoint
 from xarray.indexes import PandasIndex
 
 from wingd import WingdError
-from wingd.values import SINGLE, digest
+from wingd.values import FRAME, STATION, digest
 
 #: Newest format that this package reads (attribute ``format_version``; files without it are of version 1).
 FORMAT_VERSION = 2
-#: Kinds of sources by the names of their dimensions in files.
-KINDS = {
-    "lasting": "installation",
-    "shared": "flight",
-    "own": "frame",
-    "fit": "tie",
-    **{kind: kind for kind in ("installation", "flight", "frame", "tie", "root", "instrument", "computation", SINGLE)},
-}
-#: Suffix of the sigma of what reduced factors lack, by the names in files.
-REST = "rest"
+#: Kinds of sources: dimensions of factors, whose keys are the variables ``KIND_sources``.
+KINDS = ("lasting", "shared", "own", "fit")
 #: Largest difference of a label of a station from the value asked for, relative.
 LABEL_TOLERANCE = 1e-6
 
@@ -75,9 +67,9 @@ def open_shape(file: Any, drop_variables: str | Iterable[str] | None = None) -> 
     Returns
     -------
     xarray.Dataset
-        Dimensions frame, station, marker, axis, and the sources of factors. Coordinates ``eta`` (1), ``arc_length`` (m),
-        ``marker``, ``axis`` (x, y, z), ``time`` of the exposure, ``image``. Lengths are in m, angles in rad; factors
-        ``QUANTITY_KIND`` are in the unit of the quantity, and ``KIND_key`` names their sources.
+        Format 2 of ``docs/shapes.md``: dimensions frame, eta, marker, axis, and the sources of factors. Lengths are in
+        m, angles in rad; factors ``QUANTITY_KIND`` are in the unit of the quantity, and ``KIND_sources`` names their
+        sources. Arrays are read when they are used.
     """
     if isinstance(file, str | os.PathLike) and not os.path.exists(file):
         raise FileNotFoundError(f"{os.fspath(file)}: no such file")
@@ -95,7 +87,21 @@ def open_shape(file: Any, drop_variables: str | Iterable[str] | None = None) -> 
     raw = _decode_texts(raw)
     if version < 2:
         raw = _complete_first_version(raw)
-    return _name_sources(raw)
+    return index_stations(raw)
+
+
+def index_stations(data: xr.Dataset) -> xr.Dataset:
+    """Index stations by `eta` and `arc_length`, and make names, times and digests coordinates."""
+    names = ["arc_length", "time", "image", "flight", "recorder_id", "inputs", "thermal_scale", "jointly"]
+    names += [f"{kind}_sources" for kind in KINDS]
+    data = data.set_coords([n for n in names if n in data])
+    # Sources are counted: labels of two files mean nothing to each other.
+    data = data.drop_vars([k for k in KINDS if k in data.coords])
+    for name in (STATION, "arc_length"):
+        if name in data.coords and data[name].ndim == 1 and not isinstance(data.xindexes.get(name), StationIndex):
+            data = data.drop_indexes(name) if name in data.xindexes else data
+            data = data.set_xindex(name, StationIndex)
+    return data
 
 
 def _engine(file: Any) -> str | None:
@@ -124,70 +130,46 @@ def _number(text: Any) -> float:
 
 
 def _complete_first_version(raw: xr.Dataset) -> xr.Dataset:
-    """Give a file of the first version what later ones write: coordinates, keys of sources, numbers as numbers."""
+    """Give a file of the first version what later ones write: coordinates, digests of sources, numbers as numbers."""
     attrs = dict(raw.attrs)
-    for name in ("length_to_tip_m", "outermost_marker_m", "thermal_scale"):
+    for name in ("length_to_tip_m", "outermost_marker_m"):
         attrs[name] = _number(attrs.get(name))
-    flow = [_number(part) for part in str(attrs.get("flow_direction", "")).split(",")]
-    attrs["flow_direction"] = flow if len(flow) == 2 and np.isfinite(flow).all() else []
-    provenance = attrs.get("provenance", "")
-    # A flight's factors are reduced for these frames and stations: their sources are those of this file alone.
-    frames, names = raw.sizes["frame"], raw["image"].values
-    files = [part for part in provenance.split(",") if ".sha256" in part and "frames" not in part]
-    installation = digest("installation", *sorted(files), raw.sizes.get("lasting", 0))
-    flight = digest("flight", provenance, raw["arc_length"].values.tobytes(), *names)
+    attrs.pop("thermal_scale", None)
+    flow = [_number(part) for part in str(attrs.pop("flow_direction", "")).split(",")]
+    if len(flow) == 2 and np.isfinite(flow).all():
+        attrs["flow_direction"] = flow
+    provenance, flight = attrs.get("provenance", ""), attrs.pop("flight", "")
+    files = sorted(part for part in provenance.split(",") if ".sha256" in part and "frames" not in part)
     jointly = "lasting" in raw.dims
-    own = "own" if jointly else SINGLE
+    names = raw["image"].values
+    # A flight's factors are reduced for the frames and stations of this file.
     keys = {
-        "flight_id": ("frame", np.full(frames, attrs.get("flight", ""))),
-        "lasting_key": ("frame", np.full(frames, installation)),
-        "shared_key": ("frame", np.full(frames, flight)),
-        f"{own}_key": ("frame", [f"{installation}/{digest(attrs.get('flight'), provenance, name)}" for name in names]),
-        "fit_key": ("frame", np.full(frames, digest("tie", installation))),
+        "lasting": digest("lasting", *files, raw.sizes.get("lasting", 0)),
+        "shared": digest("shared", provenance, raw["arc_length"].values.tobytes(), *names),
+        "fit": digest("fit", *files),
     }
-    if not jointly:
-        raw = raw.rename(
-            {name: name.removesuffix("own") + SINGLE for name in raw.variables if str(name).endswith("_own")}
-        )
-        raw = raw.rename({"own": SINGLE})
-        attrs["singly"] = 1
-    out = raw.assign({k: v for k, v in keys.items() if k.removesuffix("_key") in raw.dims or k == "flight_id"})
-    out = out.assign_coords(axis=["x", "y", "z"]).rename(marker_id="marker_name")
-    out = out.assign_coords(marker=out["marker_name"].values).drop_vars("marker_name")
-    out = out.assign_coords(thermal_scale=("frame", _thermal_scale(raw)))
-    out.attrs = attrs | {"installation_digest": installation}
+    frames = raw.sizes[FRAME]
+    out = raw.set_coords("eta").swap_dims(station=STATION).assign(
+        {
+            **{f"{kind}_sources": (FRAME, np.full(frames, key)) for kind, key in keys.items()},
+            "own_sources": (FRAME, [digest("own", flight, provenance, name) for name in names]),
+            "jointly": (FRAME, np.full(frames, float(jointly))),
+            "flight": (FRAME, np.full(frames, flight)),
+            "inputs": (FRAME, np.full(frames, digest(provenance))),
+            "thermal_scale": (FRAME, _thermal_scale(raw)),
+        }
+    )
+    out = out.drop_vars("marker_id").assign_coords(axis=["x", "y", "z"], marker=raw["marker_id"].values)
+    out.attrs = attrs
     return out
 
 
 def _thermal_scale(raw: xr.Dataset) -> np.ndarray:
     """Return the ratio of the axis' length in flight to that on the ground, (frames,); NaN with few stations."""
     if raw.sizes["station"] < 10 or raw["arc_length"].values[0] > 1e-9:
-        return np.full(raw.sizes["frame"], np.nan)
+        return np.full(raw.sizes[FRAME], np.nan)
     ground = raw["ground_position"].values
-    flight = ground + raw["displacement"].values
-    length = [np.linalg.norm(np.diff(p, axis=-2), axis=-1).sum(axis=-1) for p in (ground, flight)]
+    length = [
+        np.linalg.norm(np.diff(p, axis=-2), axis=-1).sum(axis=-1) for p in (ground, ground + raw["displacement"].values)
+    ]
     return length[1] / length[0]
-
-
-def _name_sources(raw: xr.Dataset) -> xr.Dataset:
-    """Name factors and keys by the kinds of :mod:`wingd.values`, and index stations."""
-    rename = {}
-    for name in raw.variables:
-        stem, _, kind = str(name).rpartition("_")
-        if kind in KINDS and raw[name].dims[-1:] == (kind,):
-            rename[name] = f"{stem}_{KINDS[kind]}"
-        elif kind == "key" and stem in KINDS:
-            rename[name] = f"{KINDS[stem]}_key"
-    for dim in raw.dims:
-        if dim in KINDS:
-            # The dimension `frame` is that of the frames.
-            rename[dim] = f"{KINDS[dim]}_source"
-    rename = {k: v for k, v in rename.items() if k != v and k != "frame"}
-    out = raw.rename(rename)
-    coords = [n for n in ("eta", "arc_length", "time", "image", "flight_id", "thermal_scale") if n in out]
-    coords += [n for n in out.data_vars if str(n).endswith("_key")]
-    out = out.set_coords(coords)
-    for name in ("eta", "arc_length"):
-        if name not in out.xindexes:
-            out = out.set_xindex(name, StationIndex)
-    return out

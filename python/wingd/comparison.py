@@ -55,10 +55,10 @@ class Comparison:
     def __getitem__(self, quantity: str) -> Values:
         return self.quantities[quantity]
 
-    def test(self, combinations: int | None = None) -> Test:
+    def test(self, full: bool = False) -> Test:
         """Test whether the shapes are equal; streamwise twist follows from slope and twist and is not tested beside them."""
         tested = [v for q, v in self.quantities.items() if q != "streamwise_twist" or "twist" not in self.quantities]
-        return chi_square_test(tested) if combinations is None else chi_square_test(tested, combinations)
+        return chi_square_test(tested, full)
 
     def table(self) -> pd.DataFrame:
         """Return a row per station: ``arc_length_m``, ``eta``, and each quantity with its sigma (m, deg)."""
@@ -148,7 +148,7 @@ def difference(
     sides = [str(s.attrs.get("side", "")) for s in (one, other)]
     if mirror and all(sides) and sides[0] == sides[1]:
         raise WingdError(f"both shapes are of the {sides[0]} wing; omit mirror")
-    keys = [set(np.ravel(s.coords["frame_key"].values)) if "frame_key" in s.coords else set() for s in (one, other)]
+    keys = [set(np.ravel(s.coords["own_sources"].values)) if "own_sources" in s.coords else set() for s in (one, other)]
     if keys[0] & keys[1]:
         raise WingdError("both sides have a frame in common; name different frames")
     with warnings.catch_warnings(record=True) as caught:

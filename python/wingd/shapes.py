@@ -16,7 +16,8 @@ import xarray as xr
 from scipy.interpolate import make_interp_spline
 
 from wingd import WingdError
-from wingd.values import FRAME, SINGLE, Factor, Values, WingdWarning, concat, digest
+from wingd.backend import KINDS, index_stations
+from wingd.values import FRAME, REST, SINGLE, STATION, Factor, Values, WingdWarning, concat
 
 if TYPE_CHECKING:
     from wingd.comparison import Comparison
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 #: Standard deviation of the bending root along the span if a file does not state it, m: the program's default.
 DEFAULT_ROOT_SIGMA_M = 0.3
 #: Facts of a dataset that its values carry.
-FACTS = ("side", "reference", "length_to_tip_m", "outermost_marker_m", "root_offset_sigma_m", "installation_digest")
+FACTS = ("side", "reference", "length_to_tip_m", "outermost_marker_m", "root_offset_sigma_m")
 #: Largest relative difference of the distance from the root of equal arc lengths.
 SECTION_TOLERANCE = 0.005
 #: Numbers of frames that are no aircraft data.
@@ -58,27 +59,23 @@ class ShapeAccessor:
         data = self._data
         if quantity not in data or f"sigma_{quantity}" not in data:
             raise WingdError(f"the shape has no {quantity!r}; known are {', '.join(self.quantities)}")
-        prefix = f"{quantity}_"
-        names = [
-            n
-            for n in data.variables
-            if n == quantity or (str(n).startswith(prefix) and str(data[n].dims[-1:]).strip("(',)").endswith("_source"))
-        ]
-        names += [n for n in (f"{quantity}_rest",) if n in data]
-        part = data[names].isel(indexers)
+        kinds = _factor_names(data, quantity)
+        part = data[[quantity, *kinds.values()]].isel(indexers)
         value = part[quantity]
-        keep = [c for c in value.coords if set(value[c].dims) <= set(value.dims) and not str(c).endswith("_key")]
-        clean = xr.DataArray(
-            value.values, {c: value[c].variable for c in keep}, value.dims, quantity, dict(value.attrs)
-        )
+        keep = {
+            c: v.variable
+            for c, v in value.coords.items()
+            if set(v.dims) <= set(value.dims) and not c.endswith("_sources")
+        }
+        clean = xr.DataArray(value.values, keep, value.dims, quantity, dict(value.attrs))
         clean.attrs |= {k: data.attrs[k] for k in FACTS if k in data.attrs}
-        factors = {}
-        for name in names[1:]:
-            kind = str(name)[len(prefix) :]
-            if kind != "rest":
-                factors[kind] = _read_factor(part, str(name), kind, value.dims)
-        rest = part[f"{quantity}_rest"].values.astype(float) ** 2 if f"{quantity}_rest" in part else None
-        return Values(clean, factors, rest)
+        if STATION in value.dims and "ground_position" in data and data["arc_length"].values[0] < 1e-9:
+            ground = data["ground_position"].values
+            clean.coords["root_distance"] = STATION, np.linalg.norm(ground - ground[0], axis=-1)
+        factors = {kind: _read_factor(data, part[name], kind, value.dims) for kind, name in kinds.items()}
+        clean.attrs["installations"] = sorted(set(factors["lasting"].keys.ravel())) if "lasting" in factors else []
+        single = _single_frames(data, value)
+        return Values(clean, factors if single is None else {**factors, SINGLE: single})
 
     def displacement(
         self, axis: str | None = "z", reference: str = "survey", axes: str = "survey", thermal: bool = True
@@ -90,8 +87,8 @@ class ShapeAccessor:
         axis
             ``x``, ``y`` or ``z`` of the frame `axes`; None for all three.
         reference
-            ``survey`` (the surveyed wing), ``root`` (less the motion of the root's section) or ``ground`` (less the
-            bending between survey and ground frame, if the file has it).
+            ``survey`` (the surveyed wing) or ``root`` (less the motion of the root's section). Markers have ``ground``
+            (the ground frame) too: :meth:`deflections`.
         axes
             ``survey`` or ``cad``.
         thermal
@@ -104,6 +101,14 @@ class ShapeAccessor:
     ) -> Values:
         """Return the displacement of the markers, m; parameters as for :meth:`displacement`."""
         return self._moved("marker_displacement", "marker_ground_position", axis, reference, axes, thermal)
+
+    def deflections(self, reference: str = "ground") -> Values:
+        """Return the vertical deflections of the markers, m, against ``survey``, ``ground`` (frame) or ``root`` (tangent)."""
+        if "marker_deflection" not in self._data:
+            raise WingdError("the file has no marker_deflection; export it again with this version of wingd")
+        return _named(
+            self.values("marker_deflection").sel(reference=reference), f"deflection relative to the {reference}"
+        )
 
     def slope(self, reference: str = "survey") -> Values:
         """Return the change of the slope along the span, rad, tip up positive; less the root's with ``root``."""
@@ -125,12 +130,8 @@ class ShapeAccessor:
         if line not in ("chord", "plane"):
             raise WingdError(f'line = {line!r}: give "chord" or "plane"')
         name = f"streamwise_twist_{line}"
-        if name in self._data:
-            return self._turned(name, reference)
-        if line == "plane":
-            return self._turned("streamwise_twist", reference)
-        if int(float(self._data.attrs.get("format_version", 1))) >= 2 and "streamwise_twist" in self._data:
-            return self._turned("streamwise_twist", reference)
+        if name in self._data or line == "plane":
+            return self._turned(name if name in self._data else "streamwise_twist", reference)
         return self._chord_twist(reference)
 
     def rotation(self, axis: str | None = None) -> Values:
@@ -146,9 +147,9 @@ class ShapeAccessor:
         return _named(values - self._root(values), f"{values.label}, relative to the root")
 
     def _root(self, values: Values) -> Values:
-        if "station" not in values.value.dims or values.value["arc_length"].values[0] > 1e-9:
+        if STATION not in values.value.dims or values.value["arc_length"].values[0] > 1e-9:
             raise WingdError("the shape has no station at the root; export it with 0 among --eta")
-        return values.isel(station=0)
+        return values.isel(eta=0)
 
     def _moved(self, name: str, ground: str, axis: str | None, reference: str, axes: str, thermal: bool) -> Values:
         if axes not in ("survey", "cad"):
@@ -173,14 +174,14 @@ class ShapeAccessor:
             values = values - (positions - base)
             label += ", without thermal contraction"
         if reference == "root":
-            turn = self.values("rotation").isel(station=0)
+            turn = self.values("rotation").isel(eta=0)
             arm = positions - base + (values - _expand_root(root, values)).value.values
             values = values - _expand_root(root, values) - _cross(turn, arm, place)
             label += ", relative to the root"
         elif reference == "ground":
-            if f"ground_{name}" not in self._data:
-                raise WingdError("the shape has no displacement of the ground frame; use reference='survey' or 'root'")
-            values, label = values - self.values(f"ground_{name}"), f"{label}, relative to the ground frame"
+            raise WingdError(
+                "stations have the references survey and root; deflections(reference='ground') has the markers'"
+            )
         elif reference != "survey":
             raise WingdError(f'reference = {reference!r}: give "survey", "root" or "ground"')
         return _named(_pick_axis(values, axis), label, axis)
@@ -221,14 +222,10 @@ class ShapeAccessor:
             "streamwise_twist",
             "change of the incidence of the material chord line, nose up",
         )
-        factors = {k: f.with_array(np.einsum("...a,...ags->...gs", slopes, f.array)) for k, f in turn.factors.items()}
-        rest = None if turn.rest is None else (slopes**2 * turn.rest).sum(axis=-1)
-        values = Values(value, factors, rest)
-        return (
-            values
-            if reference == "survey"
-            else _named(values - self._root(values), f"{values.label}, relative to the root")
-        )
+        values = turn.mapped(value, lambda a, power: np.einsum("...a,...ags->...gs", slopes**power, a))
+        if reference == "survey":
+            return values
+        return _named(values - self._root(values), f"{values.label}, relative to the root")
 
     # --- datasets -------------------------------------------------------------------------------------------------
 
@@ -264,18 +261,18 @@ class ShapeAccessor:
     def mean(self) -> xr.Dataset:
         """Return the mean shape: of the frames of each flight, then of the flights, which count equally.
 
-        ``scatter_QUANTITY`` is the standard deviation of single frames about the mean of their flight.
+        Frames without a shape are left out. ``scatter_QUANTITY`` is the standard deviation of single frames about the
+        mean of their flight.
         """
-        if FRAME not in self._data.dims:
-            return self._data
-        if "flight_id" not in self._data.coords or len(np.unique(self._data["flight_id"])) == 1:
-            return mean([self._data])
-        return mean(
-            [
-                self._data.isel(frame=np.flatnonzero(self._data["flight_id"] == f))
-                for f in np.unique(self._data["flight_id"])
-            ]
-        )
+        data = self._data
+        if FRAME not in data.dims:
+            return data
+        known = np.isfinite(data["sigma_displacement"].values).any(axis=(1, 2))
+        if not known.any():
+            raise WingdError("no frame has a shape")
+        data = data if known.all() else data.isel(frame=np.flatnonzero(known))
+        flights = data["flight"].values if "flight" in data.coords else np.zeros(data.sizes[FRAME])
+        return mean([data.isel(frame=np.flatnonzero(flights == f)) for f in dict.fromkeys(flights)])
 
     def mirror(self) -> xr.Dataset:
         """Return the shape as of the other side: quantities that depend on the side (x, y, rotations) are dropped."""
@@ -310,20 +307,70 @@ class ShapeAccessor:
         return self.displacement().plot(ax=ax, **style)
 
 
-def _read_factor(part: xr.Dataset, name: str, kind: str, dims: tuple[Any, ...]) -> Factor:
-    array = part[name].transpose(*dims, ...)
-    group = f"{kind}_group"
-    data = array.values if group in array.dims else array.values[..., None, :]
-    key = part.coords[f"{kind}_key"] if f"{kind}_key" in part.coords else part[f"{kind}_key"]
-    keys = np.asarray(key.values, dtype=object)
-    if FRAME in dims and FRAME in key.dims:
-        keys = keys.reshape(len(data), -1)
-        # One key for all frames is not a key per frame.
-        if keys.shape[1] == 1 and len(set(keys[:, 0])) == 1 and dims[0] == FRAME:
-            keys = keys[0]
-    else:
-        keys = keys.reshape(-1)
-    return Factor(keys, np.asarray(data, dtype=float))
+def _factor_names(data: xr.Dataset, quantity: str) -> dict[str, str]:
+    """Return the variables of a quantity's factors by their kinds."""
+    found, prefix = {}, f"{quantity}_"
+    for name in data.variables:
+        kind = str(name)[len(prefix) :]
+        if str(name).startswith(prefix) and (
+            kind in data[name].dims
+            or kind.removesuffix(REST) in (*KINDS, "stiffness")
+            or f"{kind}_sources" in data.coords
+        ):
+            found[kind] = str(name)
+    # The CAD frame turns the other factors of the survey frame.
+    return found
+
+
+def _read_factor(data: xr.Dataset, array: xr.DataArray, kind: str, dims: tuple[Any, ...]) -> Factor:
+    base, group = kind.removesuffix(REST), f"{kind}_group"
+    array = array.transpose(*dims, ...)
+    numbers = np.nan_to_num(np.asarray(array.values, dtype=float))
+    if kind.endswith(REST) and kind not in array.dims:
+        numbers = numbers[..., None]
+    if group not in array.dims:
+        numbers = numbers[..., None, :]
+    sources = data.coords.get(f"{kind}_sources", data.coords.get(f"{base}_sources"))
+    keys = np.array([""] if sources is None else sources.values, dtype=object)
+    keys = (
+        keys.reshape(len(keys), -1)
+        if FRAME in dims and sources is not None and FRAME in sources.dims
+        else keys.reshape(-1)
+    )
+    if base == "shared" and "inputs" in data.coords and keys.ndim == 2:
+        keys = np.array([[f"{i}/{k}"] for i, k in zip(data["inputs"].values, keys[:, 0], strict=True)], dtype=object)
+    keys, numbers = (keys, numbers) if keys.ndim == 2 or len(keys) == numbers.shape[-2] else (keys[:1], numbers)
+    bases = _read_bases(data, kind, keys)
+    # One key for all frames is not a key per frame.
+    if keys.ndim == 2 and keys.shape[1] == 1 and len(set(keys[:, 0])) == 1:
+        keys = keys[0]
+    return Factor(keys, numbers, bases)
+
+
+def _read_bases(data: xr.Dataset, kind: str, keys: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the bases of reduced factors by their keys."""
+    if kind != "lasting" or "lasting_basis" not in data:
+        return {}
+    basis = data["lasting_basis"]
+    if FRAME not in basis.dims:
+        return dict.fromkeys(keys, np.nan_to_num(basis.values.astype(float)))
+    found = {}
+    for key in dict.fromkeys(keys.ravel()):
+        rows = np.flatnonzero(keys[:, 0] == key) if keys.ndim == 2 else np.arange(1)
+        found[key] = np.nan_to_num(
+            basis.isel(frame=int(rows[0])).transpose("lasting_source", "lasting").values.astype(float)
+        )
+    return found
+
+
+def _single_frames(data: xr.Dataset, value: xr.DataArray) -> Factor | None:
+    """Return the mark of frames that were adjusted singly, if there are any."""
+    if "jointly" not in data.coords or "own_sources" not in data.coords or bool(np.all(data["jointly"].values)):
+        return None
+    lasting, own, jointly = (np.atleast_1d(data[n].values) for n in ("lasting_sources", "own_sources", "jointly"))
+    keys = np.array([f"{a}/{'joint' if j else o}" for a, o, j in zip(lasting, own, jointly, strict=True)], dtype=object)
+    keys = keys[:, None] if FRAME in value.dims else keys
+    return Factor(keys, np.zeros((*value.shape, 1, 0)))
 
 
 def _axis_index(axis: str) -> int:
@@ -343,21 +390,15 @@ def _named(values: Values, label: str | None = None, axis: str | None = None) ->
     if axis is not None:
         value.name = f"{value.name}_{axis}"
         value.attrs["long_name"] = f"{axis} of the {value.attrs.get('long_name', value.name)}"
-    return Values(value, values.factors, values.rest)
+    return Values(value, values.factors)
 
 
 def _expand_root(root: Values, like: Values) -> Values:
     """Return the root's values for every place of `like`: dimensions (frame,) place, axis."""
-    place = like.value.dims[-2]
-    out = root.transpose(*(d for d in root.value.dims if d != "axis"), "axis")
-    axis, n = out.value.ndim - 1, like.value.sizes[place]
-    value = xr.DataArray(np.repeat(np.expand_dims(out.value.values, axis), n, axis), dims=like.value.dims)
-    value = like.value.copy(data=value.values)
-    return out._map(
-        value,
-        lambda a: np.repeat(np.expand_dims(a, axis), n, axis),
-        None if out.rest is None else np.repeat(np.expand_dims(out.rest, axis), n, axis),
-    )
+    dims = list(like.value.dims)
+    coords = {c: v.variable for c, v in root.value.coords.items() if FRAME in v.dims or c == "axis"}
+    plain = xr.DataArray(root.value.values, coords, root.value.dims, attrs={})
+    return Values(plain, root.factors).at_other_place("root").broadcast(dims, like)
 
 
 def _cross(turn: Values, arm: np.ndarray, place: str) -> Values:
@@ -365,11 +406,10 @@ def _cross(turn: Values, arm: np.ndarray, place: str) -> Values:
     skew = np.zeros((*arm.shape, 3))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         skew[..., i, j], skew[..., i, k] = arm[..., k], -arm[..., j]
-    value = np.einsum("...pij,...j->...pi", skew, turn.value.values)
     dims = [*(d for d in turn.value.dims if d != "axis"), place, "axis"]
-    out = xr.DataArray(value, dims=dims)
-    rest = None if turn.rest is None else np.einsum("...pij,...j->...pi", skew**2, turn.rest)
-    return turn._map(out, lambda a: np.einsum("...pij,...jgs->...pigs", skew, a), rest)
+    value = xr.DataArray(np.einsum("...pij,...j->...pi", skew, turn.value.values), dims=dims)
+    turn = Values(turn.value, turn.factors).at_other_place("root")
+    return turn.mapped(value, lambda a, power: np.einsum("...pij,...jgs->...pigs", skew**power, a))
 
 
 # --- stations of two shapes ---------------------------------------------------------------------------------------
@@ -391,8 +431,8 @@ def match_stations(one: Values, two: Values) -> tuple[Values, Values]:
     if all(sides) and sides[0] != sides[1]:
         raise WingdError(f"the shapes are of the {sides[0]} and the {sides[1]} wing; compare with mirror=True")
     a, b = (v.value["arc_length"].values for v in (one, two))
-    keys = [f.get("installation_digest") for f in facts]
-    is_other = keys[0] is not None and keys[1] is not None and keys[0] != keys[1]
+    keys = [f.get("installations", []) for f in facts]
+    is_other = bool(keys[0] and keys[1]) and keys[0] != keys[1]
     lengths = [f.get("length_to_tip_m") for f in facts]
     if is_other and None not in lengths and abs(lengths[0] - lengths[1]) > 1e-6 * lengths[0]:
         markers = [f.get("outermost_marker_m", np.nan) for f in facts]
@@ -409,12 +449,12 @@ def match_stations(one: Values, two: Values) -> tuple[Values, Values]:
             raise WingdError(
                 f"the shapes have no arc length in common: {a.min():.2f} to {a.max():.2f} m and {b.min():.2f} to {b.max():.2f} m"
             )
-        one, two = one.isel(station=keep), two.at(arc_length=a[keep].clip(b.min(), b.max()))
+        one, two = one.isel(eta=keep), two.at(arc_length=a[keep].clip(b.min(), b.max()))
     if not is_other:
         return one, two
     sigmas = [float(f.get("root_offset_sigma_m", DEFAULT_ROOT_SIGMA_M)) for f in facts]
     _check_sections(one, two, float(np.hypot(*sigmas)))
-    return tuple(_with_root(v, k, s) for v, k, s in zip((one, two), keys, sigmas, strict=True))
+    return _with_root(one, keys[0], sigmas[0]), _with_root(two, keys[1], sigmas[1])
 
 
 def _check_sections(one: Values, two: Values, sigma_m: float) -> None:
@@ -431,13 +471,13 @@ def _check_sections(one: Values, two: Values, sigma_m: float) -> None:
         )
 
 
-def _with_root(values: Values, key: str, sigma_m: float) -> Values:
-    if "root" in values.factors or sigma_m == 0 or values.value.sizes["station"] < 2:
+def _with_root(values: Values, keys: list[str], sigma_m: float) -> Values:
+    if "root" in values.factors or sigma_m == 0 or values.value.sizes[STATION] < 2:
         return values
-    axis, arc = values.value.dims.index("station"), values.value["arc_length"].values
+    axis, arc = values.value.dims.index(STATION), values.value["arc_length"].values
     finite = np.nan_to_num(values.value.values)
     slope = make_interp_spline(arc, finite, k=min(3, len(arc) - 1), axis=axis).derivative()(arc)
-    return values.with_source("root", str(key), sigma_m * slope)
+    return values.with_source("root", "+".join(keys), sigma_m * slope)
 
 
 # --- means --------------------------------------------------------------------------------------------------------
@@ -464,7 +504,7 @@ def mean(shapes: Sequence[xr.Dataset]) -> xr.Dataset:
     for shape in shapes[1:]:
         if shape.attrs.get("side") != first.get("side"):
             raise WingdError("the flights are of the left and the right wing; average each alone")
-        if shape.attrs.get("installation_digest") != first.get("installation_digest"):
+        if set(np.ravel(shape["lasting_sources"])) != set(np.ravel(shapes[0]["lasting_sources"])):
             raise WingdError(
                 "the flights have different installations, whose common errors are not known; average each alone"
             )
@@ -492,51 +532,40 @@ def mean(shapes: Sequence[xr.Dataset]) -> xr.Dataset:
             scatter,
             {"units": quantities[name].unit, "long_name": text},
         )
-    extra = [
-        n
-        for n in shapes[0].variables
-        if FRAME not in shapes[0][n].dims and n not in out and not str(shapes[0][n].dims).count("_source")
-    ]
-    out = out.assign(
-        {n: shapes[0][n].variable for n in extra if set(shapes[0][n].dims) <= set(out.dims) | {"row", "column"}}
-    )
+    for name in ("ground_position", "marker_ground_position", "cad_from_survey"):
+        if name in shapes[0]:
+            out[name] = shapes[0][name].variable
     for name in shapes[0].wingd._conditions():
         if all(name in s and FRAME in s[name].dims for s in shapes):
-            out[name] = float(np.mean([float(s[name].mean(skipna=False)) for s in shapes]))
-            out[name].attrs = dict(shapes[0][name].attrs)
-    scales = [s["thermal_scale"].mean().item() for s in shapes if "thermal_scale" in s.coords]
-    out = out.assign_coords(thermal_scale=float(np.mean(scales))) if scales else out
+            for column in (name, f"sigma_{name}"):
+                if all(column in s for s in shapes):
+                    out[column] = (
+                        (),
+                        float(np.mean([s[column].mean(skipna=False) for s in shapes])),
+                        dict(shapes[0][column].attrs),
+                    )
+    if all("thermal_scale" in s.coords for s in shapes):
+        out.coords["thermal_scale"] = float(np.mean([s["thermal_scale"].mean() for s in shapes]))
     out["frames"] = sum(int(s["frames"].sum()) if "frames" in s else s.sizes.get(FRAME, 1) for s in shapes)
+    if all("global_test" in s for s in shapes):
+        out["global_test"] = "rejected" if any((s["global_test"] == "rejected").any() for s in shapes) else "passed"
     out.attrs = dict(first) | {"flights": len(shapes)}
-    for name in ("eta", "arc_length"):
-        if name in out.coords and name not in out.xindexes:
-            from wingd.backend import StationIndex
-
-            out = out.set_xindex(name, StationIndex)
-    return out
+    return index_stations(out)
 
 
 def to_dataset(quantities: dict[str, Values]) -> xr.Dataset:
     """Return a dataset of quantities with their sigmas and factors, which :class:`ShapeAccessor` reads."""
     out = xr.Dataset()
     for name, values in quantities.items():
-        value = values.value.copy()
-        out[name] = value.drop_indexes([c for c in ("eta", "arc_length") if c in value.xindexes])
-        out[f"sigma_{name}"] = (
-            value.dims,
-            values.sigma.values,
-            {"units": values.unit, "long_name": values.sigma.attrs["long_name"]},
-        )
+        value = values.value.drop_vars("root_distance", errors="ignore")
+        out[name] = value.drop_indexes([c for c in (STATION, "arc_length") if c in value.xindexes])
+        sigma = values.sigma
+        out[f"sigma_{name}"] = value.dims, sigma.values, {"units": values.unit, "long_name": sigma.attrs["long_name"]}
         for kind, factor in values.factors.items():
-            out[f"{name}_{kind}"] = (
-                (*value.dims, f"{kind}_group", f"{kind}_source"),
-                factor.array,
-                {"units": values.unit},
-            )
+            factor = factor.expanded()
+            out[f"{name}_{kind}"] = (*value.dims, f"{kind}_group", kind), factor.array, {"units": values.unit}
             dims = (FRAME, f"{kind}_group") if factor.per_frame else (f"{kind}_group",)
-            out.coords[f"{kind}_key"] = (dims, factor.keys)
-        if values.rest is not None:
-            out[f"{name}_rest"] = (value.dims, np.sqrt(values.rest), {"units": values.unit})
+            out.coords[f"{kind}_sources"] = dims, factor.keys
     return out
 
 
@@ -598,16 +627,3 @@ def parse_conditions(text: str, known: Iterable[str]) -> list[tuple[str, float, 
         at = match.end()
         if not more:
             return found
-
-
-__all__ = [
-    "SINGLE",
-    "ShapeAccessor",
-    "Values",
-    "digest",
-    "find_condition",
-    "match_stations",
-    "mean",
-    "parse_conditions",
-    "to_dataset",
-]

@@ -25,17 +25,20 @@ from scipy.stats import chi2
 
 from wingd import WingdError
 
-#: Dimension along which keys may differ: frames.
-FRAME = "frame"
-#: Dimensions of a factor after those of its values: sources with different keys, and the sources of a key.
-GROUP, SOURCE = "_group", "_source"
-#: Kind of the errors of frames that were adjusted singly: what they share is not known.
+#: Dimensions along which keys may differ, and of the stations.
+FRAME, STATION = "frame", "eta"
+#: Suffix of the kinds of sources that belong to one value each: what reduced factors do not carry.
+REST = "_rest"
+#: Kind that marks frames which were adjusted singly: what they share is not known. Its factor has no sources.
 SINGLE = "single"
 #: Smallest variance of a tested combination, in units of the variance of a single value: below, the family of shapes
 #: of the adjustment is no longer exact.
 MIN_TESTED_VARIANCE = 1e-3
-#: Smooth combinations of each quantity that are tested: Legendre polynomials along the span of value over sigma.
-COMBINATIONS = 4
+#: Quantities that describe one motion, the more precise first, and the number of smooth combinations that are tested:
+#: of the first that is there, and of the others, which follow from it but for errors of a computation.
+FAMILIES = (("displacement_z", "slope"), 3, 1), (("twist", "streamwise_twist"), 2, 1)
+#: Number of combinations of other quantities.
+COMBINATIONS = 3
 #: Largest number of values in a covariance matrix, and largest factor, bytes.
 MAX_COVARIANCE, MAX_FACTOR = 20_000, 4 << 30
 #: Significance level of a verdict.
@@ -58,13 +61,16 @@ class Factor:
     Attributes
     ----------
     keys
-        Keys of the sources: shape (groups,), or (frames, groups) if each frame has its own.
+        Keys of the sources: shape (groups,), or (frames, groups) if each frame has its own; "" for no source.
     array
         Shape of the values + (groups, sources); sigma of a value by each source, in the value's unit.
+    bases
+        Key -> basis (common sources, sources) of a factor that was reduced; its common sources are those of other files.
     """
 
     keys: np.ndarray
     array: np.ndarray
+    bases: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def per_frame(self) -> bool:
@@ -73,39 +79,70 @@ class Factor:
 
     def with_array(self, array: np.ndarray) -> Factor:
         """Return the factor of other values of the same sources."""
-        return Factor(self.keys, array)
+        return Factor(self.keys, array, self.bases)
+
+    def expanded(self) -> Factor:
+        """Return the factor by the common sources, before the reduction."""
+        if not self.bases:
+            return self
+        width = max(self.array.shape[-1], *(b.shape[0] for b in self.bases.values()))
+        out = _pad(self.array, width).copy()
+        for key, basis in self.bases.items():
+            at = self.keys == key
+            if not self.per_frame:
+                out[..., at, : basis.shape[0]] = self.array[..., at, : basis.shape[1]] @ basis.T
+                continue
+            for group in range(at.shape[1]):
+                rows = at[:, group]
+                out[rows, ..., group, : basis.shape[0]] = self.array[rows, ..., group, : basis.shape[1]] @ basis.T
+        return Factor(self.keys, out)
 
 
 def _pad(array: np.ndarray, sources: int) -> np.ndarray:
     lacking = sources - array.shape[-1]
-    return np.concatenate([array, np.zeros((*array.shape[:-1], lacking))], axis=-1) if lacking else array
+    return np.concatenate([array, np.zeros((*array.shape[:-1], lacking))], axis=-1) if lacking > 0 else array
 
 
-def _check_single(one: np.ndarray, other: np.ndarray) -> None:
-    """Refuse to combine frames of one installation that were adjusted singly."""
-    split = [dict.fromkeys(k.partition("/")[0] for k in keys.ravel()) for keys in (one, other)]
-    if any(k in split[1] for k in split[0]) and set(one.ravel()) != set(other.ravel()):
+def _installations(keys: np.ndarray) -> set[str]:
+    return {str(key).partition("/")[0] for key in keys.ravel() if key}
+
+
+def _check_keys(kind: str, one: np.ndarray, other: np.ndarray) -> None:
+    """Refuse sums of which it is not known what the errors share."""
+    if kind == SINGLE and _installations(one) & _installations(other) and set(one.ravel()) != set(other.ravel()):
         raise WingdError(
-            "the errors that the frames share are not known, because they were adjusted singly; "
-            "run `wingd solve STORE --flight` and export again"
+            "the errors that the frames share are not known, because they were adjusted singly; solve the frames of a "
+            "flight jointly and export again"
         )
+    if kind == "shared" and not set(one.ravel()) & set(other.ravel()) and _installations(one) & _installations(other):
+        raise WingdError("the shapes are of one flight, exported with other stations; export them together")
+
+
+def _same_bases(one: Factor, other: Factor) -> bool:
+    common = set(one.keys.ravel()) & set(other.keys.ravel())
+    return all(
+        one.bases.get(k) is other.bases.get(k) or np.array_equal(one.bases.get(k, 0), other.bases.get(k, 0))
+        for k in common
+    )
 
 
 def _merge(kind: str, one: Factor, other: Factor) -> Factor:
     """Return the factor of a sum: blocks of equal keys are added, others placed side by side."""
-    if kind == SINGLE:
-        _check_single(one.keys, other.keys)
+    _check_keys(kind, one.keys, other.keys)
+    if not _same_bases(one, other):
+        one, other = one.expanded(), other.expanded()
+    bases = {**one.bases, **other.bases}
     sources = max(one.array.shape[-1], other.array.shape[-1])
     a, b = _pad(one.array, sources), _pad(other.array, sources)
     if not one.per_frame and not other.per_frame:
         where = {key: k for k, key in enumerate(one.keys)}
         common = np.array([key in where for key in other.keys], dtype=bool)
-        out = np.concatenate([a, b[..., ~common, :]], axis=-2) if not common.all() else a.copy()
+        out = np.concatenate([a, b[..., ~common, :]], axis=-2)
         out[..., [where[key] for key in other.keys[common]], :] += b[..., common, :]
-        return Factor(np.concatenate([one.keys, other.keys[~common]]), out)
+        return Factor(np.concatenate([one.keys, other.keys[~common]]), out, bases)
     frames = len(a)
     left, right = (np.broadcast_to(f.keys, (frames, f.keys.shape[-1])) for f in (one, other))
-    size = frames * np.prod(a.shape[1:-2], dtype=float) * (left.shape[1] + right.shape[1]) * sources * 8
+    size = a[..., 0, 0].size * (left.shape[1] + right.shape[1]) * sources * 8
     if size > MAX_FACTOR:
         raise WingdError(
             f"the covariance of {frames} frames with a mean of {max(left.shape[1], right.shape[1])} needs "
@@ -123,23 +160,22 @@ def _merge(kind: str, one: Factor, other: Factor) -> Factor:
         if (key != "").any():
             keys.append(key)
             blocks.append(block)
-    return Factor(np.stack(keys, axis=1), np.stack(blocks, axis=-2))
+    return Factor(np.stack(keys, axis=1), np.stack(blocks, axis=-2), bases)
 
 
 def _sum_frames(factor: Factor) -> Factor:
     """Return the factor of the sum over frames: one group for each key."""
     if not factor.per_frame:
         return factor.with_array(factor.array.sum(axis=0))
-    keys, inverse = np.unique(factor.keys.ravel(), return_inverse=True)
+    keys, inverse = np.unique(factor.keys.ravel().astype(str), return_inverse=True)
     blocks = np.moveaxis(factor.array, -2, 1).reshape(-1, *factor.array.shape[1:-2], factor.array.shape[-1])
+    out = np.zeros((len(keys), *blocks.shape[1:]))
     if len(keys) == len(inverse):
-        out = np.empty_like(blocks)
         out[inverse] = blocks
     else:
-        out = np.zeros((len(keys), *blocks.shape[1:]))
         np.add.at(out, inverse, blocks)
     known = keys != ""
-    return Factor(keys[known], np.moveaxis(out[known], 0, -2))
+    return Factor(keys[known].astype(object), np.moveaxis(out[known], 0, -2), factor.bases)
 
 
 @dataclass(frozen=True)
@@ -151,22 +187,21 @@ class Values:
     value
         Values with dimensions and coordinates; ``attrs`` has ``units``, ``long_name`` and the facts of the shape.
     factors
-        Kind of sources -> factor: ``installation`` (survey, ground frame, lens), ``flight`` (mounting, temperature,
-        load), ``frame``, ``tie`` (tie points), and others such as ``computation`` or ``instrument``.
-    rest
-        Variance of each value without correlation, such as the part that reduced factors lack; None for 0.
+        Kind of sources -> factor: ``lasting`` (of the installation: survey, ground frame, lens), ``shared`` (of the
+        flight: mounting, temperature, load), ``own`` (of the frame), ``fit`` (of the tie points), and others such as
+        ``computation`` or ``instrument``. A kind that ends with ``_rest`` has one source for each place along the
+        span: what reduced factors do not carry.
     """
 
     value: xr.DataArray
     factors: dict[str, Factor] = field(default_factory=dict)
-    rest: np.ndarray | None = None
 
     # --- standard deviations -------------------------------------------------------------------------------------
 
     @property
     def sigma(self) -> xr.DataArray:
         """Standard deviations, shape and unit of the values; NaN where a value is NaN."""
-        variance = np.zeros(self.value.shape) if self.rest is None else self.rest.copy()
+        variance = np.zeros(self.value.shape)
         for factor in self.factors.values():
             variance += np.einsum("...gs,...gs->...", factor.array, factor.array)
         sigma = np.where(np.isnan(self.value.values), np.nan, np.sqrt(variance))
@@ -182,23 +217,21 @@ class Values:
         """Unit of the values, empty for a pure number."""
         return str(self.value.attrs.get("units", ""))
 
-    def vector(self) -> tuple[np.ndarray, dict[tuple[str, str], np.ndarray], np.ndarray]:
-        """Return values (n,), blocks of their factor by kind and key (n, sources), and uncorrelated variances (n,)."""
+    def vector(self) -> tuple[np.ndarray, dict[tuple[str, str], tuple[np.ndarray, np.ndarray | None]]]:
+        """Return values (n,), and by kind and key the factor (n, sources) with its basis, if it is a reduced one."""
         values, blocks = self.value.values.ravel(), {}
         for kind, factor in self.factors.items():
             array = factor.array
-            if not factor.per_frame:
-                for k, key in enumerate(factor.keys):
-                    blocks[kind, key] = array[..., k, :].reshape(values.size, -1)
-                continue
-            for key in np.unique(factor.keys):
-                out = np.zeros((*array.shape[:-2], array.shape[-1]))
-                for k in range(array.shape[-2]):
-                    rows = factor.keys[:, k] == key
-                    out[rows] += array[rows][..., k, :]
-                blocks[kind, key] = out.reshape(values.size, -1)
-        rest = np.zeros(values.size) if self.rest is None else self.rest.ravel()
-        return values, blocks, rest
+            for key in dict.fromkeys(factor.keys.ravel()):
+                if not factor.per_frame:
+                    block = array[..., int(np.flatnonzero(factor.keys == key)[0]), :]
+                else:
+                    block = np.zeros((*array.shape[:-2], array.shape[-1]))
+                    for k in range(array.shape[-2]):
+                        rows = factor.keys[:, k] == key
+                        block[rows] += array[rows][..., k, :]
+                blocks[kind, key] = block.reshape(values.size, -1), factor.bases.get(key)
+        return values, blocks
 
     @property
     def covariance(self) -> np.ndarray:
@@ -220,29 +253,45 @@ class Values:
 
     # --- linear operations ----------------------------------------------------------------------------------------
 
-    def _map(
-        self, value: xr.DataArray, map_array: Callable[[np.ndarray], np.ndarray], rest: np.ndarray | None
+    def mapped(
+        self, value: xr.DataArray, linear: Callable[[np.ndarray, int], np.ndarray], rearranges: bool = False
     ) -> Values:
+        """Return a linear function of the values.
+
+        Parameters
+        ----------
+        value
+            Result.
+        linear
+            Applies the function to an array of the values' shape with trailing dimensions, with the weights to a power:
+            1, or 2 for the variances of sources that belong to one place.
+        rearranges
+            The function moves or repeats values and adds none.
+        """
         factors = {}
         for kind, factor in self.factors.items():
-            factors[kind] = factor.with_array(map_array(factor.array))
-        return Values(value, factors, rest)
+            adds_places = kind.endswith(REST) and not rearranges
+            array = np.sqrt(linear(factor.array**2, 2)) if adds_places else linear(factor.array, 1)
+            factors[kind] = factor.with_array(array)
+        return Values(value, factors)
 
     def isel(self, **indexers: Any) -> Values:
         """Select by position along dimensions, as in xarray."""
-        value, out = self.value.isel(indexers), self
+        out = self
         for dim, index in indexers.items():
-            out = out._take(dim, index)
-        return Values(value, out.factors, out.rest)
-
-    def _take(self, dim: str, index: Any) -> Values:
-        axis = self.value.dims.index(dim)
-        at = (slice(None),) * axis + (np.asarray(index) if isinstance(index, list | tuple | np.ndarray) else index,)
-        factors = {}
-        for kind, factor in self.factors.items():
-            keys = factor.keys[at[-1]] if factor.per_frame and dim == FRAME else factor.keys
-            factors[kind] = Factor(keys, factor.array[at])
-        return Values(self.value.isel({dim: index}), factors, None if self.rest is None else self.rest[at])
+            axis = out.value.dims.index(dim)
+            index = np.asarray(index) if isinstance(index, list | tuple | np.ndarray) else index
+            at = (slice(None),) * axis + (index,)
+            factors = {}
+            for kind, factor in out.factors.items():
+                keys, array = factor.keys, factor.array[at]
+                if factor.per_frame and dim == FRAME:
+                    keys = keys[index]
+                    if keys.ndim == 1:
+                        keys, array = keys[keys != ""], array[..., keys != "", :]
+                factors[kind] = Factor(keys, array, factor.bases)
+            out = Values(out.value.isel({dim: index}), factors)
+        return out
 
     def sel(self, **labels: Any) -> Values:
         """Select by coordinate; `eta` and `arc_length` between stations are interpolated by a cubic spline."""
@@ -251,12 +300,14 @@ class Values:
             if name in ("eta", "arc_length"):
                 out = out.at(**{name: label})
                 continue
-            dim = self.value[name].dims[0] if name in self.value.coords else name
-            known = out.value[name].values
+            if name not in out.value.coords:
+                raise WingdError(f"there is no coordinate {name!r}; known are {', '.join(map(str, out.value.coords))}")
+            known = np.atleast_1d(out.value[name].values)
             index = [int(k) for wanted in np.atleast_1d(label) for k in np.flatnonzero(known == wanted)]
-            if not isinstance(label, slice) and len(index) < np.size(label):
+            if len(index) < np.size(label):
                 raise WingdError(f"there is no {name} {label!r}; known are {', '.join(map(str, known[:40]))}")
-            out = out.isel(**{dim: index[0] if np.ndim(label) == 0 and len(index) == 1 else index})
+            scalar = np.ndim(label) == 0 and len(index) == 1
+            out = out.isel(**{str(out.value[name].dims[0]): index[0] if scalar else index})
         return out
 
     def at(self, eta: Any = None, arc_length: Any = None) -> Values:
@@ -270,75 +321,91 @@ class Values:
             Arc lengths from the bending root, m, instead of `eta`.
         """
         name, wanted = ("eta", eta) if arc_length is None else ("arc_length", arc_length)
+        if STATION not in self.value.dims:
+            raise WingdError(f"the values have no stations to select by {name}")
         places, new = self.value[name].values, np.asarray(wanted, dtype=float)
         low, high, close = places.min(), places.max(), 1e-6 * places.max()
-        if np.any((new < low - close) | (new > high + close)) or np.isnan(new).any():
+        if not np.all((new >= low - close) & (new <= high + close)):
             raise WingdError(f"{name} {wanted} is not between the stations, {low:.4g} to {high:.4g}; choose others")
         nearest = np.abs(places[:, None] - np.atleast_1d(new)).argmin(axis=0)
         if np.all(np.abs(places[nearest] - np.atleast_1d(new)) <= close):
-            return self.isel(station=int(nearest[0]) if new.ndim == 0 else nearest)
-        axis, order = self.value.dims.index("station"), min(3, len(places) - 1)
-        weights = make_interp_spline(places, np.eye(len(places)), k=order)(new)
+            return self.isel(eta=int(nearest[0]) if new.ndim == 0 else nearest)
+        axis = self.value.dims.index(STATION)
+        weights = make_interp_spline(places, np.eye(len(places)), k=min(3, len(places) - 1))(new)
+        dims = [d for d in self.value.dims if d != STATION or new.ndim]
         coords = {}
         for coord, of in self.value.coords.items():
-            if of.dims == ("station",) and of.dtype.kind == "f":
-                coords[coord] = (("station",) if new.ndim else (), weights @ of.values)
-            elif "station" not in of.dims:
-                coords[coord] = of
+            if of.dims == (STATION,) and of.dtype.kind == "f":
+                coords[coord] = ((STATION,) if new.ndim else (), weights @ of.values)
+            elif STATION not in of.dims:
+                coords[coord] = of.variable
 
-        def apply(array: np.ndarray) -> np.ndarray:
-            out = np.tensordot(array, weights.T, axes=(axis, 0))
+        def linear(array: np.ndarray, power: int) -> np.ndarray:
+            out = np.tensordot(array, (weights**power).T, axes=(axis, 0))
             return np.moveaxis(out, -1, axis) if new.ndim else out
 
-        dims = [d for d in self.value.dims if d != "station" or new.ndim]
-        value = xr.DataArray(apply(self.value.values), coords, dims, self.value.name, self.value.attrs)
-        if self.rest is None:
-            return self._map(value, apply, None)
-        squared = np.moveaxis(
-            np.tensordot(self.rest, weights.T**2, axes=(axis, 0)), -1 if new.ndim else 0, axis if new.ndim else 0
-        )
-        return self._map(value, apply, squared)
+        value = xr.DataArray(linear(self.value.values, 1), coords, dims, self.value.name, self.value.attrs)
+        return self.mapped(value, linear)
 
     def mean(self, dim: str = FRAME) -> Values:
         """Return the mean along a dimension; common errors stay, others are reduced."""
         axis, count = self.value.dims.index(dim), self.value.sizes[dim]
-        value = self.value.mean(dim, skipna=False, keep_attrs=True)
-        rest = None if self.rest is None else self.rest.sum(axis=axis) / count**2
         if dim != FRAME:
-            return self._map(value, lambda array: array.mean(axis=axis), rest)
-        if SINGLE in self.factors and len(np.unique(self.factors[SINGLE].keys)) > 1:
-            _check_single(self.factors[SINGLE].keys[:1], self.factors[SINGLE].keys[1:])
-        moved = self if axis == 0 else self.transpose(FRAME, *(d for d in self.value.dims if d != FRAME))
-        summed = {kind: _sum_frames(factor) for kind, factor in moved.factors.items()}
-        return Values(value, {kind: f.with_array(f.array / count) for kind, f in summed.items()}, rest)
+            return self.mapped(self.value.mean(dim, skipna=False), lambda a, power: a.sum(axis=axis) / count**power)
+        if axis:
+            return self.transpose(FRAME, *(d for d in self.value.dims if d != FRAME)).mean()
+        for kind in {SINGLE, "shared"} & set(self.factors):
+            _check_frames(kind, self.factors[kind].keys)
+        value = self.value.mean(FRAME, skipna=False, keep_attrs=True)
+        summed = {kind: _sum_frames(factor) for kind, factor in self.factors.items()}
+        return Values(value, {kind: f.with_array(f.array / count) for kind, f in summed.items()})
+
+    def broadcast(self, dims: Sequence[str], like: Values) -> Values:
+        """Return the values repeated along the dimensions of `like` that they lack, in the order `dims`."""
+        if list(self.value.dims) == list(dims):
+            return self
+        missing = [d for d in dims if d not in self.value.dims]
+        values = self.transpose(*(d for d in dims if d in self.value.dims))
+        axes, n = [dims.index(d) for d in missing], values.value.ndim
+        shape = tuple(values.value.sizes.get(d, like.value.sizes.get(d)) for d in dims)
+
+        def expand(array: np.ndarray, _: int) -> np.ndarray:
+            return np.broadcast_to(np.expand_dims(array, axes), shape + array.shape[n:])
+
+        coords = {k: v.variable for k, v in like.value.coords.items() if set(v.dims) <= set(dims)}
+        coords |= {k: v.variable for k, v in values.value.coords.items()}
+        value = xr.DataArray(expand(values.value.values, 1), coords, dims, values.value.name, values.value.attrs)
+        return values.mapped(value, expand, rearranges=True)
 
     def transpose(self, *dims: str) -> Values:
         """Return the values with other order of dimensions."""
         order = [self.value.dims.index(d) for d in dims]
-        rest = None if self.rest is None else self.rest.transpose(order)
-        n = len(order)
-        return self._map(self.value.transpose(*dims), lambda a: a.transpose(*order, n, n + 1), rest)
+
+        def turn(array: np.ndarray, _: int) -> np.ndarray:
+            return array.transpose(*order, len(order), len(order) + 1)
+
+        return self.mapped(self.value.transpose(*dims), turn, rearranges=True)
 
     def scaled(self, by: Any) -> Values:
-        """Return the values times numbers without error (a number, or an array that broadcasts to the values)."""
+        """Return the values times numbers without error: a number, or an array that broadcasts to the values."""
         by = np.broadcast_to(np.asarray(by, dtype=float), self.value.shape)
-        rest = None if self.rest is None else self.rest * by**2
-        return self._map(self.value.copy(data=self.value.values * by), lambda a: a * by[..., None, None], rest)
+        value = self.value.copy(data=self.value.values * by)
+        return Values(value, {k: f.with_array(f.array * by[..., None, None]) for k, f in self.factors.items()})
 
     def _combine(self, other: Any, sign: float) -> Values:
         if not isinstance(other, Values):
             data = self.value.values + sign * np.asarray(getattr(other, "values", other))
-            return Values(self.value.copy(data=data), self.factors, self.rest)
+            return Values(self.value.copy(data=np.broadcast_to(data, self.value.shape)), self.factors)
         one, two = _align(self, other)
         data = one.value.values + sign * two.value.values
         factors = dict(one.factors)
         for kind, factor in two.factors.items():
             signed = factor.with_array(sign * factor.array)
             factors[kind] = _merge(kind, factors[kind], signed) if kind in factors else signed
-        for kind in {SINGLE, "installation"} & set(factors):
-            _check_mixture(kind, one, two)
-        rest = one.rest if two.rest is None else two.rest + (0.0 if one.rest is None else one.rest)
-        return Values(one.value.copy(data=data), factors, rest)
+        for a, b in ((one, two), (two, one)):
+            if SINGLE in a.factors and SINGLE not in b.factors and "lasting" in b.factors:
+                _check_keys(SINGLE, a.factors[SINGLE].keys, b.factors["lasting"].keys)
+        return Values(one.value.copy(data=data), factors)
 
     def __add__(self, other: Any) -> Values:
         return self._combine(other, 1.0)
@@ -374,16 +441,24 @@ class Values:
         array = array[..., None] if array.shape == self.value.shape else array
         new = Factor(np.array([key], dtype=object), array[..., None, :])
         return Values(
-            self.value,
-            {**self.factors, kind: _merge(kind, self.factors[kind], new) if kind in self.factors else new},
-            self.rest,
+            self.value, {**self.factors, kind: _merge(kind, self.factors[kind], new) if kind in self.factors else new}
         )
+
+    def at_other_place(self, name: str) -> Values:
+        """Return the values with sources of single places renamed: those of this place are no other place's."""
+        factors = {}
+        for kind, factor in self.factors.items():
+            keys = factor.keys
+            if kind.endswith(REST):
+                keys = np.array([f"{k}@{name}" if k else "" for k in keys.ravel()], dtype=object).reshape(keys.shape)
+            factors[kind] = Factor(keys, factor.array, factor.bases)
+        return Values(self.value, factors)
 
     # --- test, output, other packages -----------------------------------------------------------------------------
 
-    def test(self, *others: Values, combinations: int = COMBINATIONS) -> Test:
+    def test(self, *others: Values, full: bool = False) -> Test:
         """Test whether these values, and `others` with them, are 0; see :func:`chi_square_test`."""
-        return chi_square_test([self, *others], combinations)
+        return chi_square_test([self, *others], full)
 
     def plot(self, ax: Any = None, **style: Any) -> Any:
         """Draw the values along the span or over frames, with a band of one standard deviation; returns the axes."""
@@ -393,14 +468,12 @@ class Values:
 
     def to_pandas(self) -> pd.DataFrame:
         """Return a table with the coordinates, the values and their sigma; columns carry the unit."""
-        name = str(self.value.name or "value")
-        suffix = f"_{self.unit.replace('rad', 'rad').replace(' ', '_')}" if self.unit else ""
-        flat = xr.Dataset({f"{name}{suffix}": self.value, f"sigma_{name}{suffix}": self.sigma})
-        return (
-            flat.to_dataframe().reset_index(drop=self.value.ndim == 0)
-            if self.value.ndim
-            else pd.DataFrame({k: [float(v)] for k, v in flat.data_vars.items()})
-        )
+        name = "_".join(filter(None, [str(self.value.name or "value"), self.unit.replace(" ", "_")]))
+        columns = {name: self.value.values, f"sigma_{name}": self.sigma.values}
+        if self.value.ndim == 0:
+            return pd.DataFrame({k: [float(v)] for k, v in columns.items()})
+        frame = xr.Dataset({k: (self.value.dims, v) for k, v in columns.items()}, self.value.coords)
+        return frame.to_dataframe().reset_index()
 
     def to_gvar(self) -> np.ndarray:
         """Return an array of correlated `gvar.GVar`, shape of the values."""
@@ -441,81 +514,61 @@ class Values:
         return Values(value).with_source(kind, key, factor.reshape(*value.shape, -1))
 
 
-def _check_mixture(kind: str, one: Values, two: Values) -> None:
-    """Refuse frames adjusted singly with frames of the same installation adjusted jointly."""
-    if SINGLE not in one.factors and SINGLE not in two.factors:
-        return
-    for a, b in ((one, two), (two, one)):
-        if SINGLE in a.factors and "installation" in b.factors:
-            known = {k.partition("/")[0] for k in a.factors[SINGLE].keys.ravel()}
-            if known & {k.partition("/")[0] for k in b.factors["installation"].keys.ravel()}:
-                _check_single(a.factors[SINGLE].keys, np.array([f"{next(iter(known))}/joint"]))
+def _check_frames(kind: str, keys: np.ndarray) -> None:
+    """Refuse the mean of frames of which it is not known what the errors share."""
+    one: dict[str, str] = {}
+    for key in dict.fromkeys(keys.ravel()):
+        for installation in _installations(np.array([key])):
+            if one.setdefault(installation, key) != key:
+                _check_keys(kind, np.array([one[installation]]), np.array([key]))
 
 
 def _align(one: Values, two: Values) -> tuple[Values, Values]:
     """Bring two values to the same dimensions and stations; see :func:`wingd.shapes.match_stations`."""
-    if "station" in one.value.dims and "station" in two.value.dims:
+    if STATION in one.value.dims and STATION in two.value.dims:
         from wingd.shapes import match_stations
 
         one, two = match_stations(one, two)
     for dim in set(one.value.dims) & set(two.value.dims):
-        if one.value.sizes[dim] != two.value.sizes[dim]:
+        counts = [v.value.sizes[dim] for v in (one, two)]
+        if counts[0] != counts[1]:
             raise WingdError(
-                f"the values have {one.value.sizes[dim]} and {two.value.sizes[dim]} along {dim}; select one of them, or take a mean"
+                f"the values have {counts[0]} and {counts[1]} along {dim}; select one of them, or take a mean"
             )
         a, b = (v.value.coords.get(dim) for v in (one, two))
         if a is not None and b is not None and a.dtype.kind in "OU" and not np.array_equal(a, b):
             raise WingdError(f"the values have other names along {dim}; select those that both have")
     dims = [*one.value.dims, *(d for d in two.value.dims if d not in one.value.dims)]
     dims.sort(key=lambda d: d != FRAME)
-    return _expand(one, dims, two), _expand(two, dims, one)
-
-
-def _expand(values: Values, dims: list[str], like: Values) -> Values:
-    if list(values.value.dims) == dims:
-        return values
-    missing = [d for d in dims if d not in values.value.dims]
-    values = values.transpose(*(d for d in dims if d in values.value.dims))
-    axes = [dims.index(d) for d in missing]
-    shape = tuple(values.value.sizes.get(d, like.value.sizes.get(d)) for d in dims)
-
-    def expand(array: np.ndarray) -> np.ndarray:
-        return np.broadcast_to(np.expand_dims(array, axes), shape + array.shape[len(values.value.dims) :])
-
-    coords = {**{k: v for k, v in like.value.coords.items() if set(v.dims) <= set(dims)}, **values.value.coords}
-    value = xr.DataArray(expand(values.value.values), coords, dims, values.value.name, values.value.attrs)
-    return values._map(value, expand, None if values.rest is None else expand(values.rest))
+    return one.broadcast(dims, two), two.broadcast(dims, one)
 
 
 def concat(parts: Sequence[Values]) -> Values:
     """Join values along frames; keys stay, so that what frames share remains known."""
-    frames = [p if FRAME in p.value.dims else _expand(p, [FRAME, *p.value.dims], _one_frame(p)) for p in parts]
-    frames = [p.transpose(FRAME, *(d for d in p.value.dims if d != FRAME)) for p in frames]
+    frames = []
+    for p in parts:
+        p = p if FRAME in p.value.dims else p.broadcast([FRAME, *p.value.dims], Values(p.value.expand_dims({FRAME: 1})))
+        frames.append(p.transpose(FRAME, *(d for d in p.value.dims if d != FRAME)))
     factors = {}
     for kind in dict.fromkeys(kind for p in frames for kind in p.factors):
-        known = [p.factors[kind] for p in frames if kind in p.factors]
-        groups, sources = (max(f.array.shape[k] for f in known) for k in (-2, -1))
+        known = [p.factors.get(kind) for p in frames]
+        if any(not _same_bases(a, b) for a in known for b in known if a and b):
+            known = [f and f.expanded() for f in known]
+        groups, sources = (max(f.array.shape[k] for f in known if f) for k in (-2, -1))
         keys = np.full((sum(len(p) for p in frames), groups), "", dtype=object)
         array = np.zeros((len(keys), *frames[0].value.shape[1:], groups, sources))
-        at = 0
-        for p in frames:
-            if kind in p.factors:
-                f = p.factors[kind]
+        at, bases = 0, {}
+        for p, f in zip(frames, known, strict=True):
+            if f:
                 keys[at : at + len(p), : f.keys.shape[-1]] = f.keys
                 array[at : at + len(p), ..., : f.array.shape[-2], : f.array.shape[-1]] = f.array
+                bases |= f.bases
             at += len(p)
-        factors[kind] = Factor(keys, array)
-    rests = None
-    if any(p.rest is not None for p in frames):
-        rests = np.concatenate([np.zeros(p.value.shape) if p.rest is None else p.rest for p in frames])
+        factors[kind] = Factor(keys, array, bases)
     value = xr.concat(
         [p.value for p in frames], FRAME, coords="minimal", compat="override", combine_attrs="drop_conflicts"
     )
-    return Values(value, factors, rests)
-
-
-def _one_frame(part: Values) -> Values:
-    return Values(part.value.expand_dims({FRAME: 1}))
+    return Values(value, factors)
 
 
 # --- test ---------------------------------------------------------------------------------------------------------
@@ -568,16 +621,21 @@ class Test:
 def _joint(parts: Sequence[Values]) -> tuple[np.ndarray, np.ndarray]:
     """Return the values of several arrays one after the other, and their joint covariance."""
     vectors = [p.vector() for p in parts]
-    sizes = np.cumsum([0, *(len(v[0]) for v in vectors)])
-    covariance = np.diag(np.concatenate([v[2] for v in vectors]))
-    for source in dict.fromkeys(s for v in vectors for s in v[1]):
-        width = max(v[1][source].shape[1] for v in vectors if source in v[1])
-        block = np.zeros((sizes[-1], width))
-        for k, v in enumerate(vectors):
-            if source in v[1]:
-                block[sizes[k] : sizes[k + 1], : v[1][source].shape[1]] = v[1][source]
-        covariance += block @ block.T
-    return np.concatenate([v[0] for v in vectors]), covariance
+    sizes = np.cumsum([0, *(len(values) for values, _ in vectors)])
+    covariance = np.zeros((sizes[-1], sizes[-1]))
+    for source in dict.fromkeys(s for _, blocks in vectors for s in blocks):
+        found = [(k, *blocks[source]) for k, (_, blocks) in enumerate(vectors) if source in blocks]
+        bases = [basis for *_, basis in found]
+        if any(b is not bases[0] and not np.array_equal(b, bases[0]) for b in bases):
+            found = [(k, block if b is None else block[:, : b.shape[1]] @ b.T, None) for k, block, b in found]
+        joined = np.zeros((sizes[-1], max(block.shape[1] for _, block, _ in found)))
+        for k, block, _ in found:
+            joined[sizes[k] : sizes[k + 1], : block.shape[1]] = block
+        if source[0].endswith(REST):
+            covariance[np.diag_indices_from(covariance)] += (joined**2).sum(axis=1)
+        else:
+            covariance += joined @ joined.T
+    return np.concatenate([values for values, _ in vectors]), covariance
 
 
 def _places(part: Values) -> np.ndarray:
@@ -592,19 +650,19 @@ def _places(part: Values) -> np.ndarray:
     return np.arange(part.value.size, dtype=float)
 
 
-def chi_square_test(parts: Iterable[Values], combinations: int = COMBINATIONS) -> Test:
+def chi_square_test(parts: Iterable[Values], full: bool = False) -> Test:
     """Test whether values are 0, in the few combinations that a measurement determines.
 
-    Errors of neighbouring stations are almost equal, so that 32 stations are not 32 measurements: each quantity is
-    tested in at most `combinations` smooth combinations along the span (Legendre polynomials of value over sigma), and
-    combinations whose variance is below 0.001 of that of a value are omitted.
+    Errors of neighbouring stations are almost equal, so that 32 stations are not 32 measurements, and slope follows
+    from displacement. Each quantity is tested in a few smooth combinations along the span (Legendre polynomials of value
+    over sigma; `FAMILIES` has their number). Combinations whose variance is below 0.001 of that of a value are omitted.
 
     Parameters
     ----------
     parts
         Values of quantities along the span, without frames; NaN are omitted.
-    combinations
-        Number of combinations of a quantity; 0 tests every combination of the single values.
+    full
+        Test every combination of the single values: less is found, because chi-square has more degrees of freedom.
     """
     parts = [p for p in parts if np.isfinite(p.value.values).any()]
     if any(FRAME in p.value.dims for p in parts):
@@ -613,34 +671,25 @@ def chi_square_test(parts: Iterable[Values], combinations: int = COMBINATIONS) -
         return Test(0.0, 0, 1.0, _table([], _COMBINATION), _table([], _BAND))
     values, covariance = _joint(parts)
     sigma = np.sqrt(np.diag(covariance))
-    names = np.repeat([str(p.value.name) for p in parts], [p.value.size for p in parts])
-    units = dict((str(p.value.name), p.unit) for p in parts)
-    places = np.concatenate([_places(p) for p in parts])
+    rows = {
+        "names": np.repeat([str(p.value.name) for p in parts], [p.value.size for p in parts]),
+        "places": np.concatenate([_places(p) for p in parts]),
+    }
     known = np.isfinite(values) & (sigma > 0)
-    values, covariance, sigma, names, places = (
-        values[known],
-        covariance[np.ix_(known, known)],
-        sigma[known],
-        names[known],
-        places[known],
-    )
-    basis = _smooth_basis(names, places, combinations)
+    values, covariance, sigma = values[known], covariance[np.ix_(known, known)], sigma[known]
+    names, places = (array[known] for array in rows.values())
+    basis = np.eye(len(values)) if full else _smooth_basis(names, places)
     scaled = values / sigma
-    correlation = covariance / np.outer(sigma, sigma)
-    eigenvalues, vectors = np.linalg.eigh(basis.T @ correlation @ basis)
+    eigenvalues, vectors = np.linalg.eigh(basis.T @ (covariance / np.outer(sigma, sigma)) @ basis)
     tested = eigenvalues > MIN_TESTED_VARIANCE
     weights = basis @ vectors[:, tested]
     sizes = weights.T @ scaled / np.sqrt(eigenvalues[tested])
     chi_square, freedom = float(sizes @ sizes), int(tested.sum())
     order = np.argsort(-np.abs(sizes))
-    rows = [(abs(sizes[k]), *_main_place(weights[:, k] * scaled, names, places)) for k in order]
-    return Test(
-        chi_square,
-        freedom,
-        float(chi2.sf(chi_square, freedom)),
-        _table(rows, _COMBINATION),
-        _bands(values, sigma, names, places, units),
-    )
+    combinations = [(abs(sizes[k]), *_main_place(weights[:, k] * scaled, names, places)) for k in order]
+    units = {str(p.value.name): p.unit for p in parts}
+    bands = _bands(values, sigma, names, places, units)
+    return Test(chi_square, freedom, float(chi2.sf(chi_square, freedom)), _table(combinations, _COMBINATION), bands)
 
 
 _COMBINATION = ["sigmas", "quantity", "from_m", "to_m"]
@@ -651,20 +700,19 @@ def _table(rows: list[tuple], columns: list[str]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def _smooth_basis(names: np.ndarray, places: np.ndarray, combinations: int) -> np.ndarray:
+def _smooth_basis(names: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Return orthonormal columns: polynomials along the span, for each quantity."""
-    if combinations == 0:
-        return np.eye(len(names))
+    counts = dict.fromkeys(names, COMBINATIONS)
+    for family, first, others in FAMILIES:
+        present = [name for name in family if name in counts]
+        counts |= {name: others if k else first for k, name in enumerate(present)}
     columns = []
-    for name in dict.fromkeys(names):
+    for name, count in counts.items():
         rows = np.flatnonzero(names == name)
-        at = places[rows]
-        width = np.ptp(at) or 1.0
-        polynomials = np.polynomial.legendre.legvander(
-            2 * (at - at.min()) / width - 1, min(combinations, len(np.unique(at))) - 1
-        )
-        block = np.zeros((len(names), polynomials.shape[1]))
-        block[rows] = np.linalg.qr(polynomials)[0]
+        at = places[rows] - places[rows].min()
+        degree = min(count, len(np.unique(at))) - 1
+        block = np.zeros((len(names), degree + 1))
+        block[rows] = np.linalg.qr(np.polynomial.legendre.legvander(2 * at / (at.max() or 1.0) - 1, degree))[0]
         columns.append(block)
     return np.hstack(columns)
 
@@ -690,5 +738,6 @@ def _bands(
         for start, end in zip(edges[::2], edges[1::2], strict=True):
             stretch = of[start:end]
             top = stretch[np.abs(values[stretch]).argmax()]
-            rows.append((name, units[name], places[stretch[0]], places[stretch[-1]], values[top], sigma[top]))
+            unit, to = ("deg", 180 / np.pi) if units[name] == "rad" else (units[name], 1.0)
+            rows.append((name, unit, places[stretch[0]], places[stretch[-1]], values[top] * to, sigma[top] * to))
     return _table(rows, _BAND)
