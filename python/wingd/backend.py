@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 from collections.abc import Iterable
 from typing import Any
@@ -71,6 +72,8 @@ def open_shape(file: Any, drop_variables: str | Iterable[str] | None = None) -> 
         m, angles in rad; factors ``QUANTITY_KIND`` are in the unit of the quantity, and ``KIND_sources`` names their
         sources. Arrays are read when they are used.
     """
+    # Datasets have the accessor `.wingd` from here on.
+    importlib.import_module("wingd.shapes")
     if isinstance(file, str | os.PathLike) and not os.path.exists(file):
         raise FileNotFoundError(f"{os.fspath(file)}: no such file")
     try:
@@ -149,15 +152,19 @@ def _complete_first_version(raw: xr.Dataset) -> xr.Dataset:
         "fit": digest("fit", *files),
     }
     frames = raw.sizes[FRAME]
-    out = raw.set_coords("eta").swap_dims(station=STATION).assign(
-        {
-            **{f"{kind}_sources": (FRAME, np.full(frames, key)) for kind, key in keys.items()},
-            "own_sources": (FRAME, [digest("own", flight, provenance, name) for name in names]),
-            "jointly": (FRAME, np.full(frames, float(jointly))),
-            "flight": (FRAME, np.full(frames, flight)),
-            "inputs": (FRAME, np.full(frames, digest(provenance))),
-            "thermal_scale": (FRAME, _thermal_scale(raw)),
-        }
+    out = (
+        raw.set_coords("eta")
+        .swap_dims(station=STATION)
+        .assign(
+            {
+                **{f"{kind}_sources": (FRAME, np.full(frames, key)) for kind, key in keys.items()},
+                "own_sources": (FRAME, [digest("own", flight, provenance, name) for name in names]),
+                "jointly": (FRAME, np.full(frames, float(jointly))),
+                "flight": (FRAME, np.full(frames, flight)),
+                "inputs": (FRAME, np.full(frames, digest(provenance))),
+                "thermal_scale": (FRAME, _thermal_scale(raw)),
+            }
+        )
     )
     out = out.drop_vars("marker_id").assign_coords(axis=["x", "y", "z"], marker=raw["marker_id"].values)
     out.attrs = attrs
