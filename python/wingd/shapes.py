@@ -17,7 +17,7 @@ from scipy.interpolate import make_interp_spline
 
 from wingd import WingdError
 from wingd.backend import KINDS, index_stations
-from wingd.values import FRAME, REST, SINGLE, STATION, Factor, Values, WingdWarning, concat
+from wingd.values import FRAME, REST, SINGLE, STATION, Factor, Values, WingdWarning, concat, digest
 
 if TYPE_CHECKING:
     from wingd.comparison import Comparison
@@ -87,8 +87,8 @@ class ShapeAccessor:
         axis
             ``x``, ``y`` or ``z`` of the frame `axes`; None for all three.
         reference
-            ``survey`` (the surveyed wing) or ``root`` (less the motion of the root's section). Markers have ``ground``
-            (the ground frame) too: :meth:`deflections`.
+            ``survey`` (the surveyed wing), ``ground`` (the ground frame) or ``root`` (the tangent at the root, from
+            there). The last two are of the vertical displacement, by the deflections of the markers.
         axes
             ``survey`` or ``cad``.
         thermal
@@ -96,11 +96,9 @@ class ShapeAccessor:
         """
         return self._moved("displacement", "ground_position", axis, reference, axes, thermal)
 
-    def marker_displacement(
-        self, axis: str | None = "z", reference: str = "survey", axes: str = "survey", thermal: bool = True
-    ) -> Values:
-        """Return the displacement of the markers, m; parameters as for :meth:`displacement`."""
-        return self._moved("marker_displacement", "marker_ground_position", axis, reference, axes, thermal)
+    def marker_displacement(self, axis: str | None = "z", axes: str = "survey", thermal: bool = True) -> Values:
+        """Return the displacement of the markers against the survey, m; parameters as for :meth:`displacement`."""
+        return self._moved("marker_displacement", "marker_ground_position", axis, "survey", axes, thermal)
 
     def deflections(self, reference: str = "ground") -> Values:
         """Return the vertical deflections of the markers, m, against ``survey``, ``ground`` (frame) or ``root`` (tangent)."""
@@ -110,15 +108,15 @@ class ShapeAccessor:
             self.values("marker_deflection").sel(reference=reference), f"deflection relative to the {reference}"
         )
 
-    def slope(self, reference: str = "survey") -> Values:
-        """Return the change of the slope along the span, rad, tip up positive; less the root's with ``root``."""
-        return self._turned("slope", reference)
+    def slope(self) -> Values:
+        """Return the change of the slope along the span, rad, tip up positive."""
+        return self.values("slope")
 
-    def twist(self, reference: str = "survey") -> Values:
-        """Return the twist about the bending axis, rad, nose up positive; less the root's with ``root``."""
-        return self._turned("twist", reference)
+    def twist(self) -> Values:
+        """Return the twist about the bending axis, rad, nose up positive."""
+        return self.values("twist")
 
-    def streamwise_twist(self, line: str = "chord", reference: str = "survey") -> Values:
+    def streamwise_twist(self, line: str = "chord") -> Values:
         """Return the change of the incidence in the vertical plane of the flow, rad, nose up positive.
 
         Parameters
@@ -131,20 +129,12 @@ class ShapeAccessor:
             raise WingdError(f'line = {line!r}: give "chord" or "plane"')
         name = f"streamwise_twist_{line}"
         if name in self._data or line == "plane":
-            return self._turned(name if name in self._data else "streamwise_twist", reference)
-        return self._chord_twist(reference)
+            return self.values(name if name in self._data else "streamwise_twist")
+        return self._chord_twist()
 
     def rotation(self, axis: str | None = None) -> Values:
         """Return the rotation vector of the sections, rad, survey frame, the root's included."""
         return _pick_axis(self.values("rotation"), axis)
-
-    def _turned(self, name: str, reference: str) -> Values:
-        values = self.values(name)
-        if reference == "survey":
-            return values
-        if reference != "root":
-            raise WingdError(f'reference = {reference!r}: angles have "survey" and "root"')
-        return _named(values - self._root(values), f"{values.label}, relative to the root")
 
     def _root(self, values: Values) -> Values:
         if STATION not in values.value.dims or values.value["arc_length"].values[0] > 1e-9:
@@ -154,48 +144,80 @@ class ShapeAccessor:
     def _moved(self, name: str, ground: str, axis: str | None, reference: str, axes: str, thermal: bool) -> Values:
         if axes not in ("survey", "cad"):
             raise WingdError(f'axes = {axes!r}: give "survey" or "cad"')
+        if reference not in ("survey", "ground", "root"):
+            raise WingdError(f'reference = {reference!r}: give "survey", "ground" or "root"')
+        if axes == "cad" and not (reference == "survey" and thermal):
+            raise WingdError("axes='cad' has the reference survey with thermal contraction; use axes='survey'")
+        if axes == "cad" and f"{name}_cad" not in self._data:
+            raise WingdError("the shape has no CAD axes; add [cad] to installation.toml and export again")
         if axes == "cad":
-            if f"{name}_cad" not in self._data:
-                raise WingdError("the shape has no CAD axes; add [cad] to installation.toml and export again")
-            if reference != "survey" or not thermal:
-                raise WingdError("axes='cad' has the reference survey with thermal contraction; use axes='survey'")
             return _named(_pick_axis(self.values(f"{name}_cad"), axis), axis=axis)
-        if reference == "survey" and thermal:
-            at = {} if axis is None else {"axis": _axis_index(axis)}
-            return _named(self.values(name, **at), axis=axis)
-        values, stations = self.values(name), self.values("displacement")
-        root = self._root(stations)
-        place = values.value.dims[-2]
-        positions, base = self._data[ground].values, self._data["ground_position"].values[0]
-        label = values.label
-        if not thermal:
-            scale = self._scale(values)
-            values = _expand_root(root, values) + (values - _expand_root(root, values) + (positions - base)) / scale
-            values = values - (positions - base)
-            label += ", without thermal contraction"
-        if reference == "root":
-            turn = self.values("rotation").isel(eta=0)
-            arm = positions - base + (values - _expand_root(root, values)).value.values
-            values = values - _expand_root(root, values) - _cross(turn, arm, place)
-            label += ", relative to the root"
-        elif reference == "ground":
-            raise WingdError(
-                "stations have the references survey and root; deflections(reference='ground') has the markers'"
+        label = None
+        if thermal:
+            values = self.values(name, **({} if axis is None else {"axis": _axis_index(axis)}))
+        else:
+            values = self._without_contraction(self.values(name), ground)
+            label = f"{values.label}, without thermal contraction"
+            values = _pick_axis(values, axis)
+        if reference != "survey":
+            if axis != "z":
+                raise WingdError(f"reference = {reference!r} is of the vertical displacement; give axis='z'")
+            values = values - self._reference_motion(reference)
+            label = (
+                f"{values.label}, relative to the {'ground frame' if reference == 'ground' else 'tangent at the root'}"
             )
-        elif reference != "survey":
-            raise WingdError(f'reference = {reference!r}: give "survey", "root" or "ground"')
-        return _named(_pick_axis(values, axis), label, axis)
+        return _named(values, label, axis)
+
+    def _without_contraction(self, values: Values, ground: str) -> Values:
+        """Return displacements without the change of length by temperature: distances from the root are those on the ground."""
+        root = _expand_root(self._root(self.values("displacement")), values)
+        positions = self._data[ground].values - self._data["ground_position"].values[0]
+        scale = self._scale(values)
+        apart = values - root + positions
+        out = root + apart / scale - positions
+        if "sigma_thermal_scale" in self._data:
+            # The scale's error moves every point along its line from the root.
+            scale_of = self._data["thermal_scale"]
+            plain = xr.DataArray(scale_of.values, dims=scale_of.dims)
+            kinds = _factor_names(self._data, "thermal_scale")
+            factors = {k: _read_factor(self._data, self._data[n], k, plain.dims) for k, n in kinds.items()}
+            error = Values(plain - plain, factors).at_other_place("scale").broadcast(list(values.value.dims), values)
+            out = out - error * (apart.value.values / scale**2)
+        return out
+
+    def _reference_motion(self, reference: str) -> Values:
+        """Return the vertical motion of the stations between survey and reference, m, by that of the markers.
+
+        The bend between survey and ground frame is smooth along the span, and the root moves as a rigid body.
+        """
+        if "marker_deflection" not in self._data:
+            raise WingdError(
+                "the file has no deflections against the ground frame; export it again, or use reference='survey'"
+            )
+        deflections = self.values("marker_deflection")
+        of = {r: deflections.sel(reference=r).at_other_place(r) for r in ("survey", "ground", "root")}
+        markers, stations = self._data["marker_ground_position"].values, self._data["ground_position"].values
+        arc = self._data["arc_length"].values
+        span = (stations[-1] - stations[0]) / np.linalg.norm(stations[-1] - stations[0])
+        along = np.interp((markers - stations[0]) @ span, (stations - stations[0]) @ span, arc) / arc[-1]
+        axis_at = np.stack([np.interp(along * arc[-1], arc, stations[:, k]) for k in range(3)], axis=-1)
+        aft = np.cross([0.0, 0.0, 1.0], span)
+        behind, eta = (markers - axis_at) @ aft, arc / arc[-1]
+        bend = np.stack([along**2, along**3, along * behind], axis=-1)
+        motion = _fitted(of["survey"] - of["ground"], bend, np.stack([eta**2, eta**3, 0 * eta], axis=-1), self._data)
+        if reference == "ground":
+            return motion
+        rigid = [np.column_stack([np.ones(len(p)), p[:, :2] - stations[0, :2]]) for p in (markers, stations)]
+        return motion + _fitted(of["ground"] - of["root"], *rigid, self._data)
 
     def _scale(self, values: Values) -> np.ndarray:
-        scale = self._data.coords.get("thermal_scale", None)
-        scale = np.asarray(
-            self._data.attrs.get("thermal_scale", np.nan) if scale is None else scale.values, dtype=float
-        )
+        scale = self._data.coords.get("thermal_scale")
+        scale = np.asarray(np.nan if scale is None else scale.values, dtype=float)
         if np.isnan(scale).any():
             raise WingdError("the shape does not state its thermal scale; export it with all stations")
         return scale.reshape(scale.shape + (1,) * (values.value.ndim - scale.ndim))
 
-    def _chord_twist(self, reference: str) -> Values:
+    def _chord_twist(self) -> Values:
         """Incidence of the material chord line, from the rotation vectors."""
         flow = np.asarray(self._data.attrs.get("flow_direction", ()), dtype=float)
         if flow.shape[0] < 2 or not np.isfinite(flow).all():
@@ -222,10 +244,7 @@ class ShapeAccessor:
             "streamwise_twist",
             "change of the incidence of the material chord line, nose up",
         )
-        values = turn.mapped(value, lambda a, power: np.einsum("...a,...ags->...gs", slopes**power, a))
-        if reference == "survey":
-            return values
-        return _named(values - self._root(values), f"{values.label}, relative to the root")
+        return turn.mapped(value, lambda a, power: np.einsum("...a,...ags->...gs", slopes**power, a))
 
     # --- datasets -------------------------------------------------------------------------------------------------
 
@@ -325,12 +344,14 @@ def _factor_names(data: xr.Dataset, quantity: str) -> dict[str, str]:
 def _read_factor(data: xr.Dataset, array: xr.DataArray, kind: str, dims: tuple[Any, ...]) -> Factor:
     base, group = kind.removesuffix(REST), f"{kind}_group"
     array = array.transpose(*dims, ...)
-    numbers = np.nan_to_num(np.asarray(array.values, dtype=float))
+    numbers = np.nan_to_num(np.array(array.values, dtype=float), copy=False)
     if kind.endswith(REST) and kind not in array.dims:
         numbers = numbers[..., None]
     if group not in array.dims:
         numbers = numbers[..., None, :]
     sources = data.coords.get(f"{kind}_sources", data.coords.get(f"{base}_sources"))
+    # The stiffness belongs to the installation.
+    sources = data.coords.get("lasting_sources") if sources is None else sources
     keys = np.array([""] if sources is None else sources.values, dtype=object)
     keys = (
         keys.reshape(len(keys), -1)
@@ -340,27 +361,29 @@ def _read_factor(data: xr.Dataset, array: xr.DataArray, kind: str, dims: tuple[A
     if base == "shared" and "inputs" in data.coords and keys.ndim == 2:
         keys = np.array([[f"{i}/{k}"] for i, k in zip(data["inputs"].values, keys[:, 0], strict=True)], dtype=object)
     keys, numbers = (keys, numbers) if keys.ndim == 2 or len(keys) == numbers.shape[-2] else (keys[:1], numbers)
-    bases = _read_bases(data, kind, keys)
+    keys, bases = _read_bases(data, keys) if kind == "lasting" else (keys, {})
     # One key for all frames is not a key per frame.
     if keys.ndim == 2 and keys.shape[1] == 1 and len(set(keys[:, 0])) == 1:
         keys = keys[0]
     return Factor(keys, numbers, bases)
 
 
-def _read_bases(data: xr.Dataset, kind: str, keys: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the bases of reduced factors by their keys."""
-    if kind != "lasting" or "lasting_basis" not in data:
-        return {}
-    basis = data["lasting_basis"]
-    if FRAME not in basis.dims:
-        return dict.fromkeys(keys, np.nan_to_num(basis.values.astype(float)))
-    found = {}
-    for key in dict.fromkeys(keys.ravel()):
-        rows = np.flatnonzero(keys[:, 0] == key) if keys.ndim == 2 else np.arange(1)
-        found[key] = np.nan_to_num(
-            basis.isel(frame=int(rows[0])).transpose("lasting_source", "lasting").values.astype(float)
-        )
-    return found
+def _read_bases(data: xr.Dataset, keys: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return keys with their reduction, which is one for the frames of a flight, and the bases."""
+    if "lasting_basis" not in data:
+        return keys, {}
+    basis = data["lasting_basis"].transpose(..., "lasting_source", "lasting")
+    frames = basis.ndim == 3
+    flights = data["inputs"].values if frames and "inputs" in data.coords else np.arange(len(keys))
+    reductions, bases, out = {}, {}, keys.astype(object)
+    for k, flight in enumerate(np.atleast_1d(flights) if frames else [""]):
+        if flight not in reductions:
+            matrix = np.nan_to_num(np.asarray((basis[k] if frames else basis).values, dtype=float))
+            reductions[flight] = digest(matrix.tobytes()), matrix
+        name, matrix = reductions[flight]
+        out[k, ...] = f"{np.ravel(keys[k])[0]}#{name}"
+        bases[str(np.ravel(out[k])[0])] = matrix
+    return out, bases
 
 
 def _single_frames(data: xr.Dataset, value: xr.DataArray) -> Factor | None:
@@ -401,15 +424,18 @@ def _expand_root(root: Values, like: Values) -> Values:
     return Values(plain, root.factors).at_other_place("root").broadcast(dims, like)
 
 
-def _cross(turn: Values, arm: np.ndarray, place: str) -> Values:
-    """Return the motion of points at `arm` (m, ... x places x 3) by a small rotation."""
-    skew = np.zeros((*arm.shape, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        skew[..., i, j], skew[..., i, k] = arm[..., k], -arm[..., j]
-    dims = [*(d for d in turn.value.dims if d != "axis"), place, "axis"]
-    value = xr.DataArray(np.einsum("...pij,...j->...pi", skew, turn.value.values), dims=dims)
-    turn = Values(turn.value, turn.factors).at_other_place("root")
-    return turn.mapped(value, lambda a, power: np.einsum("...pij,...jgs->...pigs", skew**power, a))
+def _fitted(motion: Values, at_markers: np.ndarray, at_stations: np.ndarray, data: xr.Dataset) -> Values:
+    """Return the motion of stations by least squares through that of markers, with functions (places x functions)."""
+    axis = motion.value.dims.index("marker")
+    weights = at_stations @ np.linalg.pinv(at_markers)
+
+    def linear(array: np.ndarray, power: int) -> np.ndarray:
+        return np.moveaxis(np.tensordot(array, weights**power, axes=(axis, 1)), -1, axis)
+
+    dims = [STATION if d == "marker" else d for d in motion.value.dims]
+    coords = {c: v.variable for c, v in data.coords.items() if v.dims == (STATION,)}
+    value = xr.DataArray(linear(motion.value.values, 1), coords, dims, attrs={"units": "m"})
+    return motion.mapped(value, linear).at_other_place("markers")
 
 
 # --- stations of two shapes ---------------------------------------------------------------------------------------

@@ -61,11 +61,12 @@ class Factor:
     Attributes
     ----------
     keys
-        Keys of the sources: shape (groups,), or (frames, groups) if each frame has its own; "" for no source.
+        Keys of the sources: shape (groups,), or (frames, groups) if each frame has its own; "" for no source. Of a
+        reduced factor ``KEY#REDUCTION``.
     array
         Shape of the values + (groups, sources); sigma of a value by each source, in the value's unit.
     bases
-        Key -> basis (common sources, sources) of a factor that was reduced; its common sources are those of other files.
+        Key with reduction -> basis (sources of KEY, reduced sources).
     """
 
     keys: np.ndarray
@@ -82,7 +83,7 @@ class Factor:
         return Factor(self.keys, array, self.bases)
 
     def expanded(self) -> Factor:
-        """Return the factor by the common sources, before the reduction."""
+        """Return the factor by the sources before the reduction."""
         if not self.bases:
             return self
         width = max(self.array.shape[-1], *(b.shape[0] for b in self.bases.values()))
@@ -95,7 +96,8 @@ class Factor:
             for group in range(at.shape[1]):
                 rows = at[:, group]
                 out[rows, ..., group, : basis.shape[0]] = self.array[rows, ..., group, : basis.shape[1]] @ basis.T
-        return Factor(self.keys, out)
+        keys = np.array([str(key).partition("#")[0] for key in self.keys.ravel()], dtype=object)
+        return Factor(keys.reshape(self.keys.shape), out)
 
 
 def _pad(array: np.ndarray, sources: int) -> np.ndarray:
@@ -118,18 +120,20 @@ def _check_keys(kind: str, one: np.ndarray, other: np.ndarray) -> None:
         raise WingdError("the shapes are of one flight, exported with other stations; export them together")
 
 
-def _same_bases(one: Factor, other: Factor) -> bool:
-    common = set(one.keys.ravel()) & set(other.keys.ravel())
-    return all(
-        one.bases.get(k) is other.bases.get(k) or np.array_equal(one.bases.get(k, 0), other.bases.get(k, 0))
-        for k in common
-    )
+def _needs_expansion(keys: Iterable[str]) -> bool:
+    """Return whether sources of one key were reduced in different ways."""
+    reductions: dict[str, str] = {}
+    for key in keys:
+        source, _, reduction = str(key).partition("#")
+        if reductions.setdefault(source, reduction) != reduction:
+            return True
+    return False
 
 
 def _merge(kind: str, one: Factor, other: Factor) -> Factor:
     """Return the factor of a sum: blocks of equal keys are added, others placed side by side."""
     _check_keys(kind, one.keys, other.keys)
-    if not _same_bases(one, other):
+    if _needs_expansion([*set(one.keys.ravel()), *set(other.keys.ravel())]):
         one, other = one.expanded(), other.expanded()
     bases = {**one.bases, **other.bases}
     sources = max(one.array.shape[-1], other.array.shape[-1])
@@ -167,6 +171,7 @@ def _sum_frames(factor: Factor) -> Factor:
     """Return the factor of the sum over frames: one group for each key."""
     if not factor.per_frame:
         return factor.with_array(factor.array.sum(axis=0))
+    factor = factor.expanded() if _needs_expansion(set(factor.keys.ravel())) else factor
     keys, inverse = np.unique(factor.keys.ravel().astype(str), return_inverse=True)
     blocks = np.moveaxis(factor.array, -2, 1).reshape(-1, *factor.array.shape[1:-2], factor.array.shape[-1])
     out = np.zeros((len(keys), *blocks.shape[1:]))
@@ -217,8 +222,8 @@ class Values:
         """Unit of the values, empty for a pure number."""
         return str(self.value.attrs.get("units", ""))
 
-    def vector(self) -> tuple[np.ndarray, dict[tuple[str, str], tuple[np.ndarray, np.ndarray | None]]]:
-        """Return values (n,), and by kind and key the factor (n, sources) with its basis, if it is a reduced one."""
+    def vector(self) -> tuple[np.ndarray, dict[tuple[str, str], np.ndarray]]:
+        """Return values (n,), and by kind and key the factor (n, sources)."""
         values, blocks = self.value.values.ravel(), {}
         for kind, factor in self.factors.items():
             array = factor.array
@@ -230,7 +235,7 @@ class Values:
                     for k in range(array.shape[-2]):
                         rows = factor.keys[:, k] == key
                         block[rows] += array[rows][..., k, :]
-                blocks[kind, key] = block.reshape(values.size, -1), factor.bases.get(key)
+                blocks[kind, key] = block.reshape(values.size, -1)
         return values, blocks
 
     @property
@@ -535,8 +540,8 @@ def _align(one: Values, two: Values) -> tuple[Values, Values]:
             raise WingdError(
                 f"the values have {counts[0]} and {counts[1]} along {dim}; select one of them, or take a mean"
             )
-        a, b = (v.value.coords.get(dim) for v in (one, two))
-        if a is not None and b is not None and a.dtype.kind in "OU" and not np.array_equal(a, b):
+        a, b = (v.value.coords[dim] if dim in v.value.coords else None for v in (one, two))
+        if a is not None and b is not None and a.dtype.kind in "OU" and not np.array_equal(a.values, b.values):
             raise WingdError(f"the values have other names along {dim}; select those that both have")
     dims = [*one.value.dims, *(d for d in two.value.dims if d not in one.value.dims)]
     dims.sort(key=lambda d: d != FRAME)
@@ -552,7 +557,7 @@ def concat(parts: Sequence[Values]) -> Values:
     factors = {}
     for kind in dict.fromkeys(kind for p in frames for kind in p.factors):
         known = [p.factors.get(kind) for p in frames]
-        if any(not _same_bases(a, b) for a in known for b in known if a and b):
+        if _needs_expansion(k for f in known if f for k in set(f.keys.ravel())):
             known = [f and f.expanded() for f in known]
         groups, sources = (max(f.array.shape[k] for f in known if f) for k in (-2, -1))
         keys = np.full((sum(len(p) for p in frames), groups), "", dtype=object)
@@ -620,21 +625,30 @@ class Test:
 
 def _joint(parts: Sequence[Values]) -> tuple[np.ndarray, np.ndarray]:
     """Return the values of several arrays one after the other, and their joint covariance."""
+    reduced = {(kind, key) for p in parts for kind, f in p.factors.items() for key in set(f.keys.ravel())}
+    mixed = {k for k in {k for k, _ in reduced} if _needs_expansion(key for kind, key in reduced if kind == k)}
+    parts = [Values(p.value, {k: f.expanded() if k in mixed else f for k, f in p.factors.items()}) for p in parts]
     vectors = [p.vector() for p in parts]
     sizes = np.cumsum([0, *(len(values) for values, _ in vectors)])
     covariance = np.zeros((sizes[-1], sizes[-1]))
+    alone: list[list[np.ndarray]] = [[] for _ in vectors]
     for source in dict.fromkeys(s for _, blocks in vectors for s in blocks):
-        found = [(k, *blocks[source]) for k, (_, blocks) in enumerate(vectors) if source in blocks]
-        bases = [basis for *_, basis in found]
-        if any(b is not bases[0] and not np.array_equal(b, bases[0]) for b in bases):
-            found = [(k, block if b is None else block[:, : b.shape[1]] @ b.T, None) for k, block, b in found]
-        joined = np.zeros((sizes[-1], max(block.shape[1] for _, block, _ in found)))
-        for k, block, _ in found:
+        found = [(k, blocks[source]) for k, (_, blocks) in enumerate(vectors) if source in blocks]
+        if len(found) == 1 and not source[0].endswith(REST):
+            alone[found[0][0]].append(found[0][1])
+            continue
+        joined = np.zeros((sizes[-1], max(block.shape[1] for _, block in found)))
+        for k, block in found:
             joined[sizes[k] : sizes[k + 1], : block.shape[1]] = block
         if source[0].endswith(REST):
             covariance[np.diag_indices_from(covariance)] += (joined**2).sum(axis=1)
         else:
             covariance += joined @ joined.T
+    for k, blocks in enumerate(alone):
+        if blocks:
+            at = slice(sizes[k], sizes[k + 1])
+            stacked = np.hstack(blocks)
+            covariance[at, at] += stacked @ stacked.T
     return np.concatenate([values for values, _ in vectors]), covariance
 
 
