@@ -98,8 +98,6 @@ def index_stations(data: xr.Dataset) -> xr.Dataset:
     names = ["arc_length", "time", "image", "flight", "recorder_id", "inputs", "thermal_scale", "jointly"]
     names += [f"{kind}_sources" for kind in KINDS]
     data = data.set_coords([n for n in names if n in data])
-    # Sources are counted: labels of two files mean nothing to each other.
-    data = data.drop_vars([k for k in KINDS if k in data.coords])
     for name in (STATION, "arc_length"):
         if name in data.coords and data[name].ndim == 1 and not isinstance(data.xindexes.get(name), StationIndex):
             data = data.drop_indexes(name) if name in data.xindexes else data

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import os
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -275,39 +277,34 @@ def read_computation(source: str | os.PathLike[str] | pd.DataFrame) -> tuple[pd.
         )
     if table.columns.has_duplicates:
         raise WingdError(f"{name}: has two columns {table.columns[table.columns.duplicated()][0]!r}; keep one")
-    columns = [k for k in known if k in table]
-    numbers = table[columns].apply(lambda column: pd.to_numeric(column, errors="coerce"))
-    is_text = (
-        numbers.isna() & table[columns].notna() & (table[columns].astype(str).apply(lambda c: c.str.strip()) != "")
-    )
-    bad = is_text | np.isinf(numbers)
-    if bad.to_numpy().any():
-        row, column = (int(k[0]) for k in np.nonzero(bad.to_numpy()))
-        raise WingdError(
-            f"{name}: line {row + 2}, {columns[column]} = {table[columns].iat[row, column]!r}: is not a finite number"
-        )
-    if numbers.empty:
+    if table.empty:
         raise WingdError(f"{name}: has no stations; add one line per station along the span")
+    columns = [k for k in known if k in table]
+    texts = table[columns].astype(str).apply(lambda column: column.str.strip())
+    is_missing = table[columns].isna() | (texts == "")
+    numbers = table[columns].apply(lambda column: pd.to_numeric(column, errors="coerce")).astype(float)
+    lines = table.attrs.get("lines")
+
+    def place(row: int, column: str) -> str:
+        return f"{name}: {f'line {lines[row + 1]}' if lines else f'row {row}'}, {column} = {texts.iloc[row][column]}"
+
+    for row, k in zip(*np.nonzero((~np.isfinite(numbers) & ~is_missing).to_numpy()), strict=True):
+        raise WingdError(f"{place(int(row), columns[k])}: is not a finite number")
     arc = numbers["arc_length_m"].to_numpy()
-    if np.isnan(arc).any() or (arc < 0).any() or (arc > MAX_LENGTH_M).any():
-        row = int(np.flatnonzero(~((arc >= 0) & (arc <= MAX_LENGTH_M)))[0])
+    for row in np.flatnonzero(~((arc >= 0) & (arc <= MAX_LENGTH_M))):
         raise WingdError(
-            f"{name}: line {row + 2}, arc_length_m = {arc[row]}: give the arc length from the root, 0 to {MAX_LENGTH_M:.0f} m"
+            f"{place(int(row), 'arc_length_m')}: give the arc length from the root, 0 to {MAX_LENGTH_M:.0f} m"
         )
-    if (np.diff(arc) <= 0).any():
-        row = int(np.flatnonzero(np.diff(arc) <= 0)[0]) + 1
-        what = (
-            f"lines {row + 1} and {row + 2} are both at {arc[row]} m"
-            if arc[row] == arc[row - 1]
-            else f"line {row + 2}: {arc[row]} m is not outboard of the line before"
+    for row in np.flatnonzero(np.diff(arc) <= 0) + 1:
+        if arc[row] == arc[row - 1]:
+            before = f"line {lines[row]}" if lines else f"row {row - 1}"
+            raise WingdError(f"{place(int(row), 'arc_length_m')}: is the station of {before} too; keep one of them")
+        raise WingdError(
+            f"{place(int(row), 'arc_length_m')}: is not outboard of the line before; order stations from root to tip"
         )
-        raise WingdError(f"{name}: {what}; order the stations from the root to the tip, each once")
     for column in columns:
-        if column.startswith("sigma_") and (numbers[column] < 0).any():
-            row = int(np.flatnonzero(numbers[column] < 0)[0])
-            raise WingdError(
-                f"{name}: line {row + 2}, {column} = {numbers[column].iloc[row]}: a standard deviation is not negative"
-            )
+        for row in np.flatnonzero(column.startswith("sigma_") & (numbers[column] < 0)):
+            raise WingdError(f"{place(int(row), column)}: a standard deviation is not negative")
         if column.startswith("sigma_") and column.removeprefix("sigma_") not in columns:
             raise WingdError(
                 f"{name}: has {column} without {column.removeprefix('sigma_')}; add it or remove the column"
@@ -316,14 +313,15 @@ def read_computation(source: str | os.PathLike[str] | pd.DataFrame) -> tuple[pd.
 
 
 def _read_csv(name: str) -> pd.DataFrame:
+    options = {"comment": "#", "skipinitialspace": True, "dtype": str, "keep_default_na": False, "header": None}
     try:
-        return pd.read_csv(
-            name, comment="#", skipinitialspace=True, dtype=str, keep_default_na=False, encoding="utf-8-sig"
-        )
-    except FileNotFoundError:
-        raise
+        text = Path(name).read_text(encoding="utf-8-sig")
+        cells = pd.read_csv(io.StringIO(text), **options)
     except (UnicodeDecodeError, ValueError) as error:
         raise WingdError(f"{name}: is not a CSV table in UTF-8: {str(error).splitlines()[0]}") from error
+    table = cells.iloc[1:].set_axis(cells.iloc[0].astype(str), axis=1).reset_index(drop=True)
+    table.attrs["lines"] = [k for k, line in enumerate(text.splitlines(), 1) if line.partition("#")[0].strip()]
+    return table
 
 
 def _stem(column: str) -> str:

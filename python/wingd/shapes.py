@@ -70,10 +70,12 @@ class ShapeAccessor:
         clean = xr.DataArray(value.values, keep, value.dims, quantity, dict(value.attrs))
         clean.attrs |= {k: data.attrs[k] for k in FACTS if k in data.attrs}
         if STATION in value.dims and "ground_position" in data and data["arc_length"].values[0] < 1e-9:
-            ground = data["ground_position"].values
+            ground = self._positions("ground_position")
             clean.coords["root_distance"] = STATION, np.linalg.norm(ground - ground[0], axis=-1)
         factors = {kind: _read_factor(data, part[name], kind, value.dims) for kind, name in kinds.items()}
-        clean.attrs["installations"] = sorted(set(factors["lasting"].keys.ravel())) if "lasting" in factors else []
+        clean.attrs["installations"] = (
+            sorted({str(k).partition("#")[0] for k in factors["lasting"].keys.ravel()}) if "lasting" in factors else []
+        )
         single = _single_frames(data, value)
         return Values(clean, factors if single is None else {**factors, SINGLE: single})
 
@@ -136,6 +138,11 @@ class ShapeAccessor:
         """Return the rotation vector of the sections, rad, survey frame, the root's included."""
         return _pick_axis(self.values("rotation"), axis)
 
+    def _positions(self, name: str) -> np.ndarray:
+        """Return places on the ground, m (places, 3); of files that were joined along frames, the first."""
+        array = self._data[name]
+        return (array.isel(frame=0) if FRAME in array.dims else array).values
+
     def _root(self, values: Values) -> Values:
         if STATION not in values.value.dims or values.value["arc_length"].values[0] > 1e-9:
             raise WingdError("the shape has no station at the root; export it with 0 among --eta")
@@ -171,7 +178,7 @@ class ShapeAccessor:
     def _without_contraction(self, values: Values, ground: str) -> Values:
         """Return displacements without the change of length by temperature: distances from the root are those on the ground."""
         root = _expand_root(self._root(self.values("displacement")), values)
-        positions = self._data[ground].values - self._data["ground_position"].values[0]
+        positions = self._positions(ground) - self._positions("ground_position")[0]
         scale = self._scale(values)
         apart = values - root + positions
         out = root + apart / scale - positions
@@ -196,7 +203,7 @@ class ShapeAccessor:
             )
         deflections = self.values("marker_deflection")
         of = {r: deflections.sel(reference=r).at_other_place(r) for r in ("survey", "ground", "root")}
-        markers, stations = self._data["marker_ground_position"].values, self._data["ground_position"].values
+        markers, stations = self._positions("marker_ground_position"), self._positions("ground_position")
         arc = self._data["arc_length"].values
         span = (stations[-1] - stations[0]) / np.linalg.norm(stations[-1] - stations[0])
         along = np.interp((markers - stations[0]) @ span, (stations - stations[0]) @ span, arc) / arc[-1]
@@ -273,9 +280,16 @@ class ShapeAccessor:
             raise WingdError(
                 f"a frame has no {name} with a standard deviation; join aircraft data, or give the difference and its sigma"
             )
-        aircraft = str(self._data.attrs.get("aircraft", self._data.attrs.get("recorder_id", "")))
-        plain = xr.DataArray(array.values.astype(float), dims=array.dims, name=name, attrs=dict(array.attrs))
-        return Values(plain).with_source("instrument", f"{aircraft}/{name}", sigma)
+        recorder = (
+            self._data.coords["recorder_id"].values
+            if "recorder_id" in self._data.coords
+            else self._data.attrs.get("recorder_id", "")
+        )
+        keys = [f"{one}/{name}" for one in np.atleast_1d(recorder)]
+        plain = Values(xr.DataArray(array.values.astype(float), dims=array.dims, name=name, attrs=dict(array.attrs)))
+        if len(set(keys)) == 1 or array.ndim == 0:
+            return plain.with_source("instrument", "+".join(sorted(set(keys))), sigma)
+        return Values(plain.value, {"instrument": Factor(np.array(keys, dtype=object)[:, None], sigma[:, None, None])})
 
     def mean(self) -> xr.Dataset:
         """Return the mean shape: of the frames of each flight, then of the flights, which count equally.
@@ -572,6 +586,9 @@ def mean(shapes: Sequence[xr.Dataset]) -> xr.Dataset:
                     )
     if all("thermal_scale" in s.coords for s in shapes):
         out.coords["thermal_scale"] = float(np.mean([s["thermal_scale"].mean() for s in shapes]))
+    if all("recorder_id" in s.coords for s in shapes):
+        names = {str(r) for s in shapes for r in np.ravel(s["recorder_id"].values)}
+        out.coords["recorder_id"] = "+".join(sorted(names))
     out["frames"] = sum(int(s["frames"].sum()) if "frames" in s else s.sizes.get(FRAME, 1) for s in shapes)
     if all("global_test" in s for s in shapes):
         out["global_test"] = "rejected" if any((s["global_test"] == "rejected").any() for s in shapes) else "passed"

@@ -15,6 +15,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -173,7 +174,8 @@ def _sum_frames(factor: Factor) -> Factor:
         return factor.with_array(factor.array.sum(axis=0))
     factor = factor.expanded() if _needs_expansion(set(factor.keys.ravel())) else factor
     keys, inverse = np.unique(factor.keys.ravel().astype(str), return_inverse=True)
-    blocks = np.moveaxis(factor.array, -2, 1).reshape(-1, *factor.array.shape[1:-2], factor.array.shape[-1])
+    blocks = np.moveaxis(factor.array, -2, 1)
+    blocks = blocks.reshape(len(inverse), *blocks.shape[2:])
     out = np.zeros((len(keys), *blocks.shape[1:]))
     if len(keys) == len(inverse):
         out[inverse] = blocks
@@ -588,21 +590,54 @@ class Test:
     chi_square, freedom, p
         Sum of squares of the tested combinations over their sigmas, their number, and the probability of a sum at least
         as large without a difference.
-    combinations
-        Table: ``sigmas`` (combination over its sigma), ``quantity``, ``from_m`` and ``to_m`` (where most of it is), the
-        largest first.
-    bands
-        Table of stretches of the span in which a value exceeds two sigmas: ``quantity``, ``unit``, ``from_m``, ``to_m``,
-        ``largest``, ``sigma_largest``.
+    values, sigma, names, places, units
+        Tested values with their sigmas, quantities, arc lengths (m), and the units of the quantities.
+    sizes, weights
+        Tested combinations over their sigmas, and the weights of values over sigma in them (values x combinations).
     """
 
     chi_square: float
     freedom: int
     p: float
-    combinations: pd.DataFrame
-    bands: pd.DataFrame
+    values: np.ndarray
+    sigma: np.ndarray
+    names: np.ndarray
+    places: np.ndarray
+    units: dict[str, str]
+    sizes: np.ndarray
+    weights: np.ndarray
 
     __test__ = False
+
+    @cached_property
+    def combinations(self) -> pd.DataFrame:
+        """Table of the combinations, the largest first: ``sigmas``, ``quantity``, ``from_m``, ``to_m`` (most of it)."""
+        scaled = self.values / self.sigma
+        rows = []
+        for k in np.argsort(-np.abs(self.sizes)):
+            parts = np.abs(self.weights[:, k] * scaled)
+            sums = {name: parts[self.names == name].sum() for name in dict.fromkeys(self.names)}
+            name = max(sums, key=sums.get)
+            of = np.flatnonzero(self.names == name)
+            large = self.places[of[parts[of] >= 0.5 * parts[of].max()]]
+            rows.append((abs(self.sizes[k]), name, float(large.min()), float(large.max())))
+        return pd.DataFrame(rows, columns=["sigmas", "quantity", "from_m", "to_m"])
+
+    @cached_property
+    def bands(self) -> pd.DataFrame:
+        """Table of the stretches in which a value exceeds two sigmas: ``quantity``, ``unit``, ``from_m``, ``to_m``, ``largest``, ``sigma_largest``."""
+        rows = []
+        for name in dict.fromkeys(self.names):
+            of = np.flatnonzero(self.names == name)
+            of = of[np.argsort(self.places[of], kind="stable")]
+            beyond = np.abs(self.values[of]) > 2 * self.sigma[of]
+            edges = np.flatnonzero(np.diff(np.concatenate([[False], beyond, [False]]).astype(int)))
+            unit, to = ("deg", 180 / np.pi) if self.units[name] == "rad" else (self.units[name], 1.0)
+            for start, end in zip(edges[::2], edges[1::2], strict=True):
+                stretch = of[start:end]
+                top = stretch[np.abs(self.values[stretch]).argmax()]
+                rows.append((name, unit, *self.places[stretch[[0, -1]]], self.values[top] * to, self.sigma[top] * to))
+        return pd.DataFrame(rows, columns=["quantity", "unit", "from_m", "to_m", "largest", "sigma_largest"])
 
     @property
     def significant(self) -> bool:
@@ -682,7 +717,8 @@ def chi_square_test(parts: Iterable[Values], full: bool = False) -> Test:
     if any(FRAME in p.value.dims for p in parts):
         raise WingdError("the test is of one shape; select a frame or take the mean of the frames")
     if not parts:
-        return Test(0.0, 0, 1.0, _table([], _COMBINATION), _table([], _BAND))
+        empty = np.zeros(0)
+        return Test(0.0, 0, 1.0, empty, empty, empty, empty, {}, empty, np.zeros((0, 0)))
     values, covariance = _joint(parts)
     sigma = np.sqrt(np.diag(covariance))
     rows = {
@@ -699,19 +735,9 @@ def chi_square_test(parts: Iterable[Values], full: bool = False) -> Test:
     weights = basis @ vectors[:, tested]
     sizes = weights.T @ scaled / np.sqrt(eigenvalues[tested])
     chi_square, freedom = float(sizes @ sizes), int(tested.sum())
-    order = np.argsort(-np.abs(sizes))
-    combinations = [(abs(sizes[k]), *_main_place(weights[:, k] * scaled, names, places)) for k in order]
     units = {str(p.value.name): p.unit for p in parts}
-    bands = _bands(values, sigma, names, places, units)
-    return Test(chi_square, freedom, float(chi2.sf(chi_square, freedom)), _table(combinations, _COMBINATION), bands)
-
-
-_COMBINATION = ["sigmas", "quantity", "from_m", "to_m"]
-_BAND = ["quantity", "unit", "from_m", "to_m", "largest", "sigma_largest"]
-
-
-def _table(rows: list[tuple], columns: list[str]) -> pd.DataFrame:
-    return pd.DataFrame(rows, columns=columns)
+    p = float(chi2.sf(chi_square, freedom)) if freedom else 1.0
+    return Test(chi_square, freedom, p, values, sigma, names, places, units, sizes, weights)
 
 
 def _smooth_basis(names: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -729,29 +755,3 @@ def _smooth_basis(names: np.ndarray, places: np.ndarray) -> np.ndarray:
         block[rows] = np.linalg.qr(np.polynomial.legendre.legvander(2 * at / (at.max() or 1.0) - 1, degree))[0]
         columns.append(block)
     return np.hstack(columns)
-
-
-def _main_place(contributions: np.ndarray, names: np.ndarray, places: np.ndarray) -> tuple[str, float, float]:
-    """Return quantity and stretch that hold most of a combination."""
-    sums = {name: np.abs(contributions[names == name]).sum() for name in dict.fromkeys(names)}
-    name = max(sums, key=sums.get)
-    rows = np.flatnonzero(names == name)
-    large = rows[np.abs(contributions[rows]) >= 0.5 * np.abs(contributions[rows]).max()]
-    return name, float(places[large].min()), float(places[large].max())
-
-
-def _bands(
-    values: np.ndarray, sigma: np.ndarray, names: np.ndarray, places: np.ndarray, units: dict[str, str]
-) -> pd.DataFrame:
-    rows = []
-    for name in dict.fromkeys(names):
-        of = np.flatnonzero(names == name)
-        of = of[np.argsort(places[of], kind="stable")]
-        beyond = np.abs(values[of]) > 2 * sigma[of]
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], beyond, [False]]).astype(int)))
-        for start, end in zip(edges[::2], edges[1::2], strict=True):
-            stretch = of[start:end]
-            top = stretch[np.abs(values[stretch]).argmax()]
-            unit, to = ("deg", 180 / np.pi) if units[name] == "rad" else (units[name], 1.0)
-            rows.append((name, unit, places[stretch[0]], places[stretch[-1]], values[top] * to, sigma[top] * to))
-    return _table(rows, _BAND)
