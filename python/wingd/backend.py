@@ -77,7 +77,7 @@ def open_shape(file: Any, drop_variables: str | Iterable[str] | None = None) -> 
     if isinstance(file, str | os.PathLike) and not os.path.exists(file):
         raise FileNotFoundError(f"{os.fspath(file)}: no such file")
     try:
-        raw = xr.open_dataset(file, engine=_engine(file), drop_variables=drop_variables)
+        raw = xr.open_dataset(file, engine=_engine(file), drop_variables=drop_variables, cache=False)
     except (ValueError, TypeError, OSError, KeyError) as error:
         raise WingdError(f"{file}: is not a NetCDF file that can be read: {error}") from error
     if "displacement" not in raw or "arc_length" not in raw:
