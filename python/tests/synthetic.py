@@ -79,7 +79,7 @@ def fly(
         truth = np.stack([bend(arc + wing.root_error_m, tip)[q] for tip in tips])
         values = truth + sum(np.einsum("fek,fk->fe", np.stack([f[name] for f in of[k]]), errors[k]) for k in KINDS)
         sigma = np.sqrt(sum((np.stack([f[name] for f in of[k]]) ** 2).sum(-1) for k in KINDS))
-        unit = {"units": "m" if name == "displacement" else "rad", "long_name": name}
+        unit = {"units": "m" if name == "displacement" else "rad", "long_name": f"{name}, relative to the survey"}
 
         def expand(a: np.ndarray, name: str = name) -> np.ndarray:
             if name != "displacement":

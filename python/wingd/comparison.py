@@ -35,7 +35,7 @@ MEASURED = ("displacement_z", "slope", "twist", "streamwise_twist")
 MAX_LENGTH_M = 100.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """Difference of two shapes along the span.
 
@@ -72,7 +72,7 @@ class Comparison:
 
         return plot.draw_comparison(self, ax=ax, **style)
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return "\n".join(
             [self.table().to_string(index=False, float_format=lambda v: f"{v:.4f}"), str(self.test()), *self.notes]
         )

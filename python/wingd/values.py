@@ -185,7 +185,7 @@ def _sum_frames(factor: Factor) -> Factor:
     return Factor(keys[known].astype(object), np.moveaxis(out[known], 0, -2), factor.bases)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Values:
     """Array of values with factors of its covariance.
 
@@ -581,7 +581,7 @@ def concat(parts: Sequence[Values]) -> Values:
 # --- test ---------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Test:
     """Result of a chi-square test that values are 0.
 
@@ -644,7 +644,7 @@ class Test:
         """Whether the test rejects at 1 %."""
         return self.p < ALPHA
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         verdict = "significant difference" if self.significant else "no significant difference"
         lines = [f"chi-square {self.chi_square:.1f} of {self.freedom} combinations, p = {self.p:.3g}: {verdict} at 1 %"]
         for band in self.bands.itertuples():
