@@ -8,6 +8,7 @@ mod check;
 mod copy;
 mod detect;
 mod diagnose;
+pub mod external;
 pub mod help;
 mod init;
 mod mount_check;
@@ -66,8 +67,13 @@ enum CliCommand {
 
 /// Parses the arguments and runs the command; docs/reference/cli.md lists the exit statuses.
 pub fn main() -> ExitCode {
-    let matches = help::with_groups_and_examples(Arguments::command())
-        .get_matches_from(join_flight_option(std::env::args_os()));
+    let given: Vec<OsString> = std::env::args_os().collect();
+    if let Some(status) = external::run_external(&Arguments::command(), &given) {
+        return status;
+    }
+    let command = help::with_groups_and_examples(Arguments::command());
+    let matches = external::list_external(command, &given)
+        .get_matches_from(join_flight_option(given.into_iter()));
     let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     let done = match &arguments.command {
         CliCommand::Board(command) => command.run(REPORT_BUILDER),
