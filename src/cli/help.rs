@@ -40,7 +40,7 @@ const COMMAND_GROUPS: [(&str, &[&str]); 5] = [
     ),
     (
         "Store and transfer",
-        &["verify", "copy", "fetch", "serve", "upload", "prune"],
+        &["verify", "copy", "fetch", "serve", "prune"],
     ),
     (
         "Demo and utilities",
@@ -49,7 +49,7 @@ const COMMAND_GROUPS: [(&str, &[&str]); 5] = [
 ];
 
 /// Commands of the desk, which the on-board build lacks.
-pub const DESK_COMMANDS: [&str; 19] = [
+pub const DESK_COMMANDS: [&str; 18] = [
     "aircraft-data",
     "calibrate",
     "compare",
@@ -68,7 +68,6 @@ pub const DESK_COMMANDS: [&str; 19] = [
     "simulate",
     "stress",
     "time-check",
-    "upload",
 ];
 
 /// Examples by command. A test runs them in the folder that the tutorial creates (docs/tutorial.md).
@@ -186,10 +185,6 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
     ("copy", &["wingd copy store copy"]),
     ("fetch", &["wingd fetch http://127.0.0.1:8080 copy"]),
     ("serve", &["wingd serve store"]),
-    (
-        "upload",
-        &["wingd upload store --to file:///srv/wings --aircraft D-ABCD"],
-    ),
     (
         "prune",
         &["wingd prune store --verified-copy copy --dry-run"],

@@ -13,8 +13,6 @@ mod mean;
 mod plan;
 mod report;
 mod stress;
-#[cfg(feature = "upload")]
-mod upload;
 
 use wingd_simulate::command as simulate;
 
@@ -37,9 +35,6 @@ commands! {
     Report(report::ReportArgs) => report::run,
     /// Compare two solves of a store, or two stores
     Compare(compare::CompareArgs) => compare::run,
-    /// Upload flights to an object store (not in the on-board build)
-    #[cfg(feature = "upload")]
-    Upload(upload::UploadArgs) => upload::run,
     /// Average measured shapes, also by conditions of the flight
     Mean(mean::MeanArgs) => mean::run,
     /// Compare measured shapes with each other or with a computation
