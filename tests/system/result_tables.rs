@@ -204,6 +204,7 @@ fn the_schema_of_the_fleet_has_every_column_with_its_type() {
         add(name, typed(TableColumn::of_frames(table, &[]), false));
         add(name, aircraft.clone());
     }
+    add("shape", aircraft.clone());
     add("live", typed(TableColumn::of_live(true), true));
     add("live", stored_columns(Subject::Row));
     add("live", typed(TableColumn::of_live(false), true));

@@ -229,7 +229,7 @@ def test_the_report_draws_the_worst(solved, tmp_path):
     (worst,) = desk.rows(sql)
     (few,) = desk.rows("SELECT count(*) AS n FROM deflection_by_aircraft WHERE solve = 'onboard' AND flights > 2")
     assert few["n"] < 8
-    drawn = report._worst(desk, "onboard", report._OF_TYPE)
+    drawn = report._worst(desk, report._OF_TYPE, ["onboard"])
     assert len(drawn) == 8 and (worst["aircraft"], worst["wing"]) in drawn
     report.write(desk, tmp_path / "fleet.html", "onboard", "recalibrated", True)
     assert "Drawn are the 8 wings" in (tmp_path / "fleet.html").read_text()

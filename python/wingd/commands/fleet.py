@@ -124,6 +124,13 @@ def _solve(command) -> None:
         help="one per recorder; more if it changes from a flight (@f0012) or a date (@2026-11-01) onwards",
     )
     sub.add_argument(
+        "--length",
+        action="append",
+        metavar="[TYPE=]M",
+        help="length of the wings of a type from the bending root along the axis, m: eta of the table `shape` is a fraction of "
+        "it [default: of each model's tip, which depends on its outermost marker]",
+    )
+    sub.add_argument(
         "arguments", nargs="*", metavar="ARGUMENT", help="after --: arguments of wingd solve, e.g. --method profile"
     )
     sub = command("task", "Process one flight: fetch, solve, export, publish")

@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 
 from . import corrections as log
-from . import program, records, solves, task
+from . import program, records, shapes, solves, task
 from .lake import FleetError, Flight, Lake
 from .state import State
 
@@ -49,7 +49,8 @@ def define(args) -> None:
     lake = Lake(args.lake)
     installations = None if args.kept else solves.rules(lake, args.installation)
     version = "as recorded" if args.kept else program.version(program.find(args.wingd))
-    definition = solves.define(lake, args.solve, installations, args.arguments, version)
+    lengths = shapes.parse_lengths(args.length or [])
+    definition = solves.define(lake, args.solve, installations, args.arguments, version, lengths)
     source = "the uploaded results" if args.kept else f"{version}, {len(definition['installations'])} installations"
     print(f"{args.solve}: {source}")
 

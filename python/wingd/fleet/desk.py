@@ -31,6 +31,8 @@ FROM shots
 """
 # File -> the table that it reads, and the views that it creates.
 _ON_DEMAND = {
+    "shape.sql": ("shape", {"shapes", "shape_by_flight", "shape_by_wing", "line_of_type", "aircraft_against_type"}),
+    "span.sql": ("span", {"shape_by_series"}),
     "mount.sql": ("parameters", {"rotations", "mount_by_flight", "mount_by_aircraft"}),
     "detection.sql": ("markers", {"marks", "detection", "marker_reasons"}),
     "live.sql": ("live", {"live_by_flight"}),
@@ -102,16 +104,16 @@ class Desk:
         parts = [_empty(table)]
         if self.snapshot:
             files = [file for solve in self.solves for file in self.snapshot.files.get(table, {}).get(solve, [])]
-            for listed in self._grouped([(f["key"], f["sha256"], f["columns"]) for f in files]):
+            for listed in self._grouped(table, [(f["key"], f["sha256"], f["columns"]) for f in files]):
                 old = f"SELECT * EXCLUDE ({about}) FROM read_parquet([{listed}], hive_partitioning = false)"
                 parts.append(f"SELECT {_prefixed(about)}, t.* FROM ({old}) t {_JOIN} AND p.inside")
         own = [one.tables[table] for one in self.published if one.commit not in inside and table in one.tables]
-        for listed in self._grouped([(one.key, one.sha256, one.columns) for one in own]):
+        for listed in self._grouped(table, [(one.key, one.sha256, one.columns) for one in own]):
             old = f"FROM read_parquet([{listed}], hive_partitioning = false)"
             parts.append(f"SELECT {_prefixed(about)}, t.* FROM ({old}) t {_JOIN} AND NOT p.inside")
         return parts
 
-    def _grouped(self, objects: list[tuple[str, str, str]]) -> list[str]:
+    def _grouped(self, table: str, objects: list[tuple[str, str, str]]) -> list[str]:
         """Return local files of objects, digests verified, grouped by their columns."""
         paths, faults = [], []
         for object, path in zip(objects, at_once(partial(self.local, self.lake, self.cache), objects), strict=False):
@@ -120,7 +122,8 @@ class Desk:
             else:
                 paths.append((object[2], path))
         if faults:
-            raise Damaged(faults)
+            number = f"{len(faults)} of {len(objects)} files are missing or damaged, first {faults[0]}"
+            raise Damaged([f"table {table}: {number}"])
         groups: dict[str, list[str]] = {}
         for columns, path in paths:
             groups.setdefault(columns, []).append("'" + str(path).replace("'", "''") + "'")
@@ -147,8 +150,9 @@ class Desk:
 
     def rows(self, sql: str, parameters: list | None = None) -> list[dict]:
         """Return the rows of a query."""
-        self._need(sql)
-        result = self.connection.execute(sql, parameters or [])
+        with _said():
+            self._need(sql)
+            result = self.connection.execute(sql, parameters or [])
         names = [column[0] for column in result.description]
         return [dict(zip(names, row, strict=False)) for row in result.fetchall()]
 
@@ -179,9 +183,31 @@ class Desk:
                 said.append(
                     f"solve {solve}: no tables yet of {len(missing)} flights: {named}; `wingd-fleet run` creates them"
                 )
+        said += [sentence for solve in self.solves for sentence in self.shapes_apart(solve)]
         coming = [flight for flight in self.state.flights if self.state.arrived(flight) != "whole"]
         if coming:
             said.append(f"{len(coming)} flights are not completely uploaded; `wingd-fleet flights` shows their state")
+        return said
+
+    def shapes_apart(self, solve: str) -> list[str]:
+        """Return sentences about shapes of a solve that are absent, or not compared because the lengths of their wings differ."""
+        said, own = [], self.flights(solve)
+        lacking = [str(one.flight) for one in own if parquet.SHAPE not in one.tables]
+        if lacking:
+            named = ", ".join(lacking[:3]) + (" …" if len(lacking) > 3 else "")
+            said.append(
+                f"solve {solve}: {len(lacking)} flights have no shapes, and no view of shapes has them: {named}"
+            )
+        sql = (
+            "SELECT aircraft_type, side, list(DISTINCT arc_length_m ORDER BY arc_length_m) AS lengths FROM shapes "
+            "WHERE solve = ? AND eta = 1 GROUP BY ALL HAVING count(DISTINCT arc_length_m) > 1 ORDER BY ALL"
+        )
+        for row in self.rows(sql, [solve]) if len(lacking) < len(own) else []:
+            lengths = ", ".join(f"{length:.3f} m" for length in row["lengths"][:5])
+            said.append(
+                f"solve {solve}: the models of {row['aircraft_type']} {row['side']} have the lengths {lengths}, so their "
+                "shapes are not compared; define a solve with --length"
+            )
         return said
 
     def withdrawn(self) -> list[tuple[Flight, str, dict]]:
@@ -212,7 +238,14 @@ def _said():
 
 
 _JOIN = "JOIN published p ON t.solve = p.solve AND t.recorder_id = p.recorder_id AND t.flight = p.flight"
-_KINDS = {"string": "VARCHAR", "int64": "BIGINT", "double": "DOUBLE", "float": "FLOAT", "bool": "BOOLEAN"}
+_KINDS = {
+    "string": "VARCHAR",
+    "int64": "BIGINT",
+    "double": "DOUBLE",
+    "float": "FLOAT",
+    "bool": "BOOLEAN",
+    "list<element: float>": "FLOAT[]",
+}
 
 
 def _prefixed(about: str) -> str:

@@ -19,7 +19,8 @@ from .records import sha256
 # Exported unchanged; `live` is split into three tables.
 EXPORTED = ("shots", "markers", "parameters", "span")
 LIVE = ("live", "live_markers", "live_span")
-TABLES = (*EXPORTED, *LIVE)
+SHAPE = "shape"
+TABLES = (*EXPORTED, SHAPE, *LIVE)
 # Aircraft and wing: not in a flight's tables, because they may be corrected; in snapshots and query results.
 ABOUT = ("aircraft", "aircraft_type", "wing")
 # Columns that identify a row.
@@ -35,6 +36,7 @@ _TYPES = {
     "float": pa.float32(),
     "bool": pa.bool_(),
     "timestamp[us, tz=UTC]": pa.timestamp("us", "UTC"),
+    "list<element: float>": pa.list_(pa.field("element", pa.float32())),
 }
 
 

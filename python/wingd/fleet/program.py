@@ -97,6 +97,17 @@ def export_file(wingd: str, store: Path, flight: str, table: str, inputs: str | 
     return output
 
 
+def export_shape(wingd: str, store: Path, flight: str, eta: tuple[float, ...], inputs: str | None) -> Path:
+    """Export the shape of a flight with its factors at fractions of the model's length, as NetCDF."""
+    output = store.parent / "shape.nc"
+    what = ["export", str(store), f"--flight={flight}", "--format=netcdf", "--table=shape"]
+    what += ["--eta", ",".join(map(str, eta)), *([f"--inputs={inputs}"] if inputs else [])]
+    status, _, said = call(wingd, [*what, "--output", str(output)])
+    if status != 0:
+        raise FleetError(f"wingd export: {said.strip()}")
+    return output
+
+
 def results(store: Path, flight: str) -> list[dict]:
     """Return the provenance of every result, in the order written, with numbers as spelt in the file."""
     found = []

@@ -107,19 +107,38 @@ def _deflection(desk: Desk, solve: str) -> str:
         ("aircraft_type", "type", None, 1),
         ("flights", "flights", 0, 1),
         ("frames", "frames", 0, 1),
-        ("deflection_m", "mean deflection of the tip, m", 3, 1),
-        ("sigma_mean_m", "its sigma from the scatter of flights, mm", 1, 1000),
+        ("tip_marker", "tip marker", None, 1),
+        ("deflection_m", "mean deflection of the tip marker, m", 3, 1),
+        ("scatter_of_mean_m", "scatter of flights over root n, mm", 1, 1000),
         ("least_m", "minimum, m", 3, 1),
         ("most_m", "maximum, m", 3, 1),
         ("sigma_frame_m", "sigma of a frame, mm", 1, 1000),
     ]
     text = _load(desk, solve) if desk.has_load else _without_load(desk, solve)
-    return f"<h2>Deflection</h2>{text}<h3>By aircraft</h3>{table(rows, columns)}"
+    shapes = desk.rows(
+        "FROM shape_by_wing WHERE solve = ? ORDER BY aircraft_type, side, eta, arc_length_m, aircraft, wing", [solve]
+    )
+    along = [
+        ("aircraft_type", "type", None, 1),
+        ("side", "side", None, 1),
+        ("eta", "eta", 2, 1),
+        ("arc_length_m", "arc length from the root, m", 3, 1),
+        ("aircraft", "aircraft", None, 1),
+        ("flights", "flights", 0, 1),
+        ("load_t", "mean load, t", 1, 1),
+        ("deflection_m", "mean deflection, m", 3, 1),
+        ("sigma_m", "sigma of the mean, mm", 1, 1000),
+    ]
+    apart = "".join(f'<p class="warning">{html.escape(sentence)}.</p>' for sentence in desk.shapes_apart(solve))
+    return (
+        f"<h2>Deflection</h2>{apart}{text}<h3>Along the span</h3>{table(shapes, along, 4 * ROWS)}"
+        f"<h3>Tip markers by aircraft</h3>{table(rows, columns)}"
+    )
 
 
-def _worst(desk: Desk, solve: str, sql: str) -> list[tuple[str, str]]:
+def _worst(desk: Desk, sql: str, parameters: list) -> list[tuple[str, str]]:
     """Return aircraft and wing of the wings in a figure: the first rows of `sql`, sorted by name."""
-    rows = desk.rows(f"SELECT aircraft, wing FROM ({sql}) LIMIT {DRAWN}", [solve])
+    rows = desk.rows(f"SELECT aircraft, wing FROM ({sql}) LIMIT {DRAWN}", parameters)
     return sorted((row["aircraft"], row["wing"]) for row in rows)
 
 
@@ -129,10 +148,13 @@ def _name(row) -> str:
 
 
 _OF_LEVEL = (
-    "SELECT aircraft, wing FROM (SELECT *, abs(deflection_m - median(deflection_m) OVER ()) AS off FROM deflection_by_aircraft WHERE solve = ?) "
+    "SELECT aircraft, wing FROM (SELECT *, abs(deflection_m - median(deflection_m) OVER (PARTITION BY tip_marker)) AS off FROM deflection_by_aircraft WHERE solve = ?) "
     "ORDER BY off DESC, aircraft, wing"
 )
-_OF_TYPE = "SELECT aircraft, wing FROM aircraft_against_type WHERE solve = ? ORDER BY abs(over_sigma) DESC NULLS LAST, aircraft, wing"
+_OF_TYPE = (
+    "SELECT aircraft, wing FROM aircraft_against_type WHERE solve = ? GROUP BY ALL "
+    "ORDER BY max(abs(over_sigma)) DESC NULLS LAST, aircraft, wing"
+)
 _OF_MOUNT = (
     "SELECT aircraft, wing FROM mount_by_aircraft WHERE solve = ? GROUP BY ALL "
     "ORDER BY max(greatest(within_mrad, coalesce(between_mrad, 0))) DESC NULLS LAST, aircraft, wing"
@@ -141,7 +163,7 @@ _OF_MOUNT = (
 
 def _without_load(desk: Desk, solve: str) -> str:
     series = []
-    for aircraft, wing in _worst(desk, solve, _OF_LEVEL):
+    for aircraft, wing in _worst(desk, _OF_LEVEL, [solve]):
         rows = desk.rows(
             "SELECT epoch(utc - min(utc) OVER (PARTITION BY recorder_id, flight)) / 3600 AS x, tip_deflection_m AS y, "
             "tip_sigma_deflection_m AS s FROM frames WHERE solve = ? AND aircraft = ? AND wing = ? AND status = 'ok' "
@@ -172,9 +194,15 @@ def _caption(text: str, series: list[Series], which: str) -> str:
 
 def _load(desk: Desk, solve: str) -> str:
     parts = []
-    for line in desk.rows("FROM line_of_type WHERE solve = ? ORDER BY aircraft_type", [solve]):
-        kind = line["aircraft_type"]
-        series = _of_load(desk, solve, kind, line["slope_m_per_t"] or 0.0)
+    # The outermost place of each type and side; the table below has all places.
+    outermost = (
+        "FROM line_of_type WHERE solve = ? QUALIFY eta = max(eta) OVER (PARTITION BY aircraft_type, side) "
+        "ORDER BY aircraft_type, side, arc_length_m"
+    )
+    for line in desk.rows(outermost, [solve]):
+        kind = f"{line['aircraft_type']}, {line['side']}"
+        place = f"deflection {line['arc_length_m']:.3f} m from the root"
+        series = _of_load(desk, solve, line)
         if line["slope_m_per_t"] is not None:
             ends = [
                 (t, line["intercept_m"] + line["slope_m_per_t"] * t, None) for t in (line["least_t"], line["most_t"])
@@ -186,38 +214,42 @@ def _load(desk: Desk, solve: str) -> str:
             + chart(
                 series,
                 "weight times load factor, t",
-                "deflection of the tip, m",
+                f"{place}, m",
                 f"Deflection against load, {kind}, by wing",
             )
             + _caption(
                 f"Means of {BINS} classes of load; bars: standard deviation of the class's frames about the line's slope. Line of all frames of "
-                f"the type: {slope} mm per tonne, scatter {_number(line['scatter_m'] and 1000 * line['scatter_m'], 1)} mm.",
+                f"the type and side: {slope} mm per tonne, scatter {_number(line['scatter_m'] and 1000 * line['scatter_m'], 1)} mm.",
                 series[:DRAWN],
                 "farthest from their type's line, relative to sigma",
             )
             + _off_line(line, series)
         )
     rows = desk.rows(
-        "FROM aircraft_against_type WHERE solve = ? ORDER BY abs(over_sigma) DESC NULLS LAST, aircraft, wing",
+        "FROM aircraft_against_type WHERE solve = ? "
+        "ORDER BY max(abs(over_sigma)) OVER (PARTITION BY aircraft, wing) DESC NULLS LAST, aircraft, wing, arc_length_m",
         [solve],
     )
     columns = [
         ("aircraft", "aircraft", None, 1),
         ("wing", "wing", None, 1),
         ("aircraft_type", "type", None, 1),
+        ("side", "side", None, 1),
+        ("eta", "eta", 2, 1),
+        ("arc_length_m", "arc length from the root, m", 3, 1),
         ("flights", "flights", 0, 1),
-        ("mean_m", "offset from its type's line, mm", 1, 1000),
-        ("scatter_m", "sigma from the scatter of flights, mm", 1, 1000),
-        ("common_m", "sigma common to its flights, mm", 1, 1000),
+        ("offset_m", "offset from the line of its type and side, mm", 1, 1000),
+        ("scatter_of_mean_m", "scatter of flights over root n, mm", 1, 1000),
+        ("sigma_m", "sigma of its mean shape, mm", 1, 1000),
         ("over_sigma", "offset over sigma", 1, 1),
     ]
     caption = (
-        "Errors of survey, camera and axis are common to an aircraft's flights and do not average out: the full "
-        "standard deviation of a frame is treated as common."
+        "Places are compared at equal arc lengths, not at tip markers. Errors of survey, camera and mounting stay in the mean of "
+        "an aircraft's flights as far as these share them; of frames that were adjusted singly, all errors count as common."
     )
     return (
         "".join(parts)
-        + f'<h3>Aircraft compared with their type</h3>{table(rows, columns)}<p class="caption">{caption}</p>'
+        + f'<h3>Aircraft compared with their type</h3>{table(rows, columns, 4 * ROWS)}<p class="caption">{caption}</p>'
     )
 
 
@@ -240,21 +272,23 @@ def _off_line(line: dict, series: list[Series]) -> str:
     return chart(off, "weight times load factor, t", "deflection relative to the line, mm", what)
 
 
-def _of_load(desk: Desk, solve: str, kind: str, slope: float) -> list[Series]:
+def _of_load(desk: Desk, solve: str, line: dict) -> list[Series]:
+    kind, side = line["aircraft_type"], line["side"]
     rows = desk.rows(
-        "WITH f AS (SELECT aircraft, wing, load_t, tip_deflection_m, tip_sigma_deflection_m FROM frames WHERE solve = ? AND status = 'ok' AND "
-        "coalesce(aircraft_type, 'unknown') = ? AND load_t IS NOT NULL AND tip_deflection_m IS NOT NULL), "
+        "WITH f AS (SELECT aircraft, wing, load_t, deflection_m, sigma_own_m FROM shapes WHERE solve = ? AND aircraft_type = ? "
+        "AND side IS NOT DISTINCT FROM ? AND eta = ? AND arc_length_m = ? AND load_t IS NOT NULL), "
         "edges AS (SELECT min(load_t) AS low, (max(load_t) - min(load_t)) / ? AS step FROM f) "
-        "SELECT aircraft, wing, avg(load_t) AS x, avg(tip_deflection_m) AS y, "
-        "coalesce(stddev_samp(tip_deflection_m - ? * load_t), avg(tip_sigma_deflection_m)) AS s FROM f, edges "
+        "SELECT aircraft, wing, avg(load_t) AS x, avg(deflection_m) AS y, "
+        "coalesce(stddev_samp(deflection_m - ? * load_t), avg(sigma_own_m)) AS s FROM f, edges "
         "GROUP BY aircraft, wing, least(floor((load_t - low) / nullif(step, 0)), ? - 1) ORDER BY aircraft, wing, x",
-        [solve, kind, BINS, slope, BINS],
+        [solve, kind, side, line["eta"], line["arc_length_m"], BINS, line["slope_m_per_t"] or 0.0, BINS],
     )
     names = {_name(row) for row in rows}
-    of_kind = _OF_TYPE.replace(
-        "WHERE solve = ?", f"WHERE solve = ? AND aircraft_type = '{kind.replace(chr(39), chr(39) * 2)}'"
+    of_line = _OF_TYPE.replace(
+        "WHERE solve = ?", "WHERE solve = ? AND aircraft_type = ? AND side IS NOT DISTINCT FROM ?"
     )
-    drawn = [name for name in map(_name, _worst(desk, solve, of_kind)) if name in names] or sorted(names)[:DRAWN]
+    drawn = [name for name in map(_name, _worst(desk, of_line, [solve, kind, side])) if name in names]
+    drawn = drawn or sorted(names)[:DRAWN]
     return [Series(name, [(r["x"], r["y"], r["s"]) for r in rows if _name(r) == name]) for name in drawn]
 
 
@@ -280,7 +314,7 @@ def _mount(desk: Desk, solve: str) -> str:
         Series(
             _name(one), [(r["day"], r["turn"], r["within_mrad"]) for r in flights if (r["aircraft"], r["wing"]) == one]
         )
-        for one in _worst(desk, solve, _OF_MOUNT)
+        for one in _worst(desk, _OF_MOUNT, [solve])
     ]
     figure = chart(
         series,

@@ -87,7 +87,12 @@ def flights(lake: Lake) -> list[Flight]:
 
 
 def define(
-    lake: Lake, name: str, installations: list[tuple[dict, Path]] | None, arguments: list[str], program: str
+    lake: Lake,
+    name: str,
+    installations: list[tuple[dict, Path]] | None,
+    arguments: list[str],
+    program: str,
+    lengths: dict[str, float] | None = None,
 ) -> dict:
     """Write the definition of a solve, once. `installations`: rules with folders; None: the uploaded results.
 
@@ -109,14 +114,17 @@ def define(
         "arguments": arguments,
         "program": program,
     }
+    if lengths:
+        wanted["lengths"] = lengths
     if not records.create_twice(lake, key(name), records.dump(wanted)):
         there = read(lake, name)
-        differing = [part for part in wanted if there[part] != wanted[part]]
+        there = {"lengths": {}, **there}
+        differing = [part for part in {"lengths": {}, **wanted} if there[part] != wanted.get(part, {})]
         if differing:
             part = differing[0]
             raise FleetError(
                 f"{lake.url}/{key(name)}: is another solve already: {part} {_short(there[part])}, not "
-                f"{_short(wanted[part])}; nothing was changed; choose another name"
+                f"{_short(wanted.get(part, {}))}; nothing was changed; choose another name"
             )
     return read(lake, name)
 

@@ -14,7 +14,9 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
-from . import parquet, program, records, solves
+import pyarrow as pa
+
+from . import parquet, program, records, shapes, solves
 from .corrections import About, Corrections
 from .lake import VERSION, Damaged, FleetError, Flight, Lake, Passing, is_frame
 from .records import sha256
@@ -63,7 +65,8 @@ def make(lake: Lake, solve: str, flight: Flight, manifest: dict, wingd: str, fol
     if not kept:
         inputs = _solve(lake, definition, flight, manifest, wingd, store, folder / "installation", jobs)
     tables = {}
-    for name, data in _tables(wingd, store, flight, solve, inputs, kept):
+    length = shapes.length_of(definition, manifest["aircraft_type"])
+    for name, data in _tables(wingd, store, flight, solve, inputs, kept, length):
         digest = sha256(data)
         key = flight.table(name, solve, digest)
         lake.settle(key, data)
@@ -87,7 +90,7 @@ def needs(lake: Lake, flight: Flight, stage: str) -> None:
 
 
 def _tables(
-    wingd: str, store: Path, flight: Flight, solve: str, inputs: str | None, kept: bool
+    wingd: str, store: Path, flight: Flight, solve: str, inputs: str | None, kept: bool, length: float | None
 ) -> Iterator[tuple[str, bytes]]:
     """Yield tables with rows. Live results are not solved again: they belong to the uploaded results."""
     found = {name: program.export(wingd, store, flight.flight, name, inputs) for name in parquet.EXPORTED}
@@ -95,9 +98,33 @@ def _tables(
         whole = content if name == "shots" else parquet.weighed(content, found["shots"], name)
         if len(whole):
             yield name, parquet.write(parquet.completed(whole, name, solve))
+    if content := _shape(wingd, store, flight, inputs, length, found, kept):
+        yield parquet.SHAPE, parquet.write(parquet.completed(content, parquet.SHAPE, solve))
     if kept and any(store.glob(f"flights/{flight.flight}/live-*")):
         for name, path in parquet.live(program.export_file(wingd, store, flight.flight, "live"), solve).items():
             yield name, path.read_bytes()
+
+
+def _shape(
+    wingd: str,
+    store: Path,
+    flight: Flight,
+    inputs: str | None,
+    length: float | None,
+    found: dict[str, pa.Table],
+    kept: bool,
+) -> pa.Table | None:
+    """Return the table `shape`; None if no frame has one: frames that failed, or the method profile."""
+    shots = found["shots"]
+    solved = set(zip(shots["status"].to_pylist(), shots["method"].to_pylist(), strict=True))
+    if kept:
+        content = shapes.rows_of_span(found["span"], length)
+    elif ("ok", "spatial") in solved:
+        export = program.export_shape(wingd, store, flight.flight, shapes.EXPORTED_ETA, inputs)
+        content = shapes.rows(export, length)
+    else:
+        return None
+    return parquet.weighed(shapes.with_identity(content, shots), shots, parquet.SHAPE) if len(content) else None
 
 
 def keys_of(flight: Flight, entry: dict) -> list[tuple[str, str, int]]:
