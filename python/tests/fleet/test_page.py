@@ -79,7 +79,7 @@ def test_every_command_of_the_page_runs(wingd, recorders, recorder, server, tmp_
     said = subprocess.run(["sh", "-eux", "-c", script], cwd=tmp_path, env=environment)
     assert said.returncode == 0
     state = State(Lake(LAKE))
-    assert state.solves == ["cal-2026-11", "onboard"] and len(state.published()) == 4
+    assert state.solves == ["cal-2026-11", "compared", "onboard"] and len(state.published()) == 6
     for report in ("fleet.html", "changed.html"):
         assert "</html>" in (tmp_path / report).read_text()
     assert len(solves.flights(Lake(f"file://{tmp_path / 'staging'}"))) == 1
