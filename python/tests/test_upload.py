@@ -41,7 +41,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def test_keys_and_records_are_those_of_earlier_lakes(store, tmp_path):
-    """`published` was written by the upload of the program `wingd` 0.1.0, in Rust."""
+    """`published` has the bytes of the upload in Rust: the digest of its flight, and the text and seals of its records."""
     (outcome,) = upload_flights(store, ["f0001"], Target(f"file://{tmp_path}/lake"), LABELS)
     assert outcome.error is None
     there = contents(tmp_path / "lake")

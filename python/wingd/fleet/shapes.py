@@ -7,15 +7,15 @@ Wings are compared at equal arc lengths from the root. Their outermost markers d
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
-from scipy.interpolate import make_interp_spline
 
-from .. import shapes as _accessor  # noqa: F401 - registers the accessor
-from ..backend import open_shape
-from ..values import SINGLE, Values
 from .lake import FleetError
+
+if TYPE_CHECKING:
+    from ..values import Values
 
 #: Fractions of the length at which shapes are compared.
 ETA = (0.25, 0.5, 0.75, 1.0)
@@ -76,6 +76,11 @@ def rows(export: Path, length: float | None) -> pa.Table:
         ``lasting_key`` (survey, ground frame, lens), v to those with the same ``shared_key`` (mounting, temperature of the flight).
         What frames share that were adjusted singly is not known: their whole error counts as lasting.
     """
+    # xarray and scipy take a second to load, which a query does without.
+    from .. import shapes as _accessor  # noqa: F401 - registers the accessor
+    from ..backend import open_shape
+    from ..values import SINGLE
+
     dataset = open_shape(export)
     tip = float(dataset.attrs["length_to_tip_m"])
     reference = length or tip
@@ -123,6 +128,8 @@ def rows_of_span(span: pa.Table, length: float | None) -> pa.Table:
     Rows as of :func:`rows`. The curve ends at the outermost marker, whose arc length is the default of `length`. What frames share is
     not in the table `span`, so their whole error counts as lasting.
     """
+    from scipy.interpolate import make_interp_spline
+
     columns = (
         "series",
         "shot",
