@@ -171,7 +171,7 @@ fleet-demo: $(PYTHON_VENV)/installed-demo $(PROGRAM)
 	cd python && $(ALONE) $(PYTHON_VENV)/bin/python -m demo $(WINGD) $(FLEET)/demo
 
 # 20, 200 and 2,000 synthetic flights: some minutes and 1 GB to make them.
-fleet-growth: $(PYTHON_VENV)/installed-demo $(PROGRAM)
+fleet-growth: $(PYTHON_VENV)/installed-fleet-test $(PROGRAM)
 	cd python && PATH="$(PYTHON_VENV)/bin:$$PATH" $(PYTHON_VENV)/bin/python -m demo.growth $(WINGD) $(FLEET)/growth
 
 $(PYTHON_VENV)/installed-%: python/pyproject.toml python/constraints.txt

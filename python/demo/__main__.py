@@ -117,6 +117,11 @@ def main(wingd: str, folder: Path) -> None:
             "query",
             "SELECT aircraft, wing, results, round(rate_hz, 1) AS rate_hz, round(deflection_m, 3) AS deflection_m FROM live_by_flight",
         )
+        along = (
+            "SELECT aircraft, wing, eta, arc_length_m, round(deflection_m, 3) AS deflection_m, round(1000 * sigma_m, 1) AS sigma_mm "
+            "FROM shape_by_wing WHERE solve = 'recalibrated' ORDER BY ALL"
+        )
+        ask("query", along)
         ask("corrections")
         ask("report", "--solve", "recalibrated", "--against", "onboard", "--output", str(folder / "fleet.html"))
     # The lake cannot be used without its server.
