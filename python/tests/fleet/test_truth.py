@@ -69,7 +69,7 @@ def test_a_task_killed_at_any_step_is_done_again_and_gives_the_same(wingd, uploa
         assert not whole or done == wanted, "a commit before its tables"
         assert work(lake) == ("there" if whole else "done")
         assert contents(lake) == wanted
-    assert steps == 2 * 5, "four tables and the commit, before and after each"
+    assert steps == 2 * 6, "five tables and the commit, before and after each"
     assert not (tmp_path / "work").exists(), "folders of killed tasks are removed"
 
 
