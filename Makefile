@@ -55,13 +55,13 @@ demo: dependencies
 	$(CARGO) build --release --locked --bin wingd $(DEMO_FEATURES)
 	target/release/wingd demo --output $(DEMO_OUTPUT)
 
-# Lints and tests of one build: .ci/linted.
+# Lints and tests of one build: .ci/linted. It has made the program, too.
 test: dependencies
 	@sh packaging/dependencies.sh $(TEST_PACKAGES)
 	$(CARGO) fmt --check
 	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/linted $(CARGO) test --release --locked --all-targets --no-run
 	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/linted $(CARGO) test --release --locked
-	$(MAKE) test-python
+	$(MAKE) test-python PROGRAM=
 
 # In about half an hour; WINGD_MUTATIONS=400 for a look.
 test-mutations: dependencies
