@@ -13,6 +13,7 @@ mod consistent_faults;
 mod daemon_replay;
 mod daemon_socket;
 mod diagnosis;
+mod external_commands;
 mod first_hour;
 mod fixed_marks;
 mod foreign_tables;
