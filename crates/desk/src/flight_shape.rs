@@ -22,7 +22,8 @@ use wingd_measure::adjust::{CommonErrors, ShapeMean};
 use wingd_measure::adjust::{JointShape, StationChoice};
 use wingd_measure::observation::Estimate;
 use wingd_measure::setup::WingSide;
-use wingd_store::{FlightRef, FrameRef, RealDisk, result_sets};
+use wingd_store::result_sets::{self, ResultSet};
+use wingd_store::{FlightRef, FrameRef, RealDisk};
 
 /// Joint shape of a flight, or one shape per frame if its frames were adjusted singly.
 pub struct FlightShape {
@@ -35,6 +36,8 @@ pub struct FlightShape {
     pub jointly: bool,
     /// Inputs of the results.
     pub provenance: Map<String, Value>,
+    /// Results of the frames.
+    pub results: ResultSet,
 }
 
 /// Options of commands that average frames.
@@ -369,6 +372,7 @@ impl ShapeSource<'_> {
             shapes,
             jointly,
             provenance,
+            results: set.clone(),
         })
     }
 }

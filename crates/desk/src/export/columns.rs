@@ -27,6 +27,15 @@ pub enum ColumnValues {
 }
 
 impl ColumnValues {
+    /// Creates numbers of a type; a time before any clock was set is missing.
+    pub fn from_numbers(kind: NumberType, mut numbers: Vec<f64>) -> Self {
+        if kind == NumberType::Time {
+            let unset = numbers.iter_mut().filter(|us| **us < FIRST_KNOWN_US as f64);
+            unset.for_each(|us| *us = f64::NAN);
+        }
+        Self::Numbers(kind, numbers)
+    }
+
     /// Returns the number of rows.
     pub fn len(&self) -> usize {
         match self {
@@ -80,6 +89,15 @@ impl ColumnValues {
     }
 }
 
+/// Begin of the times that a clock may show, microseconds since 1970: 1 January 1980, before any digital camera. Recorders
+/// and cameras whose clock was not set count from 1970.
+const FIRST_KNOWN_US: i64 = 315_532_800_000_000;
+
+/// Returns whether a time is known: a clock that was not set shows an earlier one.
+pub fn is_known_time(time: jiff::Timestamp) -> bool {
+    time.as_microsecond() >= FIRST_KNOWN_US
+}
+
 /// Formats a time with microseconds, RFC 3339 in UTC.
 pub fn time_text(time: jiff::Timestamp) -> String {
     format!("{time:.6}")
@@ -116,7 +134,7 @@ impl ExportColumn {
             .collect();
         Self {
             name: column.name.clone(),
-            values: ColumnValues::Numbers(kind, numbers),
+            values: ColumnValues::from_numbers(kind, numbers),
         }
     }
 }

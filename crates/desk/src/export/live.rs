@@ -253,7 +253,7 @@ impl LiveColumnSource {
                 .map(json_text)
         };
         let values = match self.kind {
-            Some(kind) => ColumnValues::Numbers(kind, numbers),
+            Some(kind) => ColumnValues::from_numbers(kind, numbers),
             None => ColumnValues::Texts(numbers.iter().map(word).collect()),
         };
         ExportColumn {

@@ -43,9 +43,9 @@ pub enum ResultTable {
     Shots,
     /// Row per result of live mode; also as jsonl
     Live,
-    /// Joint shape of stations and markers with its covariance; as netcdf or npz
+    /// Joint shape of stations and markers with its covariance; as netcdf
     Shape,
-    /// Mean shape of each series, by the model; as csv, parquet, netcdf or npz
+    /// Mean shape of each series, by the model; as csv, parquet or netcdf
     Series,
 }
 

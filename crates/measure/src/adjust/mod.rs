@@ -35,7 +35,9 @@ mod values;
 pub use super::estimation::{GlobalTest, SigmaKind, VarianceComponent};
 pub use super::observation::{Estimate, Observation};
 pub use flight::{LiveAdjustment, learn_from_flight, solve_flight};
-pub use joint_shape::{FrameShape, JointShape, STATION_FUNCTIONS, StationChoice};
+pub use joint_shape::{
+    FrameShape, JointShape, STATION_FUNCTIONS, StationChoice, principal_sources,
+};
 pub use profile::solve_profile;
 pub use shape_comparison::{
     CommonErrors, ShapeDifference, ShapeMean, ShapeTest, TestedCombination,

@@ -28,7 +28,8 @@ pub struct FrameOutcome<'a> {
     pub solved: SolvedGroup<'a>,
     /// Columns of the unknowns.
     pub layout: &'a ParameterLayout,
-    values: UnknownValues,
+    /// Values of the unknowns.
+    pub values: UnknownValues,
     bent: BentWing,
     global_test: Option<GlobalTest>,
     posterior: bool,

@@ -13,7 +13,9 @@ pub mod rainflow;
 mod sampling;
 mod wear;
 
-pub use moment::{BendingCurvature, BendingMoment, DEFAULT_STEPS, bending_length_m};
+pub use moment::{
+    BendingCurvature, BendingMoment, DEFAULT_STEPS, MomentFunction, bending_length_m,
+};
 pub use sampling::{SAMPLES_PER_PERIOD, Sampling, UnseenFractions, analyse_sampling};
 pub use wear::{
     Damage, Exceedance, FlightCycles, GoodmanLine, GroundAirGround, count_exceedances,
