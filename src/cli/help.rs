@@ -35,7 +35,6 @@ const COMMAND_GROUPS: [(&str, &[&str]); 5] = [
             "export",
             "deform",
             "aircraft-data",
-            "stress",
         ],
     ),
     (
@@ -49,7 +48,7 @@ const COMMAND_GROUPS: [(&str, &[&str]); 5] = [
 ];
 
 /// Commands of the desk, which the on-board build lacks.
-pub const DESK_COMMANDS: [&str; 19] = [
+pub const DESK_COMMANDS: [&str; 18] = [
     "aircraft-data",
     "calibrate",
     "compare",
@@ -66,7 +65,6 @@ pub const DESK_COMMANDS: [&str; 19] = [
     "plan",
     "report",
     "simulate",
-    "stress",
     "time-check",
     "upload",
 ];
@@ -181,7 +179,6 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
             "wingd aircraft-data store --flight f0001 --list",
         ],
     ),
-    ("stress", &["wingd stress store --structure structure.csv"]),
     ("verify", &["wingd verify store"]),
     ("copy", &["wingd copy store copy"]),
     ("fetch", &["wingd fetch http://127.0.0.1:8080 copy"]),

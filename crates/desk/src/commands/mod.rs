@@ -12,7 +12,6 @@ mod mark;
 mod mean;
 mod plan;
 mod report;
-mod stress;
 #[cfg(feature = "upload")]
 mod upload;
 
@@ -48,8 +47,6 @@ commands! {
     Export(export::ExportArgs) => export::run,
     /// Add a table of the aircraft's own data to a flight
     AircraftData(aircraft_data::AircraftDataArgs) => aircraft_data::run,
-    /// Compute bending moments: extremes, load cycles, damage
-    Stress(stress::StressArgs) => stress::run,
     /// Render frames of a wing, or images of a board
     Simulate(simulate::SimulateArgs) => simulate::run,
 }

@@ -235,6 +235,7 @@ fn image_rows<'a>(table: ResultTable, row: ResultRow<'a>, terms: &'a [Term]) -> 
     };
     let count = match table {
         ResultTable::Span => image.curve.len(),
+        ResultTable::Moments => image.moments.len(),
         ResultTable::Parameters => {
             return terms
                 .iter()
@@ -253,4 +254,24 @@ fn image_rows<'a>(table: ResultTable, row: ResultRow<'a>, terms: &'a [Term]) -> 
             ..row
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_time_before_any_clock_was_set_is_missing() {
+        let times = vec![3e7, 315_532_799e6, 315_532_800e6, 1.78e15, f64::NAN];
+        let column = ColumnValues::from_numbers(NumberType::Time, times);
+        let texts: Vec<String> = (0..column.len())
+            .map(|row| column.value_text(row))
+            .collect();
+        let known = ["1980-01-01T00:00:00.000000Z", "2026-05-28T20:26:40.000000Z"];
+        assert_eq!(texts, ["", "", known[0], known[1], ""]);
+        assert!(!is_known_time(jiff::Timestamp::UNIX_EPOCH));
+        // Only times are: a count may be small.
+        let counts = ColumnValues::from_numbers(NumberType::Count, vec![3.0]);
+        assert_eq!(counts.value_text(0), "3");
+    }
 }

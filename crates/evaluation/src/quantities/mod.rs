@@ -12,8 +12,8 @@ mod row;
 mod stored;
 
 pub use registry::{
-    CLOCK_SIGMA, CURVATURE, CURVATURE_COVARIANCE, EXPOSURE_SIGMA, GLOBAL_TEST_PASSED, NUMBER,
-    REASON, SECTIONS, SINCE_BOOT, SOLVED, SUMMARY, TIP_SIGMAS, UTC,
+    CLOCK_SIGMA, CURVATURE, CURVATURE_COVARIANCE, EXPOSURE_SIGMA, FIRST_VERSION,
+    GLOBAL_TEST_PASSED, NUMBER, REASON, SECTIONS, SINCE_BOOT, SOLVED, SUMMARY, TIP_SIGMAS, UTC,
 };
 pub use row::{ResultInputs, ResultRow};
 pub use stored::{LiveSource, StoredForm, StoredTimes, finite_value, stored_quantities};
@@ -37,6 +37,8 @@ pub enum ResultTable {
     Markers,
     /// Row per point of the span curve and image
     Span,
+    /// Row per section of the stiffness and image: bending moments
+    Moments,
     /// Row per model parameter and image
     Parameters,
     /// Row per shot, including shots without a frame
@@ -58,6 +60,8 @@ pub enum Subject {
     Marker,
     /// Point of the curve along the span.
     Station,
+    /// Section of known stiffness.
+    Section,
     /// Torsion pair.
     Pair,
     /// Coefficient of the curvature.

@@ -310,6 +310,8 @@ pub struct Solution {
     pub torsion: Vec<PairTorsion>,
     /// Curves along the span, from root to tip.
     pub curve: Vec<CurvePoint>,
+    /// Length of the bending axis from the root to the tip of the model, m; 0 with the profile method.
+    pub axis_length_m: f64,
     /// Variance budget of the tip deflection; `None` if no used marker has a deflection.
     pub budget: Option<VarianceBudget>,
     /// Variance components, if requested.

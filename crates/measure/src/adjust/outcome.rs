@@ -103,6 +103,7 @@ impl<'a> FrameOutcome<'a> {
             markers,
             torsion: self.torsions(),
             curve,
+            axis_length_m: self.solved.input.scene.ground.axis.length_m,
             budget,
             variance_components: vec![],
             remarks,

@@ -3,10 +3,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::adjust::AdjustResult;
 use crate::adjust::beam::curvature_basis;
-use crate::adjust::ground::GroundShape;
-use crate::setup::{Orientation, Setup, StiffnessSection};
+use crate::setup::StiffnessSection;
 
 /// A bending moment with its standard deviation and the contributions to it, N m.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,13 +94,4 @@ impl BendingCurvature {
             sigma_by_stiffness,
         }
     }
-}
-
-/// Returns the length of the bending axis, from the root to the end of the curvature, m.
-///
-/// # Errors
-/// Returns an error if the survey gives no wing.
-pub fn bending_length_m(setup: &Setup, orientation: &Orientation) -> AdjustResult<f64> {
-    let shaping = orientation.shaping_markers(setup.markers.len());
-    Ok(GroundShape::new(setup, &shaping)?.axis.length_m)
 }
