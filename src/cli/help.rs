@@ -29,8 +29,6 @@ const COMMAND_GROUPS: [(&str, &[&str]); 5] = [
             "solve",
             "learn",
             "compare",
-            "mean",
-            "difference",
             "report",
             "export",
             "deform",
@@ -48,20 +46,18 @@ const COMMAND_GROUPS: [(&str, &[&str]); 5] = [
 ];
 
 /// Commands of the desk, which the on-board build lacks.
-pub const DESK_COMMANDS: [&str; 18] = [
+pub const DESK_COMMANDS: [&str; 16] = [
     "aircraft-data",
     "calibrate",
     "compare",
     "convert",
     "deform",
     "demo",
-    "difference",
     "export",
     "fetch",
     "import",
     "learn",
     "mark",
-    "mean",
     "plan",
     "report",
     "simulate",
@@ -151,14 +147,6 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
     ),
     ("learn", &["wingd learn store --installation installation"]),
     ("compare", &["wingd compare store"]),
-    (
-        "mean",
-        &["wingd mean store:f0001/s000001/0001.jpg --eta 0.5,1"],
-    ),
-    (
-        "difference",
-        &["wingd difference store:f0001/s000001/0001.jpg --against fem.csv"],
-    ),
     ("report", &["wingd report store --output report.html"]),
     (
         "export",

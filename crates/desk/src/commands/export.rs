@@ -33,7 +33,7 @@ enum FormatName {
     Csv,
     /// The same table with typed columns and times as UTC timestamps
     Parquet,
-    /// Shapes: a .vtp per frame, a .pvd per flight, the ground, a mean .vtu per series (ParaView)
+    /// Shapes: a .vtp per frame, a .pvd per flight, the ground (ParaView)
     Vtk,
     /// A JSON object per shot, with its complete record
     Jsonl,
@@ -296,11 +296,6 @@ fn export_vtk_flight(
             );
             return Ok(());
         }
-        let name = format!("{}-{}", series.flight, series.name);
-        write_file(
-            &folder.join(format!("{name}.vtu")),
-            &export::series_shape(&series, &ground).to_vtu(),
-        )?;
         for record in summary::solved_records(&series) {
             let Some(stamp) = series.shot_for_record(record).and_then(|s| s.stamp.clone()) else {
                 continue;

@@ -4,12 +4,10 @@ mod aircraft_data;
 #[cfg(feature = "boards")]
 mod calibrate;
 mod compare;
-mod difference;
 mod export;
 mod import;
 mod learn;
 mod mark;
-mod mean;
 mod plan;
 mod report;
 #[cfg(feature = "upload")]
@@ -39,11 +37,7 @@ commands! {
     /// Upload flights to an object store (not in the on-board build)
     #[cfg(feature = "upload")]
     Upload(upload::UploadArgs) => upload::run,
-    /// Average measured shapes, also by conditions of the flight
-    Mean(mean::MeanArgs) => mean::run,
-    /// Compare measured shapes with each other or with a computation
-    Difference(difference::DifferenceArgs) => difference::run,
-    /// Export results as tables, VTK, JSON lines, NetCDF or NumPy
+    /// Export results as tables, VTK, JSON lines or NetCDF
     Export(export::ExportArgs) => export::run,
     /// Add a table of the aircraft's own data to a flight
     AircraftData(aircraft_data::AircraftDataArgs) => aircraft_data::run,

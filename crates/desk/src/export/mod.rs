@@ -26,7 +26,7 @@ pub use live::{LiveColumns, write_json_rows};
 pub use parquet_file::ParquetFile;
 #[cfg(feature = "shapes")]
 pub use shape::{DatedShape, SOURCES, ShapeExport};
-pub use vtk::{VtkShape, frame_shape, ground_shape, series_shape, time_collection};
+pub use vtk::{VtkShape, frame_shape, ground_shape, time_collection};
 
 /// Writer of a table as CSV; a missing value is an empty field.
 pub struct CsvWriter<W: Write>(csv::Writer<W>);

@@ -934,3 +934,52 @@ fn facts(
     }));
     facts
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two factors of forty sources: one source carries nearly all, another the difference, the others are small.
+    fn two_factors() -> [DMatrix<f64>; 2] {
+        [1.0, -1.0].map(|sign| {
+            DMatrix::from_fn(12, 40, |row, source| match source {
+                0 => 1.0 + row as f64,
+                1 => sign * 1e-2,
+                _ => 1e-4 * ((row * 40 + source) as f64).sin(),
+            })
+        })
+    }
+
+    #[test]
+    fn reduced_factors_carry_the_variance_of_values_and_of_differences() {
+        let factors = two_factors();
+        let basis = common_basis(&factors);
+        assert!(
+            basis.ncols() >= 2 && basis.ncols() < 12,
+            "{}",
+            basis.ncols()
+        );
+        let carried = |factor: &DMatrix<f64>| {
+            let reduced = factor * &basis;
+            let lost = 1.0 - reduced.norm_squared() / factor.norm_squared();
+            assert!((0.0..2.0 * LOST_VARIANCE).contains(&lost), "{lost}");
+        };
+        factors.iter().for_each(carried);
+        carried(&(&factors[0] - &factors[1]));
+        // Factors without sources, as those of frames that were adjusted singly, stay so.
+        assert_eq!(common_basis(&[DMatrix::zeros(3, 0)]).ncols(), 0);
+    }
+
+    #[test]
+    fn conditions_have_the_unit_of_their_name() {
+        let unit = |name: &str| {
+            let named = Quantity::ALL.into_iter().find(|one| one.name() == name);
+            condition_unit(named.unwrap())
+        };
+        assert_eq!(unit("mach"), "1");
+        assert_eq!(unit("pressure_altitude_m"), "m");
+        assert_eq!(unit("true_airspeed_m_s"), "m s-1");
+        assert_eq!(unit("static_temperature_c"), "degree_Celsius");
+        assert_eq!(unit("load_factor"), "1");
+    }
+}

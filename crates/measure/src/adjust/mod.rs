@@ -22,7 +22,7 @@ mod outcome;
 mod prior_scales;
 pub mod profile;
 mod scene;
-mod shape_comparison;
+mod shape_mean;
 mod shape_solving;
 mod shapes;
 mod snooping;
@@ -39,9 +39,7 @@ pub use joint_shape::{
     FrameShape, JointShape, STATION_FUNCTIONS, StationChoice, principal_sources,
 };
 pub use profile::solve_profile;
-pub use shape_comparison::{
-    CommonErrors, ShapeDifference, ShapeMean, ShapeTest, TestedCombination,
-};
+pub use shape_mean::ShapeMean;
 pub use shape_solving::{solve_flight_shape, solve_frame_shape};
 pub use spatial::solve_spatial;
 

@@ -9,7 +9,6 @@ use serde_json::{Map, Value, json};
 
 use super::sink::{ExportEnd, RowSink, finish_export, write_failure};
 use super::{ExportArgs, FormatName};
-use crate::commands::difference::COLUMN_UNITS;
 use crate::export::{
     self, AttributeValue, ColumnValues, DatedShape, ExportColumn, NumberType, ShapeExport,
 };
@@ -22,7 +21,6 @@ use wingd_base::pending_file::PendingFile;
 use wingd_evaluation::aircraft::Quantity;
 use wingd_evaluation::inputs::stored_flights;
 use wingd_evaluation::installation;
-use wingd_evaluation::installation::STATION_COLUMNS;
 use wingd_evaluation::pipeline::SolvedShape;
 use wingd_evaluation::quantities::ResultTable;
 use wingd_evaluation::record::{RecordStatus, variant_name};
@@ -232,15 +230,9 @@ fn digest_of(value: Value) -> String {
 /// Reads the stations from the options.
 fn station_choice(args: &ExportArgs) -> TaskResult<StationChoice> {
     match (&args.stations, &args.eta) {
-        (Some(file), _) => {
-            let stations = installation::read_stations(file)?;
-            Ok(StationChoice::ArcLengths(
-                stations
-                    .iter()
-                    .map(|station| station.arc_length_m)
-                    .collect(),
-            ))
-        }
+        (Some(file), _) => Ok(StationChoice::ArcLengths(installation::read_stations(
+            file,
+        )?)),
         (None, Some(eta)) if eta.iter().all(|eta| (0.0..=1.0).contains(eta)) => {
             Ok(StationChoice::Fractions(eta.clone()))
         }
@@ -372,6 +364,18 @@ fn exposure_time(frame: &FrameRef) -> Option<(Timestamp, Option<f64>)> {
 /// Mean of a series with the standard deviations of its functions.
 type SeriesMean<'a> = (&'a DatedShape, &'a DVector<f64>);
 
+/// Degrees in a radian.
+const DEGREES: f64 = 180.0 / std::f64::consts::PI;
+/// Columns of the first functions of stations, with the factors of their units.
+const SERIES_COLUMNS: [(&str, f64); 6] = [
+    ("displacement_x_m", 1.0),
+    ("displacement_y_m", 1.0),
+    ("displacement_z_m", 1.0),
+    ("slope_deg", DEGREES),
+    ("twist_deg", DEGREES),
+    ("streamwise_twist_deg", DEGREES),
+];
+
 /// Columns of the means of series: a row per series and station.
 fn series_columns(flight: &str, shapes: &[DatedShape], shape: &JointShape) -> Vec<ExportColumn> {
     let sigmas: Vec<DVector<f64>> = shapes.iter().map(|one| one.shape.sigmas()).collect();
@@ -410,13 +414,11 @@ fn series_columns(flight: &str, shapes: &[DatedShape], shape: &JointShape) -> Ve
             shape.arcs_m[s] / shape.length_m
         }),
     ];
-    for (f, (name, (_, factor))) in STATION_COLUMNS[1..].iter().zip(COLUMN_UNITS).enumerate() {
+    for (f, (name, factor)) in SERIES_COLUMNS.into_iter().enumerate() {
         let of = |values: &DVector<f64>, s: usize| values[shape.station_function(f, s)] * factor;
-        columns.push(numbers(
-            (*name).into(),
-            NumberType::Double,
-            &|(one, _), s| of(&one.shape.values, s),
-        ));
+        columns.push(numbers(name.into(), NumberType::Double, &|(one, _), s| {
+            of(&one.shape.values, s)
+        }));
         columns.push(numbers(
             format!("sigma_{name}"),
             NumberType::Double,
