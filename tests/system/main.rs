@@ -60,7 +60,6 @@ mod store_live_figures;
 mod store_signed;
 mod store_speed;
 mod store_verify;
-mod stress_live;
 mod survey_typo;
 mod table_mutations;
 mod table_statements;

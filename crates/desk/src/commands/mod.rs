@@ -4,15 +4,12 @@ mod aircraft_data;
 #[cfg(feature = "boards")]
 mod calibrate;
 mod compare;
-mod difference;
 mod export;
 mod import;
 mod learn;
 mod mark;
-mod mean;
 mod plan;
 mod report;
-mod stress;
 
 use wingd_simulate::command as simulate;
 
@@ -51,14 +48,6 @@ commands! {
     Compare(compare::CompareArgs) => compare::run, Evaluate [
         "wingd compare store",
     ];
-    /// Average measured shapes, also by conditions of the flight
-    Mean(mean::MeanArgs) => mean::run, Evaluate [
-        "wingd mean store:f0001/s000001/0001.jpg --eta 0.5,1",
-    ];
-    /// Compare measured shapes with each other or with a computation
-    Difference(difference::DifferenceArgs) => difference::run, Evaluate [
-        "wingd difference store:f0001/s000001/0001.jpg --against fem.csv",
-    ];
     /// Export results as tables, JSON lines or NetCDF
     Export(export::ExportArgs) => export::run, Evaluate [
         "wingd export store --format csv --table span --output span.csv",
@@ -69,10 +58,6 @@ commands! {
     AircraftData(aircraft_data::AircraftDataArgs) => aircraft_data::run, Evaluate [
         "wingd aircraft-data demo-flight/store qar.csv --mapping mapping.toml --flight f0001",
         "wingd aircraft-data store --flight f0001 --list",
-    ];
-    /// Compute bending moments: extremes, load cycles, damage
-    Stress(stress::StressArgs) => stress::run, Evaluate [
-        "wingd stress store --structure structure.csv",
     ];
     /// Render frames of a wing, or images of a board
     Simulate(simulate::SimulateArgs) => simulate::run, Utility [

@@ -28,7 +28,8 @@ pub struct FrameOutcome<'a> {
     pub solved: SolvedGroup<'a>,
     /// Columns of the unknowns.
     pub layout: &'a ParameterLayout,
-    values: UnknownValues,
+    /// Values of the unknowns.
+    pub values: UnknownValues,
     bent: BentWing,
     global_test: Option<GlobalTest>,
     posterior: bool,
@@ -102,6 +103,7 @@ impl<'a> FrameOutcome<'a> {
             markers,
             torsion: self.torsions(),
             curve,
+            axis_length_m: self.solved.input.scene.ground.axis.length_m,
             budget,
             variance_components: vec![],
             remarks,

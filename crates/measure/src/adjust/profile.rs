@@ -329,6 +329,7 @@ impl ProfileAdjustment<'_> {
             markers,
             torsion: self.torsions(&placed, scale),
             curve: self.deflection_curve(scale),
+            axis_length_m: 0.0,
             budget,
             variance_components: self.components.clone(),
             remarks: self.build_remarks(outliers),
