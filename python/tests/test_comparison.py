@@ -419,3 +419,25 @@ def test_where():
     ]:
         with pytest.raises(WingdError, match=message):
             frames.wingd.where(text)
+
+
+def test_a_computation_in_cad_axes():
+    """Factors of the survey frame are turned with the values; the tie points have one of their own."""
+    data = fly(Wing(), [2.0], seed=5)
+    turn = np.array([[0, 0, 1.0], [0, 1.0, 0], [-1.0, 0, 0]])
+    data["cad_from_survey"] = ("row", "column"), np.vstack([np.column_stack([turn, [1, 2, 3]]), [0, 0, 0, 1]])
+    dims = data["displacement"].dims
+    data["displacement_cad"] = dims, data["displacement"].values @ turn.T, {"units": "m"}
+    data["sigma_displacement_cad"] = dims, np.zeros(data["displacement"].shape)
+    data["displacement_cad_fit"] = (*dims, "fit"), np.full((*data["displacement"].shape, 1), 0.003)
+    data["fit_sources"] = "frame", ["ties"]
+    shape = opened(data)
+    x = shape.wingd.displacement("x", axes="cad")
+    z = shape.wingd.displacement("z")
+    np.testing.assert_allclose(x.value, z.value)
+    np.testing.assert_allclose(x.sigma, np.hypot(z.sigma, 0.003))
+    fem = table().rename(columns={"displacement_z_m": "displacement_x_m"})[["arc_length_m", "displacement_x_m"]]
+    found = compare(shape, fem, axes="cad")
+    np.testing.assert_allclose(found["displacement_x"].sigma[1:], x.sigma[0, 1:])
+    with pytest.raises(WingdError, match=r"add \[cad\]"):
+        compare(opened(fly(Wing(), [2.0], seed=5)), fem, axes="cad")

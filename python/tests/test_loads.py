@@ -108,3 +108,16 @@ def test_moments_need_the_part_of_the_stiffness(tmp_path):
         file.write_text(text)
         with pytest.raises(WingdError, match=message):
             loads.read_structure(file)
+
+
+def test_live_results_have_a_column_for_each_section():
+    one, two = history(seconds=2), history(seconds=2, station=20.0, seed=2)
+    wide = pd.DataFrame({"utc": one["time"], "flight": "f0001"})
+    for name, table in (("b01", one), ("b02", two)):
+        wide[f"arc_length_{name}_m"] = table["s_m"]
+        wide[f"bending_moment_{name}_nm"] = table["moment_nm"]
+        wide[f"sigma_bending_moment_{name}_nm"] = table["sigma_moment_nm"]
+        wide[f"sigma_stiffness_{name}_nm"] = table["sigma_by_stiffness_nm"]
+    found = loads.extremes(loads.read_moments(wide))
+    np.testing.assert_allclose(found.loc[20.0], loads.extremes(two).loc[20.0])
+    assert list(found.index) == [10.0, 20.0]

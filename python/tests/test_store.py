@@ -24,7 +24,7 @@ if arguments == ["--version"]:
 elif "--flight" in arguments and arguments[arguments.index("--flight") + 1] == "f0002":
     sys.exit("wingd: f0002: has no such results; run `wingd solve` on the store first")
 else:
-    name = "shots.csv" if "shots" in arguments else "shape.nc"
+    name = next((name + ".csv" for name in ("shots", "moments") if name in arguments), "shape.nc")
     print("wingd: f0001: 4 frames have results of 2 inputs", file=sys.stderr)
     shutil.copy(folder / name, arguments[arguments.index("--output") + 1])
 """
@@ -36,7 +36,14 @@ def place(tmp_path, monkeypatch):
     folder = tmp_path / "program"
     folder.mkdir()
     (folder / "version").write_text(wingd.__version__)
-    write(fly(Wing(), [2.0, 1.9, 1.8, 1.7], seed=5), folder / "shape.nc")
+    data = fly(Wing(), [2.0, 1.9, 1.8, 1.7], seed=5)
+    del data.attrs["root_offset_sigma_m"]
+    write(data, folder / "shape.nc")
+    (folder / "moments.csv").write_text(
+        "flight,image,exposure_time,arc_length_m,bending_moment_nm,sigma_bending_moment_nm,sigma_stiffness_nm\n"
+        "f0001,0002.jpg,2026-06-01T08:00:01Z,10,2e6,5e4,3e4\nf0001,0001.jpg,2026-06-01T08:00:00Z,10,1e6,5e4,3e4\n"
+        "f0001,0001.jpg,2026-06-01T08:00:00Z,30,,,\n"
+    )
     rows = [
         ("s000001", f"000{k}.jpg", "ok" if k < 3 else "no_markers", 2.0 - 0.1 * k if k < 3 else np.nan)
         for k in (1, 2, 3)
@@ -57,7 +64,8 @@ def place(tmp_path, monkeypatch):
         (series / "results.jsonl").write_text("{}")
         (series / "0001.jpg").write_bytes(b"jpeg")
     (root / "store.toml").write_text("")
-    (root / "installations").mkdir()
+    (root / "installations" / "1234").mkdir(parents=True)
+    (root / "installations" / "1234" / "installation.toml").write_text("[wing]\nroot_offset_sigma_m = 0.05\n")
     return root, folder
 
 
@@ -93,6 +101,10 @@ def test_tables_of_a_store(place):
     assert str(shots["utc"].dtype).startswith("datetime64") and shots.loc[("s000001", "0002.jpg"), "status"] == "ok"
     shape = opened["f0001"].shape(where="mach between .785 and .805")
     assert int(shape["frames"]) == 2
+    assert shape.attrs["root_offset_sigma_m"] == 0.05
+    moments = opened["f0001"].moments
+    assert list(moments["moment_nm"]) == [1e6, 2e6] and list(moments["s_m"]) == [10, 10]
+    assert wingd.loads.extremes(moments).loc[10.0, "sigma_greatest_nm"] == pytest.approx(5e4)
     with pytest.raises(WingdError, match="f0002: has no such results; run `wingd solve`"):
         opened["f0002"].frames()
     (root / "flights/f0002/flight.json").unlink()

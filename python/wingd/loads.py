@@ -7,6 +7,7 @@ that of the curvature, and that of the stiffness, which is common to all frames 
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -69,35 +70,55 @@ def shape_moments(shape: xr.Dataset) -> pd.DataFrame:
     return _in_order(table[np.isfinite(table["moment_nm"])])
 
 
-def read_moments(source: str | os.PathLike[str] | pd.DataFrame) -> pd.DataFrame:
-    """Read moments: a table as of :func:`shape_moments`, or a table ``span`` or ``live`` of ``wingd export``.
+#: Columns of tables of ``wingd export`` and of moments that ``wingd stress`` wrote -> columns here.
+_NAMES = {
+    "arc_length_m": "s_m",
+    "bending_moment_nm": "moment_nm",
+    "sigma_bending_moment_nm": "sigma_moment_nm",
+    "sigma_stiffness_nm": "sigma_by_stiffness_nm",
+    "moment_n_m": "moment_nm",
+    "sigma_moment_n_m": "sigma_moment_nm",
+    "sigma_by_stiffness_n_m": "sigma_by_stiffness_nm",
+}
 
-    Columns ``arc_length_m`` and ``bending_moment_nm`` with their sigma are taken as ``s_m`` and ``moment_nm``.
-    """
+
+def read_moments(source: str | os.PathLike[str] | pd.DataFrame) -> pd.DataFrame:
+    """Read moments: a table as of :func:`shape_moments`, or a table ``moments`` or ``live`` of ``wingd export``."""
     from wingd.store import read_table
 
     table = source if isinstance(source, pd.DataFrame) else read_table(source)
     name = "the table" if isinstance(source, pd.DataFrame) else os.fspath(source)
-    names = {
-        "arc_length_m": "s_m",
-        "bending_moment_nm": "moment_nm",
-        "sigma_bending_moment_nm": "sigma_moment_nm",
-        "moment_n_m": "moment_nm",
-        "sigma_moment_n_m": "sigma_moment_nm",
-        "sigma_by_stiffness_n_m": "sigma_by_stiffness_nm",
-    }
-    time = next((c for c in ("time", "exposure_time", "utc") if c in table), None)
-    table = table.rename(
-        columns={k: v for k, v in names.items() if k in table and v not in table} | ({time: "time"} if time else {})
-    )
+    sections = [m[1] for m in (re.fullmatch(r"bending_moment_(b\d+)_nm", str(c)) for c in table) if m]
+    if sections:
+        table = _long_table(table, sections)
+    time = next((c for c in ("time", "exposure_time", "utc") if c in table and table[c].notna().any()), None)
+    renamed = {k: v for k, v in _NAMES.items() if k in table and v not in table} | ({time: "time"} if time else {})
+    table = table.drop(columns="time") if time not in (None, "time") and "time" in table else table
+    table = table.rename(columns=renamed)
     lacking = [c for c in ("time", "s_m", "moment_nm", "sigma_moment_nm") if c not in table]
     if lacking:
         raise WingdError(
-            f"{name}: has no column {', '.join(lacking)}; export a table with bending moments ([structure] stiffness in installation.toml)"
+            f"{name}: has no column {', '.join(lacking)}; export a table with bending moments ([structure] stiffness in "
+            "installation.toml)"
         )
     if not pd.api.types.is_numeric_dtype(table["time"]):
         table = table.assign(time=pd.to_datetime(table["time"], utc=True, format="ISO8601"))
-    return _in_order(table[np.isfinite(table["moment_nm"].astype(float))])
+    known = np.isfinite(table["moment_nm"].astype(float)) & table["time"].notna()
+    if not known.any():
+        raise WingdError(
+            f"{name}: no row has a bending moment with a time; give [structure] stiffness in installation.toml and solve again"
+        )
+    return _in_order(table[known])
+
+
+def _long_table(table: pd.DataFrame, sections: Sequence[str]) -> pd.DataFrame:
+    """Return a row for each section of live results, which have a column for each."""
+    common = [c for c in table if not re.search(r"_b\d+_", str(c))]
+    parts = []
+    for section in sections:
+        columns = {c: str(c).replace(f"_{section}_", "_") for c in table if f"_{section}_" in str(c)}
+        parts.append(table[[*common, *columns]].rename(columns=columns))
+    return pd.concat(parts, ignore_index=True)
 
 
 def _in_order(table: pd.DataFrame) -> pd.DataFrame:

@@ -158,7 +158,7 @@ class ShapeAccessor:
         if axes == "cad" and f"{name}_cad" not in self._data:
             raise WingdError("the shape has no CAD axes; add [cad] to installation.toml and export again")
         if axes == "cad":
-            return _named(_pick_axis(self.values(f"{name}_cad"), axis), axis=axis)
+            return _named(_pick_axis(self._in_cad(name), axis), axis=axis)
         label = None
         if thermal:
             values = self.values(name, **({} if axis is None else {"axis": _axis_index(axis)}))
@@ -174,6 +174,16 @@ class ShapeAccessor:
                 f"{values.label}, relative to the {'ground frame' if reference == 'ground' else 'tangent at the root'}"
             )
         return _named(values, label, axis)
+
+    def _in_cad(self, name: str) -> Values:
+        """Return displacements along the CAD axes: the factors of the survey frame turned, and that of the tie points."""
+        values, survey = self.values(f"{name}_cad"), self.values(name)
+        missing = {k: f for k, f in survey.factors.items() if k not in values.factors}
+        matrix = self._positions("cad_from_survey")[:3, :3]
+        turned = Values(survey.value, missing).mapped(
+            values.value, lambda a, power: np.einsum("ij,...jgs->...igs", matrix**power, a)
+        )
+        return Values(values.value, {**turned.factors, **values.factors})
 
     def _without_contraction(self, values: Values, ground: str) -> Values:
         """Return displacements without the change of length by temperature: distances from the root are those on the ground."""

@@ -12,6 +12,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+import tomllib
 import warnings
 from collections.abc import Iterator, Sequence
 from functools import cached_property, lru_cache
@@ -24,6 +25,7 @@ import xarray as xr
 
 from wingd import WingdError, __version__
 from wingd.backend import open_shape
+from wingd.shapes import DEFAULT_ROOT_SIGMA_M
 from wingd.values import FRAME, WingdWarning
 
 #: Stations of shapes that are read from a store: so that `sel(eta=.5)` is one of them.
@@ -186,10 +188,10 @@ class Flight:
 
     @cached_property
     def moments(self) -> pd.DataFrame:
-        """Bending moments of the frames at the stations, N m, with sigma; see :mod:`wingd.loads`."""
-        from wingd.loads import shape_moments
+        """Bending moments of the frames at the sections of the stiffness, N m, with sigma; see :mod:`wingd.loads`."""
+        from wingd.loads import read_moments
 
-        return shape_moments(self.frames())
+        return read_moments(self.table("moments"))
 
     def frames(self, eta: Sequence[float] | None = None, full: bool = False) -> xr.Dataset:
         """Return the shapes of all frames.
@@ -205,7 +207,17 @@ class Flight:
         arguments = ["--format", "netcdf", "--table", "shape", "--eta", stations]
         arguments += ["--installation", self.installation] if self.installation else []
         arguments += ["--full-factors"] if full else []
-        return open_shape(_export(self.store, self.name, arguments, ".nc", self._inputs()))
+        shapes = open_shape(_export(self.store, self.name, arguments, ".nc", self._inputs()))
+        return shapes.assign_attrs(self._root_sigma() | shapes.attrs)
+
+    def _root_sigma(self) -> dict[str, float]:
+        """Return the standard deviation of the bending root, m, if the installations state one."""
+        folders = [Path(self.installation)] if self.installation else sorted((self.store / "installations").glob("*"))
+        found = set()
+        for folder in folders:
+            with (folder / "installation.toml").open("rb") as file:
+                found.add(tomllib.load(file).get("wing", {}).get("root_offset_sigma_m", DEFAULT_ROOT_SIGMA_M))
+        return {"root_offset_sigma_m": float(max(found))} if found else {}
 
     def shape(
         self,
