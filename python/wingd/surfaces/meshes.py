@@ -190,11 +190,13 @@ def _grid_card(fields: list[str], point: Array) -> str:
 
 
 def grid_cards(ids: IntArray, moved: Array, unit: str) -> bytes:
+    """Return GRID cards in large fields, to include instead of those of the model."""
     cards = [_grid_card(["", str(i), "", "", "", "", "", "", ""], p) for i, p in zip(ids, moved, strict=True)]
     return "\n".join([f"$ Wing in flight, unit of the input: {unit}", *cards, ""]).encode()
 
 
 def import_meshio() -> Any:
+    """Import meshio, or say how to install it."""
     try:
         import meshio
     except ImportError:
@@ -203,6 +205,7 @@ def import_meshio() -> Any:
 
 
 def read_meshio(path: Path) -> Surface:
+    """Read a mesh of a format without numbers of nodes by meshio."""
     meshio = import_meshio()
     _check_counts(path)
     try:
@@ -252,6 +255,7 @@ def written_by(write: Callable[[str], Any], ending: str) -> bytes:
 
 
 def read_vtp(path: Path) -> Surface:
+    """Read polygons of VTK by pyvista."""
     try:
         import pyvista
     except ImportError:
