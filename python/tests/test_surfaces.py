@@ -12,6 +12,7 @@ import xarray as xr
 from scipy.spatial.transform import Rotation
 
 from wingd import WingdError
+from wingd.backend import open_shape
 from wingd.commands.deform import main
 from wingd.surfaces import Deformation, deform, read_surface, write_files
 from wingd.surfaces.deformation import BLEND_FRACTION
@@ -21,8 +22,7 @@ DATA = Path(__file__).parent / "data" / "surfaces"
 
 @pytest.fixture(scope="module")
 def shape() -> xr.Dataset:
-    with xr.open_dataset(DATA / "shape.nc") as opened:
-        return opened.load()
+    return open_shape(DATA / "shape.nc").load()
 
 
 class ProgramRandom:
@@ -68,7 +68,7 @@ SIGMAS = [f"sigma_d{axis}_m" for axis in "xyz"]
 def test_values_equal_those_of_the_program_to_1e_9(shape: xr.Dataset, tmp_path: Path) -> None:
     surface = read_surface(DATA / "points.csv")
     for file, thermal in (("golden-without-thermal.csv", False), ("golden.csv", True)):
-        write_files(deform(surface, shape, "s000001/0001.jpg", thermal=thermal), tmp_path)
+        write_files(deform(shape, surface, "s000001/0001.jpg", thermal=thermal), tmp_path)
         golden, found = pd.read_csv(DATA / file), pd.read_csv(tmp_path / "surface.csv")
         assert list(golden.columns) == list(found.columns)
         np.testing.assert_allclose(found[["id", *AXES]], golden[["id", *AXES]], rtol=1e-9, atol=1e-13)
@@ -95,7 +95,7 @@ def test_standard_deviations_and_samples_equal_those_of_the_program(shape: xr.Da
     sigma = golden[SIGMAS].to_numpy()[outboard]
     sampled = moved.std(axis=0, ddof=1)[outboard]
     np.testing.assert_allclose(sampled, sigma, rtol=1e-9, atol=1e-13)
-    propagated = deform(read_surface(DATA / "points.csv"), shape).sigma_m[outboard]
+    propagated = deform(shape, read_surface(DATA / "points.csv")).sigma_m[outboard]
     ratio = (propagated / sigma)[sigma > 1e-4]
     assert len(ratio) > 100 and abs(np.log(ratio)).max() < 4 / math.sqrt(2 * 199), ratio
 
@@ -294,7 +294,7 @@ def test_numbers_of_nodes_are_never_invented(shape: xr.Dataset, tmp_path: Path, 
         read_surface(file)
     assert list(read_surface(file, id_column=name).ids[:2]) == [1001, 1002]
     file.write_text("\n".join(",".join(line.split(",")[1:]) for line in nodes(shape).splitlines()))
-    moved = deform(read_surface(file), shape)
+    moved = deform(shape, read_surface(file))
     assert any("no column id" in note for note in moved.notes)
     written = [path.name for path in write_files(moved, tmp_path)]
     assert written == ["surface.csv", "surface.vtu"] and "id" not in pd.read_csv(tmp_path / "surface.csv")
@@ -379,7 +379,7 @@ def test_sparse_files_of_a_gigabyte_and_missing_ones_are_refused_at_once(tmp_pat
         read_surface(tmp_path / name)
     with (tmp_path / name.split(":")[0]).open("wb") as file:
         file.truncate(1 << 30)
-    with pytest.raises(WingdError, match="has no content but zeros"):
+    with pytest.raises(WingdError, match="has 1073741824 bytes, of which 0 are on the disk: the others are holes"):
         read_surface(tmp_path / name)
 
 
@@ -405,15 +405,15 @@ def test_a_surface_on_which_the_markers_do_not_lie_is_refused_with_axes_and_unit
     def refusal(text: str, unit: str | None = None, axes: str = "survey", of: xr.Dataset = shape) -> str:
         file.write_text(text)
         with pytest.raises(WingdError) as error:
-            deform(read_surface(file, unit), of, axes=axes)
+            deform(of, read_surface(file, unit), axes=axes)
         return str(error.value)
 
     file.write_text(wing_surface(shape))
-    right = deform(read_surface(file), shape)
+    right = deform(shape, read_surface(file))
     assert right.marker_distance_m < 0.3 and 2.5 < np.abs(right.displacement_m).max() < 3.3
     for unit, metres in (("mm", 0.001), ("ft", 0.3048), ("in", 0.0254), ("cm", 0.01)):
         assert f"its coordinates are in {unit}, not m: add --unit {unit}" in refusal(wing_surface(shape, metres))
-        moved = deform(read_surface(file, unit), shape)
+        moved = deform(shape, read_surface(file, unit))
         np.testing.assert_allclose(moved.displacement_m, right.displacement_m, atol=1e-4)
     assert "its coordinates are in m, not ft: add --unit m" in refusal(wing_surface(shape), "ft")
     assert "its axes are those of the CAD model: use --axes cad" in refusal(wing_surface(shape, 1, matrix), of=in_cad)
@@ -428,9 +428,36 @@ def test_a_surface_on_which_the_markers_do_not_lie_is_refused_with_axes_and_unit
     assert "the installation has no [cad]" in refusal(wing_surface(shape), axes="cad")
     # In the axes and the unit of the model the same surface moves in the same way.
     file.write_text(wing_surface(shape, 0.001, matrix))
-    moved = deform(read_surface(file, "mm"), in_cad, axes="cad", draws=2)
+    moved = deform(in_cad, read_surface(file, "mm"), axes="cad", draws=2)
     np.testing.assert_allclose(moved.displacement_m, right.displacement_m @ matrix[:3, :3].T, atol=1e-5)
     assert (moved.draws[0].points != moved.draws[1].points).any() and len(moved.draws) == 2
+
+
+def test_meshes_of_other_packages_and_arrays_are_moved_as_files(shape: xr.Dataset, tmp_path: Path) -> None:
+    import meshio
+    import pyvista
+
+    file = tmp_path / "wing.obj"
+    file.write_text(wing_surface(shape))
+    expected = deform(shape, file)
+    mesh = meshio.read(file)
+    moved = shape.wingd.deform(mesh)
+    np.testing.assert_array_equal(moved.mesh.points, expected.points)
+    assert (mesh.points == expected.surface.points).all() and len(moved.surface.triangles) == len(
+        expected.surface.triangles
+    )
+    faces = np.hstack([np.full((len(expected.surface.triangles), 1), 3), expected.surface.triangles]).ravel()
+    poly = shape.wingd.deform(pyvista.PolyData(mesh.points * 1000, faces), unit="mm")
+    np.testing.assert_allclose(poly.mesh.points, expected.points * 1000, rtol=1e-6)
+    np.testing.assert_allclose(shape.wingd.deform(mesh.points).mesh, expected.points)
+    poly.mesh.save(tmp_path / "wing.vtp")
+    np.testing.assert_allclose(read_surface(tmp_path / "wing.vtp", "mm").points, expected.points * 1000, rtol=1e-6)
+    np.testing.assert_allclose(deform(shape.wingd.mean(), file).sigma_m, expected.sigma_m, rtol=1e-9)
+    for other in (np.zeros((3, 2)), "no.such", np.full((4, 3), np.nan), object()):
+        with pytest.raises(WingdError):
+            shape.wingd.deform(other)
+    with pytest.raises(WingdError, match="has 3 stations, too few"):
+        deform(shape.isel(eta=[0, 20, 41]), file)
 
 
 def test_other_parts_and_folds_are_named(shape: xr.Dataset, tmp_path: Path) -> None:
@@ -439,7 +466,7 @@ def test_other_parts_and_folds_are_named(shape: xr.Dataset, tmp_path: Path) -> N
     aside = np.cross([0, 0, 1.0], axis[-1] - axis[0])
     tail, tip = axis[5] + 15 * aside / np.linalg.norm(aside), axis[-1] + 0.05 * (axis[-1] - axis[0])
     file.write_text(nodes(shape) + "".join("{},{},{},{}\n".format(k, *p) for k, p in ((1, tail), (2, tip))))
-    notes = deform(read_surface(file), shape).notes
+    notes = deform(shape, read_surface(file)).notes
     assert any("1 of 29 nodes are beyond the outermost marker" in note for note in notes), notes
     assert any("1 of 29 nodes are farther from the bending axis than any chord" in note for note in notes), notes
 

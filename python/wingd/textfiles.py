@@ -34,29 +34,47 @@ def excerpt(text: str, length: int = 60) -> str:
     return f'"{text[:length]}..."' if len(text) > length else f'"{text}"'
 
 
-def read_bytes(file: Path | str, largest: int = MAX_TEXT_BYTES) -> bytes:
+def read_bytes(file: Path | str, largest: int = MAX_TEXT_BYTES, is_text: bool = False) -> bytes:
     """Read a regular file of bounded size.
+
+    Parameters
+    ----------
+    file
+        Path of the file.
+    largest
+        Largest size, bytes.
+    is_text
+        Stop after the first zero, which no text has.
 
     Raises
     ------
     WingdError
-        The file is missing, is no file, cannot be read, or is larger than `largest` bytes.
+        The file is missing, is no file, cannot be read, is larger than `largest`, or has holes instead of its content.
     """
     path = Path(file)
     try:
-        size = path.stat().st_size
+        facts = path.stat()
         if not path.is_file():
             raise fault(file, "is not a file", "name a file")
-        if size > largest:
-            raise fault(file, f"has {size} bytes, more than {largest}", "name a smaller file")
+        if facts.st_size > largest:
+            raise fault(file, f"has {facts.st_size} bytes, more than {largest}", "name a smaller file")
+        stored = getattr(facts, "st_blocks", facts.st_size) * 512
+        # A copy that was cut has its size, but not its content; a compressing file system saves less.
+        if facts.st_size > 1 << 20 and stored < facts.st_size / 50:
+            problem = f"has {facts.st_size} bytes, of which {stored} are on the disk: the others are holes"
+            raise fault(file, problem, "export or copy the file again")
+        parts = []
         with path.open("rb") as opened:
-            # A sparse file of zeros is refused before it fills the memory.
-            head = opened.read(1 << 16)
-            if head and not head.strip(b"\0"):
-                raise fault(file, "has no content but zeros", "export or copy the file again")
-            return head + opened.read()
+            while part := opened.read(1 << 22):
+                parts.append(part)
+                if is_text and b"\0" in part:
+                    break
+        content = b"".join(parts)
     except (OSError, ValueError) as error:
         raise fault(file, f"cannot be read ({error})", "name a file that exists and can be read") from None
+    if content and not content[: 1 << 16].strip(b"\0"):
+        raise fault(file, "has no content but zeros", "export or copy the file again")
+    return content
 
 
 def read_text(file: Path | str, largest: int = MAX_TEXT_BYTES) -> str:
@@ -67,7 +85,7 @@ def read_text(file: Path | str, largest: int = MAX_TEXT_BYTES) -> str:
     WingdError
         The file cannot be read or is not text in UTF-8.
     """
-    content = read_bytes(file, largest)
+    content = read_bytes(file, largest, is_text=True)
     for start, problem, remedy in _NOT_TEXT:
         if content.startswith(start):
             raise fault(file, problem, remedy)

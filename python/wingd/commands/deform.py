@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
+import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from wingd import WingdError
 from wingd.commands import run_command
 
 
@@ -35,13 +38,36 @@ def main(arguments: list[str] | None = None) -> int:
     return run_command(lambda: _run(args))
 
 
+def _open_shape(source: str, flight: str | None) -> Any:
+    """Open an exported file, or the shape of a store's flight at the stations of its curves."""
+    from wingd import store
+    from wingd.backend import open_shape
+
+    found = store.open(source) if Path(source).is_dir() else None
+    if not isinstance(found, store.Store):
+        if flight is not None:
+            raise WingdError(f"--flight {flight}: {source} is not a store; omit --flight")
+        return open_shape(source)
+    if not found.names:
+        raise WingdError(f"{source}: the store has no flight; name another store")
+    chosen = found[flight or found.names[-1]]
+    with warnings.catch_warnings(record=True, action="always") as notes:
+        file = store._export(
+            chosen.store, chosen.name, ["--format", "netcdf", "--table", "shape"], ".nc", chosen._inputs()
+        )
+    for note in notes:
+        print(f"note: {note.message}", file=sys.stderr)
+    return open_shape(file)
+
+
 def _run(args: argparse.Namespace) -> int:
     from wingd import surfaces
-    from wingd.surfaces.source import open_shape
 
     surface = surfaces.read_surface(args.surface, args.unit, args.id)
-    shape = open_shape(args.shape, args.flight)
-    moved = surfaces.deform(surface, shape, args.frame, args.axes, not args.without_thermal, args.draws, args.seed)
+    shape = _open_shape(args.shape, args.flight)
+    moved = surfaces.deform(
+        shape, surface, args.frame, args.axes, thermal=not args.without_thermal, draws=args.draws, seed=args.seed
+    )
     for note in moved.notes:
         print(f"note: {note}", file=sys.stderr)
     written = surfaces.write_files(moved, args.output)

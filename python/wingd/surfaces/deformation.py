@@ -16,12 +16,16 @@ import xarray as xr
 from scipy.spatial.transform import Rotation
 
 from wingd import WingdError
+from wingd.values import FRAME, STATION
+from wingd.values import _joint as joint_covariance
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
 #: Fraction of the axis over which the motion rises from the root: without it a root that moves by 3 mm and 1 mrad within
 #: its priors would tear a surface of 4 m chord by 5 mm.
 BLEND_FRACTION = 0.05
+#: Fewest stations of a shape that moves a surface: between them the motion is interpolated.
+MIN_SECTIONS = 20
 #: Largest rotation of a section, rad.
 MAX_ROTATION_RAD = 1.5
 _FOOT_TOLERANCE_M = 1e-10
@@ -117,7 +121,7 @@ class Deformation:
 
     @classmethod
     def from_dataset(cls, shape: xr.Dataset, frame: str | None = None, thermal: bool = True) -> Deformation:
-        """Create the deformation of a frame, or of the mean over the frames, from an exported shape.
+        """Create the deformation of a frame, or of the mean over the frames.
 
         Errors that the frames share do not become smaller by averaging.
 
@@ -127,31 +131,32 @@ class Deformation:
             The frame does not exist, the shape has no poses, or the common errors of its frames are unknown.
         """
         missing = [name for name in ("ground_position", "displacement", "rotation", "arc_length") if name not in shape]
-        if missing:
-            raise WingdError(f"the shape has no {missing[0]}; write it with `wingd export --table shape`")
+        if missing or STATION not in shape.dims:
+            what = missing[0] if missing else f"dimension {STATION}"
+            raise WingdError(
+                f"the shape has no {what}; open a store or a file of `wingd export --table shape` with wingd.open"
+            )
+        if shape.sizes[STATION] < MIN_SECTIONS:
+            raise WingdError(
+                f"the shape has {shape.sizes[STATION]} stations, too few to move a surface; export it without --eta"
+            )
         names = frame_names(shape)
         if frame is not None and frame not in names:
             raise WingdError(f"there is no frame {frame}; available: {', '.join(names)}")
-        chosen = [names.index(frame)] if frame is not None else list(range(len(names)))
-        factors = {}
-        for name in shape.data_vars:
-            source = str(name).removeprefix("displacement_")
-            sources = shape[name].dims[-1]
-            if source != name and f"rotation_{source}" in shape and sources not in ("axis", "station"):
-                pose = [shape[f"{q}_{source}"].transpose("frame", "station", "axis", sources).values for q in _POSE]
-                factors[source] = np.concatenate(pose, axis=2)[chosen]
-        if len(chosen) > 1 and not set(factors) - {"own"}:
-            raise WingdError(
-                "the frames were adjusted one by one, and their common errors are unknown; run `wingd solve STORE`, or "
-                "name one frame"
-            )
-        count = len(chosen)
-        own = [factor / count for factor in factors.pop("own", ())]
-        parts = [f.mean(axis=0) for f in factors.values()] + own
-        factor = _compress(np.concatenate(parts, axis=2)) if parts else None
-        mean = [shape[q].transpose("frame", "station", "axis").values[chosen].mean(axis=0) for q in _POSE]
-        arc, ground = shape["arc_length"].values, shape["ground_position"].transpose("station", "axis").values
-        return cls(arc, ground, *mean, factor=factor, thermal=thermal)
+        if FRAME in shape.dims:
+            shape = shape.wingd.mean() if frame is None else shape.isel(frame=names.index(frame))
+        parts = [shape.wingd.values(name).transpose(STATION, "axis") for name in ("displacement", "rotation")]
+        if not np.isfinite(parts[0].value.values).all():
+            raise WingdError(f"{frame or 'the frame'} has no shape; choose another frame")
+        values, covariance = joint_covariance(parts)
+        n = shape.sizes[STATION]
+        variances, vectors = np.linalg.eigh(covariance)
+        kept = variances > 1e-16 * variances[-1]
+        factor = (vectors[:, kept] * np.sqrt(variances[kept])).reshape(2, n, 3, -1)
+        displacement, rotation = values.reshape(2, n, 3)
+        ground = shape["ground_position"].transpose(STATION, "axis").values
+        joined = np.concatenate(list(factor), axis=1)
+        return cls(shape["arc_length"].values, ground, displacement, rotation, joined, thermal)
 
     @property
     def length_m(self) -> float:
@@ -283,20 +288,9 @@ class Deformation:
         return moved, sigma
 
 
-_POSE = ("displacement", "rotation")
-
-
 def frame_names(shape: xr.Dataset) -> list[str]:
-    """Return the names of a shape's frames, such as ``s000001/0001.jpg``."""
-    names = shape["image"].values if "image" in shape else shape["frame"].values
-    return [name.decode() if isinstance(name, bytes) else str(name) for name in names]
-
-
-def _compress(factor: Array) -> Array:
-    """Return a factor of the same covariance with as few sources as its rank; shape (n, 6, sources)."""
-    left, singular, _ = np.linalg.svd(factor.reshape(-1, factor.shape[2]), full_matrices=False)
-    kept = singular > 1e-12 * singular[0]
-    return (left[:, kept] * singular[kept]).reshape(len(factor), 6, -1)
+    """Return the names of a shape's frames, such as ``s000001/0001.jpg``; none of a mean."""
+    return [str(name) for name in np.ravel(shape["image"].values)] if "image" in shape.variables else []
 
 
 def _chunks(points: Array) -> list[Array]:

@@ -20,6 +20,7 @@ from wingd.surfaces.meshes import (
     MESHIO_ENDINGS,
     grid_cards,
     import_meshio,
+    mesh_triangles,
     read_bdf,
     read_meshio,
     read_su2,
@@ -76,6 +77,34 @@ def read_surface(name: Path | str, unit: str | None = None, id_column: str = "id
         place = f"node {np.argmin(finite) + 1}"
         raise fault(path, "has a coordinate that is not a finite number", EXPORT, key=place)
     return surface
+
+
+def as_surface(mesh: Any, unit: str | None = None) -> Surface:
+    """Return a surface of a file, of a mesh of meshio or pyvista, or of an array of points, shape (nodes, 3).
+
+    Raises
+    ------
+    WingdError
+        The object has no points in three dimensions.
+    """
+    if isinstance(mesh, Surface):
+        return mesh
+    if isinstance(mesh, str | Path):
+        return read_surface(mesh, unit)
+    try:
+        points = np.asarray(getattr(mesh, "points", mesh), float)
+    except (TypeError, ValueError):
+        points = np.zeros(0)
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise WingdError(
+            f"{type(mesh).__name__} has no finite points of three coordinates; give a file, a mesh or an array"
+        )
+    if hasattr(mesh, "cells") and isinstance(mesh.cells, list):
+        triangles = mesh_triangles(mesh)
+    else:
+        # Polygons of pyvista; a volume has no facets of its own.
+        triangles = mesh.triangulate().regular_faces if hasattr(mesh, "n_faces_strict") else np.zeros((0, 3))
+    return Surface(type(mesh).__name__, points, unit or "m", None, np.asarray(triangles, np.int64), mesh=mesh)
 
 
 def _read_nodes(path: Path, unit: str | None, id_column: str) -> Surface:
@@ -252,10 +281,7 @@ def write_files(moved: Any, folder: Path | str, name: str = "surface") -> list[P
     ):
         columns |= {f"{prefix}{axis}_{unit}": values[:, k] for k, axis in enumerate("xyz")}
     meshio = import_meshio()
-    cells = [("triangle", surface.triangles)] if len(surface.triangles) else []
-    cells = cells or [("vertex", np.arange(len(surface.points))[:, None])]
-    data = {"displacement_m": moved.displacement_m, "sigma_displacement_m": moved.sigma_m}
-    mesh = meshio.Mesh(moved.points, cells, point_data=data | ({} if surface.ids is None else {"id": surface.ids}))
+    mesh = moved.to_meshio()
     files = {f"{name}.csv": pd.DataFrame(columns).to_csv(index=False).encode()}
     files[f"{name}.vtu"] = written_by(lambda path: meshio.write(path, mesh), ".vtu")
     if surface.write is not None:

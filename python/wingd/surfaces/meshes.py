@@ -208,14 +208,14 @@ def read_meshio(path: Path) -> Surface:
     """Read a mesh of a format without numbers of nodes by meshio."""
     meshio = import_meshio()
     _check_counts(path)
+    printed = io.StringIO()
     try:
-        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()), np.errstate(all="ignore"):
+        with redirect_stdout(printed), redirect_stderr(printed), np.errstate(all="ignore"):
             mesh = meshio.read(path)
     except (Exception, SystemExit) as error:
-        cause = " ".join(str(error).split())[:100] or type(error).__name__
+        said = printed.getvalue() if isinstance(error, SystemExit) else str(error)
+        cause = " ".join(said.split())[:100] or type(error).__name__
         raise fault(path, f"cannot be read by meshio ({cause})", EXPORT) from None
-    facets = [block.data[:, :n] for block in mesh.cells if (n := _TYPES.get(block.type))]
-    triangles = [f if f.shape[1] == 3 else np.vstack([f[:, :3], f[:, [0, 2, 3]]]) for f in facets]
     points = np.asarray(mesh.points, float)
     if points.ndim != 2 or points.shape[1] != 3:
         raise fault(path, "has no points in three dimensions", EXPORT)
@@ -230,8 +230,14 @@ def read_meshio(path: Path) -> Surface:
         out.points = moved
         return f"surface{path.suffix.lower()}", written_by(lambda name: meshio.write(name, out), path.suffix.lower())
 
-    joined = np.concatenate([np.zeros((0, 3), np.int64), *triangles]).astype(np.int64)
-    return Surface(path, points, "m", None, joined, write=write)
+    return Surface(path, points, "m", None, mesh_triangles(mesh), write=write)
+
+
+def mesh_triangles(mesh: Any) -> IntArray:
+    """Return the triangles of a mesh of meshio; quadrilaterals become two."""
+    facets = [block.data[:, :n] for block in mesh.cells if (n := _TYPES.get(block.type))]
+    triangles = [f if f.shape[1] == 3 else np.vstack([f[:, :3], f[:, [0, 2, 3]]]) for f in facets]
+    return np.concatenate([np.zeros((0, 3), np.int64), *triangles]).astype(np.int64)
 
 
 def _check_counts(path: Path) -> None:

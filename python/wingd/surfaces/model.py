@@ -38,15 +38,18 @@ class Surface:
         Remarks on what was not read.
     write
         Writes the file's own format with other points: name of the output and its bytes.
+    mesh
+        Mesh of meshio or pyvista, or array of points, from which the surface was made.
     """
 
-    file: Path
+    file: Path | str
     points: Array
     unit: str
     ids: IntArray | None = None
     triangles: IntArray = field(default_factory=lambda: np.zeros((0, 3), np.int64))
     notes: tuple[str, ...] = ()
     write: Callable[[Array], tuple[str, bytes]] | None = None
+    mesh: Any = None
 
     @property
     def metres(self) -> Array:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import permutations, product
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -12,6 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from wingd import WingdError
 from wingd.surfaces.deformation import Array, Deformation
+from wingd.surfaces.formats import as_surface
+from wingd.surfaces.meshes import import_meshio
 from wingd.surfaces.model import UNITS, IntArray, Surface
 from wingd.textfiles import fault
 
@@ -63,6 +67,26 @@ class Moved:
     draws: tuple[Moved, ...] = field(default=(), repr=False)
     notes: tuple[str, ...] = ()
     folded: int = 0
+
+    def to_meshio(self) -> Any:
+        """Return a mesh of meshio with ``displacement_m`` and ``sigma_displacement_m`` at its points."""
+        triangles, count = self.surface.triangles, len(self.points)
+        cells = [("triangle", triangles)] if len(triangles) else [("vertex", np.arange(count)[:, None])]
+        data = {"displacement_m": self.displacement_m, "sigma_displacement_m": self.sigma_m}
+        data |= {} if self.surface.ids is None else {"id": self.surface.ids}
+        return import_meshio().Mesh(self.points, cells, point_data=data)
+
+    @property
+    def mesh(self) -> Any:
+        """Mesh or array as it was given, with moved points; of a file, a mesh of meshio."""
+        given = self.surface.mesh
+        if given is None:
+            return self.to_meshio()
+        if isinstance(given, np.ndarray) or not hasattr(given, "points"):
+            return self.points
+        moved = given.copy()
+        moved.points = self.points
+        return moved
 
 
 class Target:
@@ -196,6 +220,11 @@ def _find_remedy(surface: Surface, markers: dict[str, Array], axes: str, limit_m
             text = ", ".join(f"{'-' if s < 0 else ''}{'xyz'[k]}" for k, s in zip(order, signs, strict=True))
             tried.append(("survey", text, markers["survey"][:, order] * signs))
         for name, text, own in tried:
+            # A few markers show most wrong axes.
+            if target.median_distance(own[::6] / metres, limit_m / metres)[0] * metres > 3 * (
+                limit_m + target.gap * metres
+            ):
+                continue
             distance, fits = target.median_distance(own / metres, limit_m / metres)
             if fits:
                 found.append((bool(text), distance * metres, name, unit, text))
@@ -207,7 +236,7 @@ def _find_remedy(surface: Surface, markers: dict[str, Array], axes: str, limit_m
         # A list of nodes has its unit in its header.
         own = (
             f"write x_{unit},y_{unit},z_{unit} in its header"
-            if surface.file.suffix.lower() == ".csv"
+            if Path(surface.file).suffix.lower() == ".csv"
             else f"add --unit {unit}"
         )
         remedies.append(f"its coordinates are in {unit}, not {surface.unit}: {own}")
@@ -219,10 +248,11 @@ def _find_remedy(surface: Surface, markers: dict[str, Array], axes: str, limit_m
 
 
 def deform(
-    surface: Surface,
     shape: xr.Dataset,
+    mesh: Any,
     frame: str | None = None,
     axes: str = "survey",
+    unit: str | None = None,
     thermal: bool = True,
     draws: int = 0,
     seed: int = 1,
@@ -231,14 +261,16 @@ def deform(
 
     Parameters
     ----------
-    surface
-        Result of :func:`read_surface`.
     shape
-        Exported shape (``wingd export --table shape``).
+        Shape of a store or an exported file (``wingd export --table shape``).
+    mesh
+        File, mesh of meshio or pyvista, array of points (nodes, 3), or result of :func:`read_surface`.
     frame
         Frame, such as ``s000001/0001.jpg``; default the mean over the frames.
     axes
         Axes of the surface: ``survey``, or ``cad`` by the tie points of the installation.
+    unit
+        Unit of the coordinates, default m.
     thermal
         False moves the wing without its contraction by temperature.
     draws
@@ -260,6 +292,7 @@ def deform(
         raise WingdError(f"axes {axes!r} are not known; give survey or cad")
     if not 0 <= draws <= MAX_DRAWS:
         raise WingdError(f"draws = {draws} is not between 0 and {MAX_DRAWS}; sample fewer surfaces")
+    surface = as_surface(mesh, unit)
     wing = Deformation.from_dataset(shape, frame, thermal)
     marker_distance_m = check_placement(surface, shape, axes)
     cad = _cad_transform(shape) if axes == "cad" else None
