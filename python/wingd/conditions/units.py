@@ -108,7 +108,8 @@ def find_unit(quantity: str, text: str) -> Conversion | str:
     if (target == "deg") != (str(unit) in angles) and registry.Unit(target).dimensionless:
         return "wrong"
     zero, one = (registry.Quantity(value, unit).to(target).magnitude for value in (0.0, 1.0))
-    return Conversion(float(one - zero), float(zero))
+    # pint multiplies the factors of a unit one after the other: 30.48 becomes 30.479999999999997.
+    return Conversion(float(f"{one - zero:.14g}"), float(f"{zero:.14g}"))
 
 
 def unit_in_name(quantity: str, name: str) -> str | None:
