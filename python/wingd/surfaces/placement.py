@@ -30,6 +30,8 @@ FAR_FRACTION = 0.4
 END_FRACTION = 1.25
 #: Largest number of triangles or nodes that are tried in other units and axes.
 _TRIED = 4000
+#: Pairs of points and triangles that are compared at once, which bounds the memory.
+_PAIRS = 2_000_000
 #: Largest number of sampled surfaces.
 MAX_DRAWS = 1000
 
@@ -113,9 +115,13 @@ class Target:
     def distance(self, points: Array) -> Array:
         """Return the distances of points, shape (points,)."""
         out = np.asarray(self.tree.query(points)[0], float)
-        for k, point in enumerate(points if len(self.corners) else points[:0]):
-            near = np.linalg.norm(self.centre - point, axis=1) - self.radius <= out[k]
-            out[k] = min(out[k], _triangle_distance(point, self.corners[near]).min(initial=np.inf))
+        step = max(1, _PAIRS // max(len(self.centre), 1))
+        for begin in range(0, len(points) if len(self.corners) else 0, step):
+            some = points[begin : begin + step]
+            away = np.linalg.norm(self.centre - some[:, None], axis=2)
+            which, near = np.nonzero(away - self.radius <= out[begin : begin + step, None])
+            distances = _triangle_distances(some[which], self.corners[near])
+            np.minimum.at(out, begin + which, distances)
         return out
 
     def median_distance(self, markers: Array, limit: float) -> tuple[float, bool]:
@@ -137,20 +143,20 @@ class Target:
         return median, is_enough and median <= limit
 
 
-def _triangle_distance(point: Array, corners: Array) -> Array:
-    """Return the distance of a point from triangles, shape (triangles,)."""
+def _triangle_distances(points: Array, corners: Array) -> Array:
+    """Return the distance of each point from its triangle, shape (points,); corners have the shape (points, 3, 3)."""
     best = np.full(len(corners), np.inf)
     for k in range(3):
         start, edge = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
         length2 = np.maximum(np.einsum("ti,ti->t", edge, edge), 1e-300)
-        t = np.clip(np.einsum("ti,ti->t", point - start, edge) / length2, 0, 1)
-        best = np.minimum(best, np.linalg.norm(start + edge * t[:, None] - point, axis=1))
+        t = np.clip(np.einsum("ti,ti->t", points - start, edge) / length2, 0, 1)
+        best = np.minimum(best, np.linalg.norm(start + edge * t[:, None] - points, axis=1))
     a, b, c = corners.transpose(1, 0, 2)
     normal = np.cross(b - a, c - a)
     norm = np.linalg.norm(normal, axis=1)
     unit = normal / np.maximum(norm, 1e-300)[:, None]
-    height = np.einsum("ti,ti->t", point - a, unit)
-    foot = point - unit * height[:, None]
+    height = np.einsum("ti,ti->t", points - a, unit)
+    foot = points - unit * height[:, None]
     sides = [np.einsum("ti,ti->t", np.cross(q - p, foot - p), unit) for p, q in ((a, b), (b, c), (c, a))]
     inside = (np.min(sides, axis=0) >= 0) & (norm > 0)
     return np.where(inside, np.minimum(best, np.abs(height)), best)
@@ -293,8 +299,8 @@ def deform(
     if not 0 <= draws <= MAX_DRAWS:
         raise WingdError(f"draws = {draws} is not between 0 and {MAX_DRAWS}; sample fewer surfaces")
     surface = as_surface(mesh, unit)
-    wing = Deformation.from_dataset(shape, frame, thermal)
     marker_distance_m = check_placement(surface, shape, axes)
+    wing = Deformation.from_dataset(shape, frame, thermal)
     cad = _cad_transform(shape) if axes == "cad" else None
     ground = surface.metres
     scale, rotation, translation = cad or (1.0, Rotation.identity(), np.zeros(3))
