@@ -119,6 +119,18 @@ def test_propagated_standard_deviations_are_those_of_many_samples(shape: xr.Data
     assert abs(np.log(sampled / wing.move(points, True)[1])).max() < 4 / math.sqrt(2 * 299)
 
 
+def test_surveyed_points_of_another_renderer_are_moved_to_their_true_positions() -> None:
+    truth = pd.read_csv(DATA / "dev-truth.csv")
+    surface = read_surface(DATA / "dev-truth.csv")
+    assert surface.notes == ("columns not read: true_dx_m, true_dy_m, true_dz_m",)
+    moved = deform(open_shape(DATA / "dev-shape.nc"), surface, "s000001/0005.jpg")
+    error = moved.displacement_m - truth[[f"true_d{axis}_m" for axis in "xyz"]].to_numpy()
+    rms_mm = 1e3 * math.sqrt((error**2).sum(axis=1).mean())
+    normalised = math.sqrt(np.mean((error[:, 2] / moved.sigma_m[:, 2]) ** 2))
+    print(f"rms {rms_mm:.1f} mm, {normalised:.2f} standard deviations")
+    assert rms_mm < 8 and normalised < 1.3 and np.abs(moved.displacement_m).max() > 1.2
+
+
 LENGTH, DIHEDRAL, CURVATURE, TWIST = 33.0, 0.09, 0.005, 0.03
 ORIGIN = np.array([30.0, -40.0, 3.0])
 TANGENT = np.array([0, math.cos(DIHEDRAL), math.sin(DIHEDRAL)])
