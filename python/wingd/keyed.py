@@ -7,9 +7,8 @@ import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.parsers import expat
-
-import yaml
 
 from wingd import WingdError
 from wingd.textfiles import fault, parse_number, read_text
@@ -141,6 +140,10 @@ class _Builder:
 
 
 def _parse_yaml(file: Path, text: str, is_json: bool) -> Node:
+    try:
+        import yaml
+    except ImportError:
+        raise WingdError("YAML and JSON need PyYAML; install it: pip install 'wingd[vision]'") from None
     if is_json:
         # Comments from // to the end of the line, outside of quotes.
         text = re.sub(r'("(?:[^"\\\n]|\\.)*")|//[^\n]*', lambda m: m[1] or "", text)
@@ -165,7 +168,7 @@ def _parse_yaml(file: Path, text: str, is_json: bool) -> Node:
         line = documents[1].start_mark.line + 1
         raise fault(file, "has several documents (---)", "keep the document of the camera", line=line)
 
-    def convert(node: yaml.Node, depth: int) -> Node:
+    def convert(node: Any, depth: int) -> Node:
         line = node.start_mark.line + 1
         build.visit(line, depth)
         tag = "" if node.tag.startswith("tag:yaml.org,2002:") and "opencv" not in node.tag else node.tag

@@ -103,7 +103,7 @@ def as_surface(mesh: Any, unit: str | None = None) -> Surface:
         triangles = mesh_triangles(mesh)
     else:
         # Polygons of pyvista; a volume has no facets of its own.
-        triangles = mesh.triangulate().regular_faces if hasattr(mesh, "n_faces_strict") else np.zeros((0, 3))
+        triangles = mesh.triangulate().regular_faces if type(mesh).__name__ == "PolyData" else np.zeros((0, 3))
     return Surface(type(mesh).__name__, points, unit or "m", None, np.asarray(triangles, np.int64), mesh=mesh)
 
 
