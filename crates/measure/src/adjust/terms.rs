@@ -66,7 +66,7 @@ pub fn allocate_shared_terms(
         lens.chain(wing::dimension_terms(setup))
             .map(|term| columns.allocate_term(term)),
     );
-    let root: Vec<_> = motion::root_motion(&setup.uncertainty)
+    let root: Vec<_> = wing::root_motion(&setup.uncertainty)
         .map(|term| columns.allocate_term(term))
         .collect();
     placed.extend(root.iter().cloned());

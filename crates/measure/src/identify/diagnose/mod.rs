@@ -12,6 +12,8 @@
 
 mod cause;
 mod evidence;
+mod flight;
+mod image_covariance;
 mod search;
 mod subject;
 
@@ -26,7 +28,8 @@ use crate::setup::{Orientation, Setup, Shape};
 
 pub(super) use cause::span_m;
 pub use cause::{Cause, UNITS};
-use evidence::{CauseFit, Evidence, size_covariance};
+use evidence::{CauseFit, Evidence};
+use image_covariance::size_covariance;
 pub use search::{OTHER_AIRCRAFT, diagnose_ground, diagnose_ground_fit};
 pub use subject::SizedShape;
 use subject::{NamedImage, Subject};
