@@ -7,7 +7,7 @@ use super::normal_equations::biweight_roots;
 use super::sandwich::{ResidualBlocks, SECTORS, pixel_sectors};
 use crate::detect::appearance::parameters::{N, X, Y};
 use crate::detect::sample::pixels::Pixels;
-use crate::detect::simd::dispatch::wide;
+use crate::dispatch::wide;
 use crate::detect::simd::lanes::{Lanes, each};
 
 /// Correlation and weights of the residuals of a fit.

@@ -15,7 +15,7 @@ use crate::detect::hypothesis::prior::PriorValue;
 use crate::detect::numbers::TINY;
 use crate::detect::sample::pixels::Pixels;
 use crate::detect::simd::batch::{Batch, append_pixel};
-use crate::detect::simd::dispatch::wide;
+use crate::dispatch::wide;
 use crate::detect::simd::lanes::{Lanes, each, sum_lanes};
 
 /// Pixels between the same knots.
