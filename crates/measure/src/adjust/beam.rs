@@ -48,7 +48,7 @@ pub const BENDING_FUNCTIONS: usize = MAX_CURVATURE_TERMS + COMPLIANCES;
 static ROOT_CURVATURE: LazyLock<f64> = LazyLock::new(|| curvature_basis(0.0)[0]);
 
 /// Twists at the positions of the torques, arbitrary units.
-static TORQUE_COMPLIANCES: LazyLock<[f64; TORQUE_POSITIONS.len()]> =
+static TORQUE_COMPLIANCES: LazyLock<[f64; 4]> =
     LazyLock::new(|| TORQUE_POSITIONS.map(torsional_compliance));
 
 type RaiseCoefficients = [f64; RAISE_TERMS];

@@ -24,9 +24,7 @@ use super::stated_widths::{
 use super::{
     AdjustError, AdjustResult, GlobalTest, Observation, Options, Solution, VarianceComponent,
 };
-use crate::estimation::{
-    Fit, PriorName, SolveOptions, VarianceGroup, quality, variance_components,
-};
+use crate::estimation::{Fit, SolveOptions, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};
 use crate::widths::Unknown;
 
@@ -68,9 +66,8 @@ impl<'a> SolvedFrame<'a> {
             if pass == AMPLITUDE_PASSES {
                 break;
             }
-            let shape = PriorName::from(Unknown::Shape);
             for prior in &mut solved.frame.problem.priors {
-                if prior.name == shape {
+                if prior.name.unknown == Unknown::Shape.name() {
                     prior.covariance *= ratio * ratio;
                 }
             }
@@ -101,7 +98,6 @@ impl<'a> SolvedFrame<'a> {
         })
     }
 
-    /// Iterates the frame's problem from its solution.
     fn solve_again(&mut self, rough: bool) -> AdjustResult<()> {
         self.frame.problem.start = self.fit.global.clone();
         self.fit = self.frame.solve(&SolveOptions {
@@ -279,11 +275,7 @@ fn choose_curvature_order<'a>(
 }
 
 /// Remarks on priors, number of terms and separability.
-fn prior_and_model_remarks(
-    single: &SingleFrame,
-    outcome: &FrameOutcome,
-    solution: &Solution,
-) -> Vec<String> {
+fn model_remarks(single: &SingleFrame, outcome: &FrameOutcome, solution: &Solution) -> Vec<String> {
     let AdjustmentInput { setup, options, .. } = *outcome.solved.input;
     let (layout, fit) = (outcome.layout, outcome.solved.fit);
     let (budget, widened) = (solution.budget.as_ref(), &single.widened);
@@ -392,7 +384,7 @@ pub fn solve_spatial_with<T>(
     });
     let derived = derive(&outcome);
     remarks.extend_from_slice(&solution.remarks);
-    remarks.extend(prior_and_model_remarks(&single, &outcome, &solution));
+    remarks.extend(model_remarks(&single, &outcome, &solution));
     Ok((
         Solution {
             variance_components: components,

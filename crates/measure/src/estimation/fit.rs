@@ -187,11 +187,7 @@ impl Fit {
                     by.global[(at, f)] -= lin.global.column(k).dot(&answer.column(f));
                 }
             }
-            for k in 0..lin.local.ncols() {
-                for f in 0..functions {
-                    by.local[(k, f)] -= lin.local.column(k).dot(&answer.column(f));
-                }
-            }
+            by.local -= small_product(&lin.local, &answer);
             own += small_product(derivative, &small_product(&block.conditional, derivative));
         }
         (Cow::Owned(by), own)

@@ -28,13 +28,11 @@ impl Whitener {
         }
         self.by.clone_from(by);
         congruence_product(by, covariance, &mut self.lower);
-        let regular = factor_in_place(&mut self.lower);
-        if regular {
-            invert_lower(&mut self.lower);
+        if !factor_in_place(&mut self.lower) {
+            return Err(singular_error("a condition has no observation of its own"));
         }
-        regular
-            .then_some(())
-            .ok_or_else(|| singular_error("a condition has no observation of its own"))
+        invert_lower(&mut self.lower);
+        Ok(())
     }
 
     /// Returns entry `i` of `W` times a vector.
@@ -198,13 +196,18 @@ pub(super) fn singular_error(missing: &str) -> EstimationError {
     }
 }
 
-/// Inverts a small symmetric positive definite matrix.
-pub(super) fn inverse_spd(m: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+/// Returns `W` with `W' W` the inverse of a small symmetric positive definite matrix.
+pub(super) fn whitening_matrix(m: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let mut lower = m.clone();
     factor_in_place(&mut lower).then(|| {
         invert_lower(&mut lower);
-        lower.tr_mul(&lower)
+        lower
     })
+}
+
+/// Inverts a small symmetric positive definite matrix.
+pub(super) fn inverse_spd(m: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    whitening_matrix(m).map(|white| white.tr_mul(&white))
 }
 
 /// Cholesky factor of the normal matrix, scaled to a unit diagonal so that pivots are comparable.

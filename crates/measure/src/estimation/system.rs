@@ -474,17 +474,5 @@ impl BlockSystem {
 /// their absolute values (Higham 2002, 3.1).
 fn rounding_bound(information: &DMatrix<f64>, off: &DVector<f64>) -> f64 {
     let absolute = off.abs();
-    let weighed = |column: &[f64]| -> f64 {
-        column
-            .iter()
-            .zip(absolute.iter())
-            .map(|(a, b)| a.abs() * b)
-            .sum()
-    };
-    let columns = information
-        .as_slice()
-        .chunks_exact(off.len().max(1))
-        .zip(absolute.iter());
-    let sum: f64 = columns.map(|(column, by)| by * weighed(column)).sum();
-    off.len() as f64 * f64::EPSILON * sum
+    off.len() as f64 * f64::EPSILON * absolute.dot(&(information.abs() * &absolute))
 }

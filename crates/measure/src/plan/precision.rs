@@ -1,4 +1,4 @@
-//! Predicted standard deviations, read from the solution of simulated observations.
+//! Predicted standard deviations of a solution.
 
 use serde::Serialize;
 
@@ -59,8 +59,7 @@ pub(super) fn tip_sigma(solution: &Solution, setup: &Setup) -> Option<TipSigma> 
 
 pub(super) fn marker_sigmas(solution: &Solution, setup: &Setup) -> Vec<MarkerSigma> {
     let turn = setup.wing_frame().wing_from_survey;
-    let of_the_wing =
-        |m: &&MarkerSolution| setup.markers.get(m.marker).is_some_and(|k| !k.fixed);
+    let of_the_wing = |m: &&MarkerSolution| setup.markers.get(m.marker).is_some_and(|k| !k.fixed);
     let one = |m: &MarkerSolution| {
         let wing = turn * m.covariance_m2? * turn.inverse();
         let sigma = |k: usize| wing[(k, k)].max(0.0).sqrt();
@@ -81,7 +80,7 @@ pub(super) fn marker_sigmas(solution: &Solution, setup: &Setup) -> Vec<MarkerSig
         .collect()
 }
 
-pub(super) fn precision_from_solution(solution: &Solution, setup: &Setup) -> Option<LayoutPrecision> {
+pub(super) fn layout_precision(solution: &Solution, setup: &Setup) -> Option<LayoutPrecision> {
     let tip = solution.curve.last()?;
     let sigmas: Vec<f64> = solution
         .curve

@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Vector3};
 use serde::Serialize;
 
 use super::precision::{
-    LayoutPrecision, MarkerSigma, TipSigma, marker_sigmas, precision_from_solution, tip_sigma,
+    LayoutPrecision, MarkerSigma, TipSigma, layout_precision, marker_sigmas, tip_sigma,
 };
 use super::view::{bend_markers, camera_attitude};
 use super::{PlanOptions, SkinProfile, adjustment_options, fixed_targets, terms};
@@ -235,7 +235,7 @@ impl<'a> SimulatedFlight<'a> {
         let degrees = |e: Option<adjust::Estimate>| e.and_then(|e| e.sigma).map(f64::to_degrees);
         Ok(LayoutPrediction {
             redundancy: solution.redundancy,
-            expected: precision_from_solution(&solution, self.setup).ok_or_else(|| {
+            expected: layout_precision(&solution, self.setup).ok_or_else(|| {
                 AdjustError::Input("the adjustment gives no standard deviations".into())
             })?,
             tip: tip_sigma(&solution, self.setup),
@@ -273,8 +273,7 @@ impl<'a> SimulatedFlight<'a> {
     /// # Errors
     /// Returns an error if the layout cannot be adjusted.
     pub fn predict_single_frame(&self) -> AdjustResult<LayoutPrecision> {
-        let precision =
-            precision_from_solution(&self.adjust_frame(&self.observations)?, self.setup);
+        let precision = layout_precision(&self.adjust_frame(&self.observations)?, self.setup);
         precision
             .ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
     }
@@ -324,7 +323,7 @@ impl<'a> SimulatedFlight<'a> {
         };
         let first = solutions
             .first()
-            .and_then(|solution| precision_from_solution(solution, self.setup));
+            .and_then(|solution| layout_precision(solution, self.setup));
         first
             .ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
     }
@@ -355,7 +354,7 @@ impl<'a> SimulatedFlight<'a> {
         LayoutChange {
             span_m: self.ground[marker].x,
             without: self.setup.markers.get(marker).map(|m| m.id.clone()),
-            expected: solved.and_then(|solution| precision_from_solution(&solution, self.setup)),
+            expected: solved.and_then(|solution| layout_precision(&solution, self.setup)),
         }
     }
 
@@ -443,6 +442,6 @@ impl<'a> SimulatedFlight<'a> {
         orientation: &Orientation,
     ) -> Option<LayoutPrecision> {
         let other = SimulatedFlight::new(setup, Some(orientation), self.options).ok()?;
-        precision_from_solution(&other.adjust_frame(&other.observations).ok()?, setup)
+        layout_precision(&other.adjust_frame(&other.observations).ok()?, setup)
     }
 }

@@ -1,4 +1,4 @@
-//! Diagnosis of a frame in flight that fits no attitude of the mounting.
+//! Diagnosis of a frame in flight.
 
 use super::super::Identities;
 use super::super::scene::{WingView, is_usable};
