@@ -8,7 +8,7 @@ use super::*;
 use crate::adjust::beam::{Bending, COMPLIANCES, MAX_CURVATURE_TERMS, RAISE_TERMS, twist_basis};
 use crate::adjust::example::{gull_wing, orientation, setup, tilted_values, window};
 use crate::adjust::shapes::curvature_integrals;
-use crate::setup::{Setup, SetupUncertainty};
+use crate::setup::{Setup, SetupUncertainty, WingBreak};
 
 /// Steps of the reference's quadrature: finer than the difference that the tests resolve.
 const STEPS: usize = 16000;
