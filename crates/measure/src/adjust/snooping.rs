@@ -349,7 +349,11 @@ pub(super) fn root_variance_factor(fit: &Fit, w: f64, options: &Options) -> f64 
 }
 
 /// Returns the reliability of the observations of each group's first block.
-pub(super) fn marker_reliabilities(problem: &Problem, fit: &Fit, alpha: f64) -> Vec<Vec<Reliability>> {
+pub(super) fn marker_reliabilities(
+    problem: &Problem,
+    fit: &Fit,
+    alpha: f64,
+) -> Vec<Vec<Reliability>> {
     (0..problem.groups.len())
         .map(|index| quality::observation_reliability(problem, fit, index, 0, alpha))
         .collect()
