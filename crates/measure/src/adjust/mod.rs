@@ -9,6 +9,7 @@ mod curve;
 mod decisive_widths;
 mod estimated_dimensions;
 #[cfg(test)]
+#[path = "tests/example.rs"]
 mod example;
 mod flight;
 pub mod flight_prior;

@@ -1,4 +1,4 @@
-//! Loops over lanes in the widest registers of the processor.
+//! Loops in the widest registers of the processor.
 
 /// Defines a function whose body, an `#[inline(always)]` function, is compiled three times: for any processor, for one with
 /// AVX2, for one with AVX-512. The results are identical bit for bit: the order of sums is fixed, and operations are fused
