@@ -126,12 +126,7 @@ fn env_equals(name: &str, expected: &str) -> bool {
 
 /// Creates an error for an option or an environment variable.
 pub(super) fn option_fault(file: &str, place: &str, problem: String, remedy: &str) -> Fault {
-    Fault {
-        file: file.into(),
-        place: place.to_owned(),
-        problem,
-        remedy: remedy.to_owned(),
-    }
+    Fault::new(file, place, problem, remedy)
 }
 
 /// Returns whether the same request may succeed later.
