@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
 mod aircraft_feed;
+mod aircraft_tables;
 mod bad_input;
 mod calibrate_command;
 mod card_import;
@@ -15,7 +16,6 @@ mod daemon_socket;
 mod diagnosis;
 mod first_hour;
 mod fixed_marks;
-mod foreign_tables;
 mod guided_orient;
 mod hand_edited_files;
 mod hostile_surroundings;
@@ -37,6 +37,7 @@ mod live_slow_disk;
 mod marking;
 mod mount_check_command;
 mod mutations;
+mod named_causes;
 mod other_pictures;
 mod output;
 mod pages;
@@ -62,6 +63,5 @@ mod store_verify;
 mod stress_live;
 mod survey_typo;
 mod table_mutations;
-mod table_statements;
 mod thirty_hours;
 mod three_deflections;

@@ -2,9 +2,9 @@
 //!
 //! | file | from | to |
 //! |---|---|---|
-//! | `mapping` | mapping file written by the user | quantity of each column |
-//! | `table`, `iwg1`, `icartt`, `units`, `statements` | text of a table, its mapping | layout and lines, contents of the cells, errors |
-//! | `times` | time tag | seconds since 1970; likely format of an unreadable tag |
+//! | `table`, `iwg1` | table | layout and lines, contents of the cells, errors |
+//! | `units` | name of a unit | conversion into a quantity's unit |
+//! | `times` | time tag | seconds since 1970 |
 //! | `layout` | line of text, positions of its fields | sample: time tag and quantities |
 //! | `tags` | tags and receipt times of their lines | impossible tags |
 //! | `interpolate` | values of a quantity around a time | value at that time, possible change between the tags |
@@ -13,13 +13,10 @@
 
 mod air;
 mod condition;
-mod icartt;
 mod interpolate;
 mod iwg1;
 mod join;
 mod layout;
-mod mapping;
-mod statements;
 mod table;
 mod tags;
 mod times;
@@ -32,10 +29,9 @@ pub use join::{
     AircraftState, AircraftTrack, JoinedValue, ReceivedLine, UnusedLines, state_to_json,
 };
 pub use layout::{Cell, Layout, LineFormat, QuantityColumn, Sample};
-pub use mapping::{MappedColumn, Mapping, StatedOnce, TableFormat};
 pub use table::{AircraftTable, ColumnTally, TableContents};
 pub use tags::impossible_delay_s;
-pub use times::{DAY_S, TimeFormat, format_time, guess_format};
+pub use times::format_time;
 
 use std::ops::RangeInclusive;
 
@@ -319,7 +315,7 @@ impl Quantity {
                 .rsplit_once('_')
                 .filter(|(known, _)| *known == base)?;
             (!known.is_empty())
-                .then(|| units::find_unit(quantity, unit).conversion())
+                .then(|| units::find_unit(quantity, unit))
                 .flatten()
         };
         let matches = |quantity: Self| {
