@@ -8,6 +8,7 @@ mod check;
 mod copy;
 mod detect;
 mod diagnose;
+pub mod external;
 pub mod help;
 mod init;
 mod mount_check;
@@ -23,6 +24,7 @@ mod verify;
 #[cfg_attr(not(feature = "desk"), path = "on_board.rs")]
 mod workstation;
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -64,8 +66,12 @@ enum CliCommand {
 
 /// Parses the arguments and runs the command; docs/reference/cli.md lists the exit statuses.
 pub fn main() -> ExitCode {
-    let matches =
-        help::with_groups_and_examples(Arguments::command()).get_matches_from(std::env::args_os());
+    let given: Vec<OsString> = std::env::args_os().collect();
+    if let Some(status) = external::run_external(&Arguments::command(), &given) {
+        return status;
+    }
+    let command = help::with_groups_and_examples(Arguments::command());
+    let matches = external::list_external(command, &given).get_matches_from(given);
     let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     let done = match &arguments.command {
         CliCommand::Board(command) => command.run(REPORT_BUILDER),

@@ -177,31 +177,6 @@ fn output_for_a_store_matches_its_schema() {
     assert_valid("prune", &run(&prune).stdout);
 }
 
-/// `make fleet-test` builds the program with `upload`.
-#[cfg(feature = "upload")]
-#[test]
-fn output_for_an_upload_matches_its_schema() {
-    let store = store_with(&[&[solved(2.9, 0.006)]]);
-    let (place, lake) = (
-        store.path().display().to_string(),
-        tempfile::tempdir().unwrap(),
-    );
-    let to = format!("file://{}", lake.path().display());
-    assert_valid(
-        "upload",
-        &run(&[
-            "upload",
-            "--json",
-            &place,
-            "--to",
-            &to,
-            "--aircraft",
-            "D-ABCD",
-        ])
-        .stdout,
-    );
-}
-
 /// Each command with `--json` has a schema; three share one.
 #[test]
 fn every_output_has_a_schema() {

@@ -14,6 +14,7 @@ mod consistent_faults;
 mod daemon_replay;
 mod daemon_socket;
 mod diagnosis;
+mod external_commands;
 mod first_hour;
 mod fixed_marks;
 mod guided_orient;

@@ -233,21 +233,3 @@ fn shots_of_a_check_report_the_cause() {
         stderr(&output)
     );
 }
-
-/// The program on the recorder has no upload; it names the build option.
-#[cfg(not(feature = "upload"))]
-#[test]
-fn upload_is_reported_as_missing_if_it_is_not_built_in() {
-    for arguments in [
-        &["upload"][..],
-        &["upload", "store", "--to", "s3://bucket/prefix", "--json"],
-    ] {
-        let output = wingd().args(arguments).output().unwrap();
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
-        assert!(
-            super::program::all_output(&output).contains("--features upload"),
-            "{}",
-            super::program::all_output(&output)
-        );
-    }
-}

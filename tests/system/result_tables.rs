@@ -173,7 +173,7 @@ fn stored_columns(subject: Subject) -> Vec<(String, &'static str)> {
 
 #[test]
 fn the_schema_of_the_fleet_has_every_column_with_its_type() {
-    let path = file("fleet/wingd_fleet/schema/v3.json");
+    let path = file("python/wingd/fleet/schema/v3.json");
     let text = std::fs::read_to_string(&path).unwrap();
     let mut schema: Map<String, Value> = serde_json::from_str(&text).unwrap();
     let mut add = |table: &str, columns: Vec<(String, &'static str)>| {
@@ -204,6 +204,7 @@ fn the_schema_of_the_fleet_has_every_column_with_its_type() {
         add(name, typed(TableColumn::of_frames(table, &[]), false));
         add(name, aircraft.clone());
     }
+    add("shape", aircraft.clone());
     add("live", typed(TableColumn::of_live(true), true));
     add("live", stored_columns(Subject::Row));
     add("live", typed(TableColumn::of_live(false), true));

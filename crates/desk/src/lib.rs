@@ -21,5 +21,3 @@ pub mod mark;
 pub mod plan;
 pub mod report;
 pub mod stress;
-#[cfg(feature = "upload")]
-pub mod upload;

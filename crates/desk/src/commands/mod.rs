@@ -13,8 +13,6 @@ mod mean;
 mod plan;
 mod report;
 mod stress;
-#[cfg(feature = "upload")]
-mod upload;
 
 use wingd_simulate::command as simulate;
 
@@ -24,65 +22,60 @@ commands! {
     DeskCommand(cameras: OpenCamera)
     /// Estimate the interior orientation from images of a board
     #[cfg(feature = "boards")]
-    Calibrate(calibrate::CalibrateArgs) => calibrate::run [cameras], Record [
+    Calibrate(calibrate::CalibrateArgs) => calibrate::run [cameras], Prepare [
         "wingd calibrate --board board.toml --output camera.toml --report calibration.html board/*.jpg",
     ];
     /// Predict resolution and standard deviations
-    Plan(plan::PlanArgs) => plan::run, Record [
-        "wingd plan --span 33 --height 2.5 --chord 4 --focal 12 --sensor 4000x3000x1.54 --markers 20 --fixed 2 --frames 10 --want 5mm",
+    Plan(plan::PlanArgs) => plan::run, Prepare [
+        "wingd plan --reach 33 --height 2.5 --chord 4 --focal 12 --sensor 4000x3000x1.54 --markers 20 --fixed 2 --frames 10 --want 5mm",
         "wingd plan --installation installation --tip-deflection 2.5 --figure plan.svg",
     ];
     /// Import the images of a camera's card into a store
-    Import(import::ImportArgs) => import::run, Transfer [
+    Import(import::ImportArgs) => import::run, Evaluate [
         "wingd import frames --store card --installation installation",
     ];
     /// Mark undetected markers manually in a browser
-    Mark(mark::MarkArgs) => mark::run, Transfer [
+    Mark(mark::MarkArgs) => mark::run, Evaluate [
         "wingd mark store",
         "wingd mark --installation installation frames/flight-1.jpg",
     ];
     /// Estimate flight-invariant parameters from several flights
-    Learn(learn::LearnArgs) => learn::run, Transfer [
+    Learn(learn::LearnArgs) => learn::run, Evaluate [
         "wingd learn store --installation installation",
     ];
     /// Write a flight's figures and tables as one HTML file
-    Report(report::ReportArgs) => report::run, Transfer [
+    Report(report::ReportArgs) => report::run, Evaluate [
         "wingd report store --output report.html",
     ];
     /// Compare two solves of a store, or two stores
-    Compare(compare::CompareArgs) => compare::run, Transfer [
+    Compare(compare::CompareArgs) => compare::run, Evaluate [
         "wingd compare store",
     ];
-    /// Upload flights to an object store (not in the on-board build)
-    #[cfg(feature = "upload")]
-    Upload(upload::UploadArgs) => upload::run, Utility [
-        "wingd upload store --to file:///srv/wings --aircraft D-ABCD",
-    ];
     /// Average measured shapes, also by conditions of the flight
-    Mean(mean::MeanArgs) => mean::run, Transfer [
+    Mean(mean::MeanArgs) => mean::run, Evaluate [
         "wingd mean store:f0001/s000001/0001.jpg --eta 0.5,1",
     ];
     /// Compare measured shapes with each other or with a computation
-    Difference(difference::DifferenceArgs) => difference::run, Transfer [
+    Difference(difference::DifferenceArgs) => difference::run, Evaluate [
         "wingd difference store:f0001/s000001/0001.jpg --against fem.csv",
     ];
     /// Export results as tables, JSON lines or NetCDF
-    Export(export::ExportArgs) => export::run, Transfer [
+    Export(export::ExportArgs) => export::run, Evaluate [
         "wingd export store --format csv --table span --output span.csv",
         "wingd export store --format parquet --output markers.parquet",
         "wingd export store --format netcdf --output shape.nc",
     ];
     /// Add a table of the aircraft's own data to a flight
-    AircraftData(aircraft_data::AircraftDataArgs) => aircraft_data::run, Transfer [
+    AircraftData(aircraft_data::AircraftDataArgs) => aircraft_data::run, Evaluate [
         "wingd aircraft-data demo-flight/store qar.csv --mapping mapping.toml --flight f0001",
         "wingd aircraft-data store --flight f0001 --list",
     ];
     /// Compute bending moments: extremes, load cycles, damage
-    Stress(stress::StressArgs) => stress::run, Transfer [
+    Stress(stress::StressArgs) => stress::run, Evaluate [
         "wingd stress store --structure structure.csv",
     ];
     /// Render frames of a wing, or images of a board
-    Simulate(simulate::SimulateArgs) => simulate::run, Hidden [
+    Simulate(simulate::SimulateArgs) => simulate::run, Utility [
         "wingd simulate --output practice --seed 4 --size 1600 1200 --focal 1400 --tip-deflections 2.4,1.8 --board board.toml",
     ];
 }
