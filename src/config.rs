@@ -4,11 +4,14 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use serde::Deserialize;
+use serde::de::DeserializeOwned;
 
 use crate::camera::section::CameraSection;
 use crate::daemon::{LiveConfig, PowerConfig, SeriesConfig, StatusConfig};
 use wingd_base::fault::{Fault, KeyFault};
+use wingd_base::regular_file::{MAX_FILE_BYTES, read_regular_file};
 use wingd_base::text::decode_text;
+use wingd_base::toml_fault::parse_toml;
 use wingd_evaluation::pipeline::SolveJob;
 use wingd_measure::adjust::{AdjustmentMethod, Options};
 use wingd_pages::section::ServeConfig;
@@ -108,8 +111,7 @@ impl SolveConfig {
 /// Returns all errors found, each with its key and remedy.
 pub fn load_configuration(file: &Path) -> Result<Config, Vec<Fault>> {
     let text = read_text(file)?;
-    let mut config: Config =
-        toml::from_str(&text).map_err(|e| vec![syntax_fault(file, &text, &e)])?;
+    let mut config: Config = parse_text(file, &text)?;
     let mut faults = config.tilde_faults(file);
     let config = config.with_resolved_paths(file.parent().unwrap_or(Path::new("")));
     faults.extend(config.faults(file));
@@ -130,9 +132,7 @@ pub fn load_camera(file: &Path) -> Result<CameraSection, Vec<Fault>> {
         camera: CameraSection,
     }
     let text = read_text(file)?;
-    let mut camera = toml::from_str::<CameraOnly>(&text)
-        .map_err(|e| vec![syntax_fault(file, &text, &e)])?
-        .camera;
+    let mut camera = parse_text::<CameraOnly>(file, &text)?.camera;
     let faults: Vec<Fault> = camera
         .faults()
         .into_iter()
@@ -148,7 +148,7 @@ pub fn load_camera(file: &Path) -> Result<CameraSection, Vec<Fault>> {
 
 fn read_text(file: &Path) -> Result<String, Vec<Fault>> {
     let remedy = "name it with --config; config/wingd.toml is a commented default";
-    let bytes = std::fs::read(file).map_err(|e| {
+    let bytes = read_regular_file(file, MAX_FILE_BYTES).map_err(|e| {
         vec![Fault::new(
             file,
             "file",
@@ -237,6 +237,9 @@ impl Config {
 
     fn faults(&self, file: &Path) -> Vec<Fault> {
         let mut keys = self.camera.faults();
+        let live = self.live.socket.iter().map(|path| ("live.socket", path));
+        let sockets = live.chain([("status.socket", &self.status.socket)]);
+        keys.extend(sockets.filter_map(|(key, path)| socket_length_fault(key, path)));
         keys.extend(self.series.faults());
         keys.extend(self.store.faults());
         keys.extend(self.power.faults());
@@ -249,6 +252,23 @@ impl Config {
     }
 }
 
-fn syntax_fault(file: &Path, text: &str, error: &toml::de::Error) -> Fault {
-    wingd_base::toml_fault::toml_fault(file, text, error, "compare it with config/wingd.toml")
+/// Largest length of a socket's path on Linux, bytes (`sun_path` of unix(7), without its terminator).
+const MAX_SOCKET_PATH_BYTES: usize = 107;
+
+fn socket_length_fault(key: &str, path: &Path) -> Option<KeyFault> {
+    let length = path.as_os_str().len();
+    let problem = format!(
+        "{} has {length} bytes, but the path of a socket can have {MAX_SOCKET_PATH_BYTES}",
+        path.display()
+    );
+    let remedy = "give a shorter path, such as /run/wingd/wingd.sock";
+    (length > MAX_SOCKET_PATH_BYTES).then(|| KeyFault::new(key, problem, remedy))
+}
+
+/// Tables whose `kind` chooses the keys: `[camera.frames]` is within the release camera.
+const TABLES_WITH_KIND: [&[&str]; 2] = [&["camera", "frames"], &["camera"]];
+
+fn parse_text<T: DeserializeOwned>(file: &Path, text: &str) -> Result<T, Vec<Fault>> {
+    let remedy = "compare it with config/wingd.toml";
+    parse_toml(file, text, &TABLES_WITH_KIND, remedy).map_err(|fault| vec![fault])
 }

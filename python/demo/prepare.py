@@ -50,17 +50,6 @@ quantity = "weight_kg"
 field = 35
 quantity = "load_factor"
 """
-MAPPING = """time = "UTC"
-[[column]]
-name = "GW"
-quantity = "weight_kg"
-[[column]]
-name = "NZ"
-quantity = "load_factor"
-[[column]]
-name = "MACH"
-quantity = "mach"
-"""
 
 
 def call(wingd: str, *arguments: str, environment: dict[str, str] | None = None, check: bool = True):
@@ -125,7 +114,7 @@ def weigh(wingd: str, store: Path, off_m: float = 0.0) -> None:
     if (store.parent / "weighed").exists():
         return
     text = call(wingd, "export", str(store), "--format", "csv", "--table", "shots").stdout
-    lines = ["UTC,GW,NZ,MACH"]
+    lines = ["utc,weight_kg,load_factor,mach"]
     for number, row in enumerate(csv.DictReader(text.splitlines())):
         if row["tip_deflection_m"]:
             load = 60 + (float(row["tip_deflection_m"]) - off_m - DEFLECTION_AT_60_T_M) / SLOPE_M_PER_T
@@ -135,10 +124,9 @@ def weigh(wingd: str, store: Path, off_m: float = 0.0) -> None:
                 tag = (at + datetime.timedelta(seconds=seconds)).isoformat().replace("+00:00", "Z")
                 lines.append(f"{tag},{1000 * load / factor:.1f},{factor:.3f},0.78")
     flight = next((store / "flights").iterdir()).name
-    table, mapping = store.parent / "aircraft.csv", store.parent / "mapping.toml"
+    table = store.parent / "aircraft.csv"
     table.write_text("\n".join(lines) + "\n")
-    mapping.write_text(MAPPING)
-    call(wingd, "aircraft-data", str(store), str(table), "--mapping", str(mapping), "--flight", flight)
+    call(wingd, "aircraft-data", str(store), str(table), "--flight", flight)
     (store.parent / "weighed").touch()
 
 

@@ -15,6 +15,8 @@ const FRAME_HISTORY: usize = 16;
 pub struct Freshness {
     hashes: VecDeque<[u8; 32]>,
     capacity: usize,
+    /// Number of frames to compare with; at most the capacity.
+    limit: usize,
 }
 
 impl Default for Freshness {
@@ -29,7 +31,15 @@ impl Freshness {
         Self {
             hashes: VecDeque::new(),
             capacity: remembered,
+            limit: remembered,
         }
+    }
+
+    /// Limits the history to fewer frames than the camera delivers before it repeats by its configuration.
+    pub fn limit_to_loop(&mut self, repeats_after: Option<usize>) {
+        let limit = repeats_after.map_or(usize::MAX, |count| count.saturating_sub(1));
+        self.limit = self.capacity.min(limit);
+        self.hashes.truncate(self.limit);
     }
 
     /// Accepts a frame that differs from all remembered ones.
@@ -52,7 +62,7 @@ impl Freshness {
             )));
         }
         self.hashes.push_front(hash);
-        self.hashes.truncate(self.capacity);
+        self.hashes.truncate(self.limit);
         Ok(())
     }
 }

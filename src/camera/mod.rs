@@ -78,6 +78,9 @@ pub struct CameraInfo {
     pub settings: Map<String, Value>,
     /// Settings that differ from the configuration; logged and stored.
     pub warnings: Vec<String>,
+    /// Number of frames after which the camera repeats by its configuration: a replay that loops.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub repeats_after: Option<usize>,
 }
 
 /// Camera, used by one thread of its own. Every call returns by its deadline; the daemon enforces a hard limit in addition.

@@ -11,6 +11,7 @@ use serde_json::{Map, Value};
 use super::{Camera, CameraError, CameraFactory, CameraFrame, CameraInfo, DriverSection};
 use wingd_base::clock::Clock;
 use wingd_base::fault::KeyFault;
+use wingd_base::regular_file::{MAX_DATA_BYTES, read_regular_file};
 use wingd_evaluation::frame_format::{Format, format_from_path};
 
 mod items;
@@ -169,6 +170,12 @@ impl ReplayFactory {
     }
 }
 
+/// Returns the number of items of the smallest group that is replayed together.
+fn smallest_group(items: &[ReplayItem]) -> usize {
+    let count = |item: &ReplayItem| items.iter().filter(|other| other.at == item.at).count();
+    items.iter().map(count).min().unwrap_or(0)
+}
+
 /// Camera that replays files.
 pub struct ReplayCamera {
     shared: ReplayFactory,
@@ -202,6 +209,11 @@ impl Camera for ReplayCamera {
             name: "replay".to_owned(),
             settings,
             warnings: Vec::new(),
+            repeats_after: self
+                .shared
+                .config
+                .repeat
+                .then(|| smallest_group(&self.items)),
         })
     }
 
@@ -291,7 +303,7 @@ impl ReplayCamera {
 
     fn read_next_frame(&mut self) -> Result<CameraFrame, CameraError> {
         let item = self.next_item()?;
-        let bytes = std::fs::read(&item.file)
+        let bytes = read_regular_file(&item.file, MAX_DATA_BYTES)
             .map_err(|error| CameraError::BadFrame(format!("{}: {error}", item.file.display())))?;
         let format = format_from_path(&item.file).unwrap_or(Format::Jpeg);
         let mut settings = Map::new();

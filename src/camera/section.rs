@@ -22,9 +22,9 @@ use DriverNotBuilt as V4lSection;
 use wingd_base::clock::Clock;
 use wingd_base::fault::KeyFault;
 
-/// Configuration of one camera, chosen by `kind`.
+/// Configuration of one camera, chosen by `kind`, which the reader of the file turns into the variant's name.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "lowercase")]
+#[serde(rename_all = "lowercase")]
 pub enum CameraSection {
     /// Replayed files.
     Replay(ReplayConfig),

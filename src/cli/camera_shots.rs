@@ -93,6 +93,7 @@ impl CameraBench<'_> {
     fn attempt_shot(&mut self) -> Result<CameraFrame, CameraError> {
         if !self.open {
             let info = self.camera.open()?;
+            self.freshness.limit_to_loop(info.repeats_after);
             self.open = true;
             let line =
                 json!({"camera": info.name, "settings": info.settings, "warnings": info.warnings});

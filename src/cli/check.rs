@@ -311,7 +311,7 @@ impl Findings {
         }
         self.reported.extend(
             serve
-                .exposure_warnings()
+                .warnings()
                 .into_iter()
                 .map(|warning| ("web page", warning)),
         );

@@ -223,7 +223,7 @@ impl PageSource {
             .serve
             .resolve(place)
             .map_err(|faults| join_faults(&faults))?;
-        for warning in self.serve.exposure_warnings() {
+        for warning in self.serve.warnings() {
             tracing::warn!(warning, "web page");
         }
         let bound = std::net::TcpListener::bind(address).and_then(|listener| {

@@ -92,7 +92,7 @@ fn open_access(args: &ServeArgs) -> TaskResult<(SocketAddr, Access)> {
             "value".to_owned(),
         )
     };
-    for warning in config.exposure_warnings() {
+    for warning in config.warnings() {
         eprintln!("wingd: warning: {warning}");
     }
     Ok(config.resolve(option)?)

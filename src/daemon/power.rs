@@ -116,7 +116,7 @@ enum SupplyError {
 impl SupplySensor {
     fn is_power_failing(&self) -> Result<bool, SupplyError> {
         match self {
-            Self::File(path) => std::fs::read_to_string(path)
+            Self::File(path) => wingd_base::regular_file::read_small_text(path)
                 .map(|text| text.trim() == "0")
                 .map_err(|error| SupplyError::File(path.clone(), error)),
             #[cfg(feature = "gpio")]

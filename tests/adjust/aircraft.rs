@@ -197,7 +197,7 @@ fn moments(aircraft: &Aircraft, when: WingState, solution: &Solution, setup: &Se
     let p = solution
         .parameters
         .iter()
-        .find(|p| p.name == "curvature_per_m")
+        .find(|p| p.kind.name() == "curvature_per_m")
         .unwrap();
     let (n, sigma) = (p.values.len(), |k: usize| p.values[k].sigma.unwrap());
     let curvature = BendingCurvature {

@@ -144,7 +144,7 @@ fn a_of(solution: &Solution) -> Estimate {
     let a = solution
         .parameters
         .iter()
-        .find(|p| p.name == "a_per_m")
+        .find(|p| p.kind.name() == "a_per_m")
         .unwrap();
     a.values[0]
 }

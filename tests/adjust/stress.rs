@@ -15,7 +15,7 @@ fn curvature(s: &Solution, length_m: f64, root_sigma_m: f64) -> BendingCurvature
     let p = s
         .parameters
         .iter()
-        .find(|p| p.name == "curvature_per_m")
+        .find(|p| p.kind.name() == "curvature_per_m")
         .unwrap();
     let n = p.values.len();
     let sigma = |k: usize| p.values[k].sigma.unwrap();

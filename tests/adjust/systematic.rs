@@ -364,7 +364,7 @@ fn axis_height_estimates(flight: bool, shift_m: f64) -> (Vec<f64>, f64) {
         let axis_height = solution
             .parameters
             .iter()
-            .find(|p| p.name == "axis_raise_m")
+            .find(|p| p.kind.name() == "axis_raise_m")
             .unwrap()
             .values[0];
         errors.push((axis_height.value - raise) / axis_height.sigma.unwrap());

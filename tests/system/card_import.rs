@@ -356,7 +356,7 @@ fn times_of_names_and_lists_count_and_lists_are_checked() {
     for (text, words) in [
         (
             "a,b\n1,2\n",
-            "line 1: is not the header of a list of times; write image,utc there",
+            "column image: is missing; the header must have image,utc",
         ),
         ("image,utc\nx.jpg,noon\n", "line 2: has no time (\"noon\")"),
         (

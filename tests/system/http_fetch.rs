@@ -21,7 +21,7 @@ const TOKEN: &str = "correct-horse-battery";
 
 fn fetch(url: &str, to: &Path, more: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_wingd"))
-        .arg("fetch")
+        .arg("copy")
         .arg(url)
         .arg(to)
         .args(more)
@@ -176,13 +176,18 @@ fn an_incomplete_fetch_fails_and_leaves_no_store() {
     );
 }
 
+fn tls_file(name: &str) -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/tls")
+        .join(name)
+}
+
 fn serve_over_tls(store: &Path) -> Server {
-    let file = |name: &str| {
-        Path::new(env!("CARGO_MANIFEST_DIR"))
-            .join("tests/tls")
-            .join(name)
-    };
-    let tls = wingd_pages::tls::tls_acceptor(&file("certificate.pem"), &file("key.pem")).unwrap();
+    serve_with_certificate(store, "certificate.pem", "key.pem")
+}
+
+fn serve_with_certificate(store: &Path, certificate: &str, key: &str) -> Server {
+    let tls = wingd_pages::tls::tls_acceptor(&tls_file(certificate), &tls_file(key)).unwrap();
     Server::guarded(store, Access::new(Some(TOKEN), vec![]).with_tls(Some(tls)))
 }
 
@@ -225,6 +230,80 @@ fn fetching_over_tls_needs_the_right_certificate_and_token() {
     );
     assert_eq!(done.status.code(), Some(0), "{}", text(&done));
     assert!(!text(&done).contains(TOKEN));
+}
+
+/// Errors that no further attempt removes are named at once, with dates, scheme or certificate.
+#[test]
+#[cfg(feature = "tls")]
+fn permanent_errors_of_a_connection_are_named_at_once() {
+    let store = store_with(&[&[solved(2.9, 0.006)]]);
+    let dir = tempfile::tempdir().unwrap();
+    let refused = |scheme: &str, server: &Server, certificate: Option<&str>, words: &str| {
+        let url = format!("{scheme}://localhost:{}", server.address.port());
+        let certificate = certificate.map(|name| tls_file(name).display().to_string());
+        let more = certificate.iter().flat_map(|file| ["--certificate", file]);
+        let begun = std::time::Instant::now();
+        let fetched = fetch(&url, &dir.path().join("copy"), &more.collect::<Vec<_>>());
+        let printed = text(&fetched);
+        assert!(
+            fetched.status.code() == Some(1) && printed.contains(words),
+            "{words}: {printed}"
+        );
+        assert!(!printed.contains("run the same command again"), "{printed}");
+        assert!(begun.elapsed().as_secs() < 8, "{:?}", begun.elapsed());
+    };
+    let future = serve_with_certificate(store.path(), "future.pem", "dated-key.pem");
+    let words = "validity begins on 2100-01-01T00:00:00Z, and this machine's clock shows 20";
+    refused("https", &future, Some("future.pem"), words);
+    let expired = serve_with_certificate(store.path(), "expired.pem", "dated-key.pem");
+    let words = "validity ended on 2021-01-01T00:00:00Z";
+    refused("https", &expired, Some("expired.pem"), words);
+    let sound = serve_over_tls(store.path());
+    let words = "presents another certificate than --certificate";
+    refused("https", &sound, Some("future.pem"), words);
+    refused("http", &sound, None, "give https:// and --certificate FILE");
+    let plain = Server::guarded(store.path(), Access::new(None, vec![]));
+    let words = "does not answer in TLS; give http://";
+    refused("https", &plain, Some("certificate.pem"), words);
+    let warning = wingd_pages::tls::validity_warning(&tls_file("expired.pem"));
+    assert!(warning.unwrap().contains("ended on 2021-01-01"));
+    assert_eq!(
+        wingd_pages::tls::validity_warning(&tls_file("certificate.pem")),
+        None
+    );
+}
+
+/// A proxy that does not pass ranges on sends the whole archive, which is used.
+#[test]
+fn a_flight_arrives_through_a_proxy_without_ranges() {
+    let store = store_with(&[&[solved(2.9, 0.006)]]);
+    let server = Server::guarded(store.path(), Access::new(None, vec!["127.0.0.1".into()]));
+    let origin = server.address;
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    std::thread::spawn(move || {
+        for mut client in listener.incoming().map_while(Result::ok) {
+            let mut head = [0; 4096];
+            let length = client.read(&mut head).unwrap_or(0);
+            let head = String::from_utf8_lossy(&head[..length]).into_owned();
+            let kept = head.split("\r\n").filter(|line| {
+                let lower = line.to_lowercase();
+                !lower.starts_with("range:") && !lower.starts_with("if-range:")
+            });
+            let kept = kept.collect::<Vec<_>>().join("\r\n");
+            let request = kept.replacen("\r\n", "\r\nConnection: close\r\n", 1);
+            let mut server = TcpStream::connect(origin).unwrap();
+            server.write_all(request.as_bytes()).unwrap();
+            let mut answer = vec![];
+            let _ = server.read_to_end(&mut answer);
+            let _ = client.write_all(&answer);
+        }
+    });
+    let dir = tempfile::tempdir().unwrap();
+    let copy = dir.path().join("copy");
+    let fetched = fetch(&format!("http://{address}"), &copy, &[]);
+    assert_eq!(fetched.status.code(), Some(0), "{}", text(&fetched));
+    assert!(verify_path(&RealDisk, &copy).is_sound());
 }
 
 /// A server that answers each path with the next of its answers; returns its address and the number of requests.

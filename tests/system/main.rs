@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
 mod aircraft_feed;
+mod aircraft_tables;
 mod bad_input;
 mod calibrate_command;
 mod card_import;
@@ -16,7 +17,6 @@ mod diagnosis;
 mod external_commands;
 mod first_hour;
 mod fixed_marks;
-mod foreign_tables;
 mod guided_orient;
 mod hand_edited_files;
 mod hostile_surroundings;
@@ -38,6 +38,7 @@ mod live_slow_disk;
 mod marking;
 mod mount_check_command;
 mod mutations;
+mod named_causes;
 mod other_pictures;
 mod output;
 mod pages;
@@ -62,6 +63,5 @@ mod store_speed;
 mod store_verify;
 mod survey_typo;
 mod table_mutations;
-mod table_statements;
 mod thirty_hours;
 mod three_deflections;

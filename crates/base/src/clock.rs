@@ -26,6 +26,17 @@ pub struct Stamp {
     pub since_boot_s: f64,
 }
 
+/// 1 January 1980: what is dated before, no digital camera has taken.
+const FIRST_KNOWN_UTC: jiff::Timestamp = jiff::Timestamp::constant(315_532_800, 0);
+
+impl Stamp {
+    /// Returns the time in UTC; `None` if it is not known: a clock that was never set, and the stamps of images that were
+    /// imported without a time, count from 1970.
+    pub fn known_utc(&self) -> Option<jiff::Timestamp> {
+        (self.utc >= FIRST_KNOWN_UTC).then_some(self.utc)
+    }
+}
+
 /// Source of time: [`SystemClock`] of the machine, [`SimulatedClock`] of a test or the demo.
 pub trait Clock: Send + Sync {
     /// Returns the current moment.

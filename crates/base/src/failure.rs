@@ -42,21 +42,6 @@ impl Failure {
     }
 }
 
-/// Reads a text file named by the user.
-///
-/// # Errors
-/// Returns an error with file and remedy if it cannot be read or is not text.
-pub fn read_text_file(file: &Path) -> Result<String, Fault> {
-    let trouble = |problem: String, remedy: &str| Fault::new(file, "file", problem, remedy);
-    let bytes = std::fs::read(file).map_err(|error| {
-        trouble(
-            format!("cannot be read ({error})"),
-            "name a file of UTF-8 text",
-        )
-    })?;
-    crate::text::decode_text(bytes).map_err(|(problem, remedy)| trouble(problem.into(), remedy))
-}
-
 impl From<Vec<Fault>> for Failure {
     fn from(faults: Vec<Fault>) -> Self {
         Self::Faults(faults)

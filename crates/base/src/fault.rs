@@ -16,6 +16,24 @@ pub struct Fault {
     pub problem: String,
     /// Remedy: the action to take.
     pub remedy: String,
+    /// Subject, by which errors with one cause are combined.
+    pub subject: FaultSubject,
+}
+
+/// Subject of an error.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum FaultSubject {
+    /// Key, or the whole file.
+    #[default]
+    Place,
+    /// Surveyed marker.
+    Marker,
+    /// Line of a table.
+    Line(u64),
+    /// Cell of a table.
+    Cell { line: u64, column: &'static str },
+    /// Cell of a table that needs a number and has none.
+    NoNumber { line: u64, column: &'static str },
 }
 
 impl Fault {
@@ -31,6 +49,40 @@ impl Fault {
             place: place.into(),
             problem: problem.into(),
             remedy: remedy.into(),
+            subject: FaultSubject::Place,
+        }
+    }
+
+    /// Creates the error of a line or cell of a table.
+    pub fn in_table(
+        file: impl Into<PathBuf>,
+        subject: FaultSubject,
+        problem: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        let place = match subject {
+            FaultSubject::Cell { line, column } | FaultSubject::NoNumber { line, column } => {
+                format!("line {line}, column {column}")
+            }
+            FaultSubject::Line(line) => format!("line {line}"),
+            FaultSubject::Marker | FaultSubject::Place => "file".to_owned(),
+        };
+        Self {
+            subject,
+            ..Self::new(file, place, problem, remedy)
+        }
+    }
+
+    /// Creates the error of a surveyed marker.
+    pub fn of_marker(
+        file: impl Into<PathBuf>,
+        id: &str,
+        problem: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self {
+            subject: FaultSubject::Marker,
+            ..Self::new(file, format!("marker \"{id}\""), problem, remedy)
         }
     }
 }

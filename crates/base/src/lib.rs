@@ -55,6 +55,7 @@ pub mod listed_command;
 pub mod logging;
 pub mod output;
 pub mod pending_file;
+pub mod regular_file;
 pub mod tcp_keepalive;
 pub mod text;
 pub mod toml_fault;

@@ -7,13 +7,11 @@ use serde_json::json;
 
 use wingd_base::clock::Stamp;
 use wingd_base::clock::exposure::{Exposure, ExposureSource};
-use wingd_base::clock::written_time::{duration_text, offset_text};
-use wingd_base::failure::{TaskResult, read_text_file};
-use wingd_base::fault::Fault;
+use wingd_base::clock::written_time::duration_text;
+use wingd_base::failure::TaskResult;
 use wingd_evaluation::aircraft;
 use wingd_evaluation::aircraft::{
-    AircraftTable, AircraftTrack, ColumnTally, DAY_S, Mapping, Quantity, ReceivedLine,
-    TableContents, TimeFormat,
+    AircraftTable, AircraftTrack, ColumnTally, Quantity, ReceivedLine, TableContents,
 };
 use wingd_evaluation::installation;
 use wingd_evaluation::results::aircraft as joined;
@@ -49,7 +47,6 @@ pub fn count_frames_by_source(
 
 /// A table and its effect on the flight.
 pub struct TableImport {
-    mapping: Mapping,
     pub table: AircraftTable,
     pub contents: TableContents,
     /// Number of the table among the flight's sources.
@@ -60,7 +57,7 @@ pub struct TableImport {
     pub repeated: usize,
     /// Number of frames of the flight.
     pub frames: usize,
-    /// Quantities that are mapped or reach a frame.
+    /// Quantities of the header's columns, or those of IWG1 that reach a frame.
     pub quantities: Vec<QuantityFrames>,
     /// Reason why no frame gets a value; `None` if at least one does.
     pub no_value_because: Option<String>,
@@ -78,32 +75,16 @@ pub struct QuantityFrames {
 }
 
 impl TableImport {
-    /// Reads a table and its mapping, and joins it with the frames of the flight.
+    /// Reads a table and joins it with the frames of the flight.
     ///
     /// # Errors
-    /// Returns the errors of table and mapping with file and remedy, or an error of the store.
-    pub fn read(root: &Path, flight: &FlightRef, file: &Path, mapping: &Path) -> TaskResult<Self> {
-        let (text, written) = (read_text_file(file)?, read_text_file(mapping)?);
-        let requested: Mapping = toml::from_str(&written).map_err(|error| {
-            installation::toml_fault(mapping, &written, &error, "see docs/aircraft-data.md")
-        })?;
-        let faults: Vec<Fault> = requested
-            .faults()
-            .into_iter()
-            .map(|fault| fault.into_fault(mapping))
-            .collect();
-        if !faults.is_empty() {
-            return Err(faults.into());
-        }
-        let table = AircraftTable::parse(&requested, &text).map_err(|trouble| {
-            let of_mapping = trouble.line == 0 && !trouble.key.is_empty();
-            trouble.into_fault(if of_mapping { mapping } else { file })
-        })?;
+    /// Returns the errors of the table with file and remedy, or an error of the store.
+    pub fn read(root: &Path, flight: &FlightRef, file: &Path) -> TaskResult<Self> {
+        let table = AircraftTable::read(file)?;
         let (sources, _) = joined::read_sources(&RealDisk, root, flight)?;
         let (track, _) = joined::read_track(&RealDisk, root, flight)?;
         let frames = joined::read_frame_times(&RealDisk, flight)?;
         Ok(Self::join_with_frames(
-            requested,
             table,
             sources.len() + 1,
             track,
@@ -112,7 +93,6 @@ impl TableImport {
     }
 
     fn join_with_frames(
-        mapping: Mapping,
         table: AircraftTable,
         source: usize,
         mut track: AircraftTrack,
@@ -161,12 +141,10 @@ impl TableImport {
         quantities.sort_unstable();
         quantities.dedup();
         let mut quantities: Vec<_> = quantities.into_iter().map(reached).collect();
-        quantities
-            .retain(|r| r.frames > 0 || mapping.column.iter().any(|c| c.quantity == r.quantity));
+        quantities.retain(|r| r.frames > 0 || table.layout.begins_with.is_none());
         let (samples, repeated) = (track.len(), track.unused.repeated - repeated);
         let frames = frames.len();
         let mut import = Self {
-            mapping,
             table,
             contents,
             source,
@@ -188,20 +166,18 @@ impl TableImport {
             return None;
         }
         frames_s.sort_by(f64::total_cmp);
-        let (Some(first), Some(last)) = (frames_s.first(), frames_s.last()) else {
+        if frames_s.is_empty() {
             let cause = if imported {
                 "the images were imported without --clock-sigma; import them with it and --zone into a new store"
             } else {
                 "the clock was not synchronised and no data feed was recorded"
             };
             return Some(format!("no frame of this flight has a UTC time: {cause}"));
-        };
+        }
         if self.table.lines.is_empty() {
             return Some("the table has no lines below its header".into());
         }
-        let times = self
-            .other_time_format((*first, *last))
-            .or_else(|| self.unreadable_times());
+        let times = self.unreadable_times();
         // Cells are not evaluated in lines without a time.
         if let Some(cause) = times.as_ref().filter(|_| self.contents.times_s.is_empty()) {
             return Some(cause.clone());
@@ -229,43 +205,7 @@ impl TableImport {
             .first()
             .filter(|_| self.contents.times_s.is_empty())?;
         Some(format!(
-            "its times (\"{tag}\") have an unsupported format; write them as 2026-06-01T07:59:50Z, or see \
-             time_format in docs/aircraft-data.md"
-        ))
-    }
-
-    /// Suggests a time format that fits the table better than the mapping's.
-    fn other_time_format(&self, frames: (f64, f64)) -> Option<String> {
-        let field = self.table.layout.time_field - 1;
-        let fields = |(_, line): &(u64, String)| {
-            self.table
-                .layout
-                .fields(line)
-                .get(field)
-                .map(ToString::to_string)
-        };
-        let tags: Vec<String> = self.table.lines.iter().filter_map(fields).collect();
-        let tags: Vec<&str> = tags.iter().map(String::as_str).collect();
-        let layout = &self.table.layout;
-        let (declared, zone_s) = (layout.time_format, layout.zone_s.map_or(0.0, f64::from));
-        // Days of a year without the year are unreadable, not of another format.
-        let yearless = declared == TimeFormat::Irig && layout.date.is_none();
-        let excluded = Some(declared).filter(|_| !yearless);
-        let likeliest = aircraft::guess_format(&tags, (excluded, zone_s), frames)?;
-        let day = aircraft::format_time(frames.0)
-            .chars()
-            .take(10)
-            .collect::<String>();
-        let more = match likeliest {
-            TimeFormat::SecondsOfDay => format!(", date = \"{day}\""),
-            TimeFormat::Irig => format!(", year = {}", day.get(..4).unwrap_or_default()),
-            _ => String::new(),
-        };
-        let ((name, text), (_, other)) = (likeliest.texts(), declared.texts());
-        Some(format!(
-            "its times are {text} ({}), not {}; write time_format = \"{name}\"{more} in the mapping",
-            tags.first().copied().unwrap_or_default(),
-            if yearless { "with a year" } else { other },
+            "its times (\"{tag}\") are not UTC; write them as 2026-06-01T07:59:50Z (`wingd-table` converts other formats)"
         ))
     }
 
@@ -353,14 +293,10 @@ impl TableImport {
         let Some((count, shift_s)) = best else {
             return self.times_outside_flight((*first, *last));
         };
-        let zone_s = self.table.layout.zone_s.unwrap_or(0) - shift_s as i32;
-        let zone = jiff::tz::Offset::from_seconds(zone_s)
-            .map(offset_text)
-            .unwrap_or_default();
         let way = if shift_s > 0.0 { "before" } else { "after" };
         format!(
-            "its times are exactly {} {way} those of {count} frames: local time; write zone = \"{zone}\" in the mapping, or \
-             import the images again with the right --zone into a new store",
+            "its times are exactly {} {way} those of {count} frames: local time; convert them to UTC, or import the images \
+             again with the right --zone into a new store",
             duration_text(shift_s)
         )
     }
@@ -372,8 +308,7 @@ impl TableImport {
         let to = times.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         if to < MIN_UNIX_TIME_S {
             return format!(
-                "its times, {from} to {to}, count from an unknown origin; write them as \
-                 2026-06-01T07:59:50Z, or see time_format in docs/aircraft-data.md"
+                "its times, {from} to {to}, count from an unknown origin; write them as 2026-06-01T07:59:50Z"
             );
         }
         let shown = aircraft::format_time;
@@ -405,28 +340,11 @@ impl TableImport {
         store.close_aircraft_file()
     }
 
-    /// Returns whether the table gives seconds of the day that restart at midnight.
-    pub fn passes_midnight(&self) -> bool {
-        let back = |pair: &[f64]| pair[0] - pair[1] > 0.5 * DAY_S;
-        let layout = &self.table.layout;
-        layout.time_format == TimeFormat::SecondsOfDay
-            && layout.date_field.is_none()
-            && self.contents.times_s.windows(2).any(back)
-    }
-
-    /// Explains for each mapped column without a value why it has none.
+    /// Explains for each column without a value why it has none; IWG1 may leave its fields empty.
     pub fn empty_columns(&self) -> impl Iterator<Item = String> {
-        let is_mapped = |tally: &&ColumnTally| {
-            self.mapping
-                .column
-                .iter()
-                .any(|c| c.quantity == tally.quantity)
-        };
-        self.contents
-            .tallies
-            .iter()
-            .filter(is_mapped)
-            .filter_map(ColumnTally::no_values_reason)
+        let of_a_header = self.table.layout.begins_with.is_none();
+        let tallies = self.contents.tallies.iter().filter(move |_| of_a_header);
+        tallies.filter_map(ColumnTally::no_values_reason)
     }
 
     /// Returns the tally of a quantity's column; if there are two, of the later.

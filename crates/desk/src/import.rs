@@ -10,6 +10,7 @@ use wingd_base::clock::Stamp;
 use wingd_base::clock::exposure::Exposure;
 use wingd_base::clock::written_time::duration_text;
 use wingd_base::failure::{Failure, TaskResult};
+use wingd_base::regular_file::{MAX_DATA_BYTES, read_regular_file};
 use wingd_base::text::printable_path;
 use wingd_evaluation::frame_format::file_extension;
 use wingd_evaluation::frame_format::format_from_path;
@@ -334,7 +335,7 @@ impl<'a> Importer<'a> {
         }
         for (k, picture) in new.iter().enumerate() {
             let shown = printable_path(&picture.file);
-            let bytes = wingd_store::read_regular_file(&picture.file).map_err(|e| {
+            let bytes = read_regular_file(&picture.file, MAX_DATA_BYTES).map_err(|e| {
                 Failure::Failed(format!(
                     "{shown} cannot be read ({e}); import again to resume"
                 ))

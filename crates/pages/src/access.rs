@@ -177,7 +177,7 @@ pub fn read_token(file: &Path) -> Result<String, (String, String)> {
     let remedy = format!(
         "write a token of at least {MIN_TOKEN_LENGTH} characters, for example `openssl rand -hex 16`"
     );
-    let text = std::fs::read_to_string(file)
+    let text = wingd_base::regular_file::read_small_text(file)
         .map_err(|e| (format!("cannot be read ({e})"), remedy.clone()))?;
     let token = text.trim();
     let length = token.chars().count();

@@ -34,13 +34,13 @@ impl ServeConfig {
             .flatten()
     }
 
-    /// Returns a sentence for each secret that every user of this machine can read.
-    pub fn exposure_warnings(&self) -> Vec<String> {
-        [&self.token_file, &self.key]
-            .into_iter()
-            .flatten()
-            .filter_map(|file| access::exposure_warning(file))
-            .collect()
+    /// Returns a sentence for each secret that every user of this machine can read, and for a certificate that is not valid
+    /// now.
+    pub fn warnings(&self) -> Vec<String> {
+        let secrets = [&self.token_file, &self.key].into_iter().flatten();
+        let exposed = secrets.filter_map(|file| access::exposure_warning(file));
+        let certificate = self.certificate.as_deref().and_then(tls::validity_warning);
+        exposed.chain(certificate).collect()
     }
 
     /// Resolves the listening address and the access rules, or returns every error. `place` gives file and location of a

@@ -8,13 +8,18 @@ mod with_rustls {
     use std::path::{Path, PathBuf};
     use std::sync::Arc;
 
+    use tokio_rustls::rustls::client::WebPkiServerVerifier;
+    use tokio_rustls::rustls::client::danger::ServerCertVerifier;
     use tokio_rustls::rustls::crypto::{CryptoProvider, ring};
     use tokio_rustls::rustls::pki_types::pem::PemObject;
-    use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
-    use tokio_rustls::rustls::{ClientConfig, RootCertStore, ServerConfig};
+    use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName, UnixTime};
+    use tokio_rustls::rustls::{
+        CertificateError, ClientConfig, Error, RootCertStore, ServerConfig,
+    };
     use tokio_rustls::{TlsAcceptor, TlsConnector};
 
     use super::FileProblem;
+    use wingd_base::regular_file::{MAX_FILE_BYTES, read_regular_file};
 
     fn crypto_provider() -> Arc<CryptoProvider> {
         Arc::new(ring::default_provider())
@@ -22,8 +27,9 @@ mod with_rustls {
 
     fn read_certificates(file: &Path) -> Result<Vec<CertificateDer<'static>>, FileProblem> {
         let remedy = "give a certificate in PEM; docs/operations/flights-to-the-desk.md shows how to make one";
-        let read =
-            CertificateDer::pem_file_iter(file).and_then(Iterator::collect::<Result<Vec<_>, _>>);
+        let bytes = read_regular_file(file, MAX_FILE_BYTES)
+            .map_err(|error| (format!("cannot be read ({error})"), remedy.to_owned()))?;
+        let read = CertificateDer::pem_slice_iter(&bytes).collect::<Result<Vec<_>, _>>();
         match read {
             Ok(all) if !all.is_empty() => Ok(all),
             Ok(_) => Err(("contains no certificate".to_owned(), remedy.to_owned())),
@@ -46,7 +52,9 @@ mod with_rustls {
                 "give the certificate's private key in PEM, readable by the user that runs wingd";
             (key.to_owned(), (problem, remedy.to_owned()))
         };
-        let key = PrivateKeyDer::from_pem_file(key);
+        let bytes = read_regular_file(key, MAX_FILE_BYTES)
+            .map_err(|error| key_problem(format!("cannot be read ({error})")))?;
+        let key = PrivateKeyDer::from_pem_slice(&bytes);
         let key =
             key.map_err(|error| key_problem(format!("cannot be read as a private key ({error})")))?;
         let config = ServerConfig::builder_with_provider(crypto_provider())
@@ -59,6 +67,77 @@ mod with_rustls {
             .map_err(|error| key_problem(format!("does not match the certificate ({error})")))?;
         config.alpn_protocols = vec![b"http/1.1".to_vec()];
         Ok(TlsAcceptor::from(Arc::new(config)))
+    }
+
+    /// Returns a sentence if a server's certificate is not valid now, with the dates.
+    pub fn validity_warning(certificate: &Path) -> Option<String> {
+        let chain = read_certificates(certificate).ok()?;
+        let mut roots = RootCertStore::empty();
+        roots.add(chain.last()?.clone()).ok()?;
+        let verifier =
+            WebPkiServerVerifier::builder_with_provider(Arc::new(roots), crypto_provider());
+        // Its dates are checked before its issuer and its names, of which nothing is known here.
+        let name = ServerName::try_from("localhost").ok()?;
+        let verified = verifier.build().ok()?.verify_server_cert(
+            chain.first()?,
+            &[],
+            &name,
+            &[],
+            UnixTime::now(),
+        );
+        let problem = validity_problem(&verified.err()?)?;
+        Some(format!("{}: {problem}", certificate.display()))
+    }
+
+    /// Describes a certificate outside its period of validity, with the dates and the remedy.
+    fn validity_problem(error: &Error) -> Option<String> {
+        let date = |time: &UnixTime| {
+            let stamp = jiff::Timestamp::from_second(i64::try_from(time.as_secs()).ok()?).ok()?;
+            Some(stamp.to_string())
+        };
+        let (now, period, renewal) = match error {
+            Error::InvalidCertificate(CertificateError::NotValidYetContext {
+                time,
+                not_before,
+            }) => (
+                time,
+                format!("begins on {}", date(not_before)?),
+                "make the certificate again",
+            ),
+            Error::InvalidCertificate(CertificateError::ExpiredContext { time, not_after }) => (
+                time,
+                format!("ended on {}", date(not_after)?),
+                "renew the certificate",
+            ),
+            _ => return None,
+        };
+        Some(format!(
+            "the certificate's validity {period}, and this machine's clock shows {}; correct the clock, or {renewal}",
+            date(now)?
+        ))
+    }
+
+    /// Describes an error of a TLS session that no further attempt removes, with its remedy; `None` for other errors.
+    pub fn permanent_problem(error: &std::io::Error) -> Option<String> {
+        let error = error.get_ref()?.downcast_ref::<Error>()?;
+        if let Some(problem) = validity_problem(error) {
+            return Some(problem);
+        }
+        match error {
+            Error::InvalidCertificate(
+                CertificateError::NotValidForName | CertificateError::NotValidForNameContext { .. },
+            ) => Some(
+                "the server's certificate is for another name or address; use the one that it was made for"
+                    .to_owned(),
+            ),
+            Error::InvalidCertificate(other) => Some(format!(
+                "the server presents another certificate than --certificate ({other}); give the server's"
+            )),
+            Error::InvalidMessage(_) => {
+                Some("the server does not answer in TLS; give http:// without --certificate".to_owned())
+            }
+            _ => None,
+        }
     }
 
     /// Creates the client's TLS settings: trusts only this certificate, or one that it signed.
@@ -83,7 +162,7 @@ mod with_rustls {
 #[cfg(feature = "tls")]
 pub use tokio_rustls::{TlsAcceptor, TlsConnector};
 #[cfg(feature = "tls")]
-pub use with_rustls::{tls_acceptor, tls_connector};
+pub use with_rustls::{permanent_problem, tls_acceptor, tls_connector, validity_warning};
 
 #[cfg(not(feature = "tls"))]
 mod without {
@@ -113,6 +192,16 @@ mod without {
         Err((certificate.to_owned(), missing_tls_problem()))
     }
 
+    /// Returns nothing: this build has no TLS.
+    pub fn validity_warning(_: &Path) -> Option<String> {
+        None
+    }
+
+    /// Returns nothing: this build has no TLS.
+    pub fn permanent_problem(_: &std::io::Error) -> Option<String> {
+        None
+    }
+
     /// Returns an error: this build has no TLS.
     pub fn tls_connector(_: &Path) -> Result<TlsConnector, FileProblem> {
         Err(missing_tls_problem())
@@ -120,4 +209,6 @@ mod without {
 }
 
 #[cfg(not(feature = "tls"))]
-pub use without::{TlsAcceptor, TlsConnector, tls_acceptor, tls_connector};
+pub use without::{
+    TlsAcceptor, TlsConnector, permanent_problem, tls_acceptor, tls_connector, validity_warning,
+};

@@ -42,7 +42,7 @@ mod write;
 
 pub use config::{BootPolicy, StoreConfig};
 pub use disk::owner::{Owner, service_owner};
-pub use disk::{Disk, RealDisk, StoreError, StoreResult, read_regular_file};
+pub use disk::{Disk, RealDisk, StoreError, StoreResult};
 pub use format::columns::{LiveColumn, LiveRow, LiveTable, ValueKind};
 pub use format::{Inputs, chain, columns, jsonl, layout, manifest, result_summary, sha256_hex};
 pub use maintenance::upgrade::upgrade_store;

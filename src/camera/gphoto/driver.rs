@@ -78,6 +78,7 @@ impl GphotoDriver {
                 name,
                 settings,
                 warnings,
+                repeats_after: None,
             },
         ))
     }

@@ -12,6 +12,7 @@ use serde_json::Map;
 use crate::camera::deadline::Deadline;
 use crate::camera::freshness::LastName;
 use crate::camera::{Camera, CameraError, CameraFrame, CameraInfo, jpeg};
+use wingd_base::regular_file::{MAX_DATA_BYTES, read_regular_file};
 use wingd_evaluation::frame_format::Format;
 
 /// Polling interval. A file is accepted when two polls agree on its size and it is complete.
@@ -86,7 +87,8 @@ impl Camera for WatchedFolder {
             let now = list_files(&self.section.path)?;
             for (file, size) in now.iter().filter(|(file, _)| !known.contains(*file)) {
                 if before.get(file) == Some(size) {
-                    let bytes = fs::read(file).map_err(|error| folder_gone_error(file, &error))?;
+                    let bytes = read_regular_file(file, MAX_DATA_BYTES)
+                        .map_err(|error| folder_gone_error(file, &error))?;
                     if jpeg::check_complete(&bytes).is_ok() {
                         known.insert(file.clone());
                         self.last = Some(file.clone());

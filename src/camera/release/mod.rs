@@ -46,9 +46,9 @@ pub struct ReleaseSection {
     pub frames: FramesSection,
 }
 
-/// Section `[camera.frames]`.
+/// Section `[camera.frames]`, chosen by `kind` as [`CameraSection`](crate::camera::section::CameraSection).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "lowercase")]
+#[serde(rename_all = "lowercase")]
 pub enum FramesSection {
     /// Camera on USB.
     #[cfg(feature = "gphoto")]
@@ -320,11 +320,10 @@ mod tests {
 
     #[test]
     fn a_section_is_read_and_its_faults_are_named() {
-        let good =
-            "full_press = { name = 'GPIO17' }\n[frames]\nkind = 'folder'\npath = '/mnt/card'\n";
+        let good = "full_press = { name = 'GPIO17' }\n[frames.folder]\npath = '/mnt/card'\n";
         let section: ReleaseSection = toml::from_str(good).unwrap();
         assert_eq!(section.faults(), []);
-        let bad = "half_press_s = 0\nexposure_delay_s = 0.05\nfull_press = { name = 'GPIO17', offset = 3 }\n[frames]\nkind = 'folder'\npath = '/mnt/card'\n";
+        let bad = "half_press_s = 0\nexposure_delay_s = 0.05\nfull_press = { name = 'GPIO17', offset = 3 }\n[frames.folder]\npath = '/mnt/card'\n";
         let keys: Vec<_> = toml::from_str::<ReleaseSection>(bad)
             .unwrap()
             .faults()
@@ -386,7 +385,7 @@ mod tests {
 
     #[test]
     fn a_missing_line_is_refused_with_its_name() {
-        let section = "full_press = { chip = '/dev/no-such-chip', offset = 3 }\n[frames]\nkind = 'folder'\npath = '/'\n";
+        let section = "full_press = { chip = '/dev/no-such-chip', offset = 3 }\n[frames.folder]\npath = '/'\n";
         let mut camera = ReleaseCamera::new(toml::from_str(section).unwrap(), LastName::default());
         let error = camera.open().unwrap_err();
         assert!(

@@ -7,6 +7,8 @@ use serde::Deserialize;
 
 use super::ReplayConfig;
 use crate::camera::CameraError;
+use wingd_base::regular_file::read_small_text;
+use wingd_base::toml_fault::parse_toml;
 use wingd_evaluation::frame_format::format_from_path;
 
 /// File to deliver.
@@ -78,8 +80,9 @@ fn list_folder_frames(folder: &Path) -> Result<Vec<ReplayItem>, CameraError> {
 
 fn read_frame_list(path: &Path) -> Result<Vec<ReplayItem>, CameraError> {
     let refused = |problem: String| CameraError::Refused(format!("{}: {problem}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|error| refused(error.to_string()))?;
-    let list: ReplayList = toml::from_str(&text).map_err(|error| refused(error.to_string()))?;
+    let text = read_small_text(path).map_err(|error| refused(error.to_string()))?;
+    let list: ReplayList = parse_toml(path, &text, &[], "name the images in [[frame]] tables")
+        .map_err(|fault| CameraError::Refused(fault.to_string()))?;
     let base = path.parent().unwrap_or(Path::new("."));
     let mut items = list.frame;
     for item in &mut items {

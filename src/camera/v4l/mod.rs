@@ -189,6 +189,7 @@ impl V4lCamera {
             name: format!("{} ({}, {})", caps.card, caps.driver, caps.bus),
             settings,
             warnings,
+            repeats_after: None,
         })
     }
 

@@ -153,12 +153,6 @@ fn read_mountings(args: &SolveArgs, files: &[PathBuf]) -> TaskResult<Option<Moun
             n - 1
         ),
     };
-    let remedy = "give a line for every frame, with enough of its path to be unique".into();
-    Err(Fault {
-        file: file.clone(),
-        place: "column image".into(),
-        problem,
-        remedy,
-    }
-    .into())
+    let remedy = "give a line for every frame, with enough of its path to be unique";
+    Err(Fault::new(file, "column image", problem, remedy).into())
 }

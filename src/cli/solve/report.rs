@@ -93,7 +93,11 @@ pub(super) fn write_image_report(
     let of_shot = |series: &SeriesData, shot: &ShotData| {
         let image = shot.image.clone()?;
         let file = names.iter().find(|(_, name)| **name == image)?.0;
-        let bytes = std::fs::read(file).ok()?;
+        let bytes = wingd_base::regular_file::read_regular_file(
+            file,
+            wingd_base::regular_file::MAX_DATA_BYTES,
+        )
+        .ok()?;
         let format = shot.format.clone();
         Some(FramePicture {
             series: series.name.clone(),

@@ -1,7 +1,7 @@
 //! Checks captured frames: completeness, freshness, time of exposure; and names the kinds of failure.
 
 use crate::camera::freshness::Freshness;
-use crate::camera::{CameraError, CameraFrame, jpeg};
+use crate::camera::{CameraError, CameraFrame, CameraInfo, jpeg};
 use wingd_base::clock::exposure;
 use wingd_base::clock::exposure::Exposure;
 use wingd_base::clock::{Clock, Stamp};
@@ -27,6 +27,11 @@ impl FrameChecker {
             freshness: Freshness::with_capacity(stale_window),
             camera_clock_offset_s: None,
         }
+    }
+
+    /// Adapts the history to a camera that was opened.
+    pub fn follow_camera(&mut self, info: &CameraInfo) {
+        self.freshness.limit_to_loop(info.repeats_after);
     }
 
     /// Returns a failure if the frame, although delivered without an error, is incomplete or old.

@@ -142,6 +142,7 @@ impl Capture {
             camera.open().map(|info| (info, camera.is_stream()))
         });
         let (info, is_stream) = opened??;
+        self.checker.follow_camera(&info);
         for warning in &info.warnings {
             tracing::warn!(camera = info.name, warning);
         }

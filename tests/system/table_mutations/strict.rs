@@ -11,13 +11,11 @@ pub enum Kind {
     Observations,
     Corners,
     Aircraft,
-    /// The table with a row of units.
-    Units,
     /// Lines of IWG1 without a header.
     Iwg1,
 }
 
-pub const KINDS: [Kind; 9] = [
+pub const KINDS: [Kind; 8] = [
     Kind::Survey,
     Kind::Ties,
     Kind::Stiffness,
@@ -25,7 +23,6 @@ pub const KINDS: [Kind; 9] = [
     Kind::Observations,
     Kind::Corners,
     Kind::Aircraft,
-    Kind::Units,
     Kind::Iwg1,
 ];
 
@@ -74,15 +71,15 @@ impl Kind {
                 ("u_px", true),
                 ("v_px", true),
             ],
-            Self::Aircraft | Self::Units | Self::Iwg1 => {
-                &[("UTC", true), ("FL", true), ("MACH", true)]
+            Self::Aircraft | Self::Iwg1 => {
+                &[("utc", true), ("pressure_altitude_m", true), ("mach", true)]
             }
         }
     }
 
     /// Whether it is a table of aircraft data, in which lines and cells without a value are omitted with a message.
     pub fn is_aircraft(self) -> bool {
-        matches!(self, Self::Aircraft | Self::Units | Self::Iwg1)
+        matches!(self, Self::Aircraft | Self::Iwg1)
     }
 
     /// Header and rows of a sound table.
@@ -122,11 +119,9 @@ impl Kind {
                     )
                 })
                 .collect(),
-            Self::Aircraft | Self::Units => {
-                let units = (self == Self::Units).then(|| "-,FL,-,".to_owned());
-                let row = |k| format!("2026-06-01T08:00:0{k}Z,35{k},0.78{k},note {k}");
-                units.into_iter().chain((0..8).map(row)).collect()
-            }
+            Self::Aircraft => (0..8)
+                .map(|k| format!("2026-06-01T08:00:0{k}Z,1070{k},0.78{k},note {k}"))
+                .collect(),
             Self::Iwg1 => {
                 let row = |k| {
                     format!(
@@ -145,7 +140,7 @@ impl Kind {
             Self::Corners => {
                 "image,width_px,height_px,board_x_m,board_y_m,u_px,v_px,sigma_u_px,sigma_v_px,correlation,used"
             }
-            Self::Aircraft | Self::Units => "UTC,FL,MACH,REMARK",
+            Self::Aircraft => "utc,pressure_altitude_m,mach,remark",
             Self::Iwg1 => "",
         };
         let header = (!header.is_empty()).then(|| header.to_owned());
@@ -266,7 +261,7 @@ fn iwg1(text: &str) -> Rows {
             .collect();
         let sound = cells.len() == width && cells[0] == "IWG1";
         let read = |(k, name): (usize, &str)| aircraft_cell(name, &cells[k]);
-        sound.then(|| [(1, "UTC"), (6, "ft"), (11, "MACH")].map(read).to_vec())
+        sound.then(|| [(1, "utc"), (6, "ft"), (11, "mach")].map(read).to_vec())
     };
     let glued = |line: &str| {
         let (first, rest) = line.split_at(line.len().min(1));
@@ -295,12 +290,12 @@ fn aircraft_cell(name: &str, cell: &str) -> Read {
     };
     let number = cell.parse::<f64>().ok().filter(|v| v.is_finite());
     let (scale, range) = match name {
-        "FL" => (30.48, -1000.0..=30_000.0),
+        "pressure_altitude_m" => (1.0, -1000.0..=30_000.0),
         "ft" => (0.3048, -1000.0..=30_000.0),
         _ => (1.0, 0.0..=3.0),
     };
     let value = match name {
-        "UTC" => number.filter(|n| *n > 0.0).or_else(stamp),
+        "utc" => number.filter(|n| *n > 0.0).or_else(stamp),
         _ => number.map(|n| scale * n).filter(|v| range.contains(v)),
     };
     value.map_or(Read::Text(String::new()), Read::Number)

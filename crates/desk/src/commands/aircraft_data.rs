@@ -20,12 +20,9 @@ use wingd_store::{FlightRef, RealDisk};
 pub struct AircraftDataArgs {
     /// Store
     store: PathBuf,
-    /// Table: CSV with a header, or lines of IWG1
+    /// Table: CSV with a column utc and columns named as quantities (docs/aircraft-data.md), or lines of IWG1
     #[arg(required_unless_present_any = ["list", "withdraw"], conflicts_with_all = ["list", "withdraw"])]
     table: Option<PathBuf>,
-    /// Assignment of columns to quantities, TOML (docs/aircraft-data.md)
-    #[arg(long, value_name = "FILE", required_unless_present_any = ["list", "withdraw"])]
-    mapping: Option<PathBuf>,
     /// Flight, for example f0001
     #[arg(long)]
     flight: String,
@@ -47,11 +44,9 @@ pub(super) fn run(args: &AircraftDataArgs) -> TaskResult<Completion> {
     let flight = found
         .first()
         .ok_or_else(|| Failure::Failed(format!("there is no flight {}", args.flight)))?;
-    match (args.withdraw, &args.table, &args.mapping) {
-        (Some(source), ..) => withdraw_source(args, flight, source),
-        (None, Some(table), Some(mapping)) if !args.list => {
-            import_table(args, flight, table, mapping)
-        }
+    match (args.withdraw, &args.table) {
+        (Some(source), _) => withdraw_source(args, flight, source),
+        (None, Some(table)) => import_table(args, flight, table),
         _ => list_sources(args, flight),
     }
 }
@@ -61,9 +56,8 @@ fn import_table(
     args: &AircraftDataArgs,
     flight: &FlightRef,
     file: &Path,
-    mapping: &Path,
 ) -> TaskResult<Completion> {
-    let import = TableImport::read(&args.store, flight, file, mapping)?;
+    let import = TableImport::read(&args.store, flight, file)?;
     if import.no_value_because.is_none() {
         import.store_lines(&open_store(&args.store)?.0, flight, file)?;
     }
@@ -80,11 +74,6 @@ fn import_table(
             unread.len()
         )
     }));
-    if import.passes_midnight() {
-        eprintln!(
-            "wingd: the seconds of the day restart at midnight: give one table per day, each with its date"
-        );
-    }
     if let Some(cause) = import.no_value_because {
         let flight = &flight.id;
         let what =
@@ -94,9 +83,7 @@ fn import_table(
     print_notes(import.empty_columns());
     print_notes(&import.gaps);
     let complete = unread.is_empty() && import.quantities.iter().all(|r| r.frames > 0);
-    Ok(Completion::from_success(
-        complete && !import.passes_midnight(),
-    ))
+    Ok(Completion::from_success(complete))
 }
 
 fn import_json(flight: &FlightRef, import: &TableImport) -> String {

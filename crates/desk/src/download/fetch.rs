@@ -5,10 +5,11 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use axum::body::Bytes;
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderValue, StatusCode, header};
 use serde_json::Value;
 
 use super::client::{Client, ClientResponse};
+use wingd_pages::tls;
 use wingd_store::receive::{ListedFile, Listing, Receiver};
 use wingd_store::{StoreError, layout};
 
@@ -31,6 +32,9 @@ pub enum FetchError {
         "the connection broke: {0}; the files received so far are kept, run the same command again to resume"
     )]
     Broken(io::Error),
+    /// The connection cannot be made, whatever the number of attempts; the text has the remedy.
+    #[error("{0}")]
+    Impossible(String),
     /// The server refused the request.
     #[error("{path}: the server responded {status}{why}")]
     Refused {
@@ -40,7 +44,9 @@ pub enum FetchError {
         why: &'static str,
     },
     /// The response does not have the form that a wingd page sends.
-    #[error("{path}: {problem}; check that the server is a wingd of this version")]
+    #[error(
+        "{path}: {problem}; check that the server is a wingd of this version, and that no proxy changes its answers"
+    )]
     Unexpected { path: String, problem: String },
     /// The flight could not be stored here.
     #[error(transparent)]
@@ -48,12 +54,27 @@ pub enum FetchError {
 }
 
 impl FetchError {
+    /// Classifies an error of the connection.
+    fn from_connection(error: io::Error) -> Self {
+        let not_http = error
+            .get_ref()
+            .and_then(|inner| inner.downcast_ref::<hyper::Error>())
+            .is_some_and(hyper::Error::is_parse);
+        let problem = if not_http {
+            let text = "the server does not answer in plain HTTP; if it has a certificate, give https:// and --certificate FILE";
+            Some(text.to_owned())
+        } else {
+            tls::permanent_problem(&error)
+        };
+        problem.map_or(Self::Broken(error), Self::Impossible)
+    }
+
     /// Returns whether a further attempt may succeed.
     fn is_transient(&self) -> bool {
         match self {
             Self::Broken(_) => true,
             Self::Refused { status, .. } => status.is_server_error(),
-            Self::Unexpected { .. } | Self::Store(_) => false,
+            Self::Impossible(_) | Self::Unexpected { .. } | Self::Store(_) => false,
         }
     }
 }
@@ -77,7 +98,7 @@ fn fetch_json<T: serde::de::DeserializeOwned>(
     client: &mut Client,
     path: &str,
 ) -> Result<T, FetchError> {
-    let answer = client.get(path, &[]).map_err(FetchError::Broken)?;
+    let answer = client.get(path, &[]).map_err(FetchError::from_connection)?;
     let answer = check_status(answer, path, StatusCode::OK)?;
     let bytes = answer
         .read_all(MAX_LISTING_BYTES)
@@ -193,7 +214,9 @@ pub fn fetch_flight(
             Err(error) if !error.is_transient() || tries >= MAX_TRIES => return Err(error),
             // From an outdated state each time, or from a server that does not send parts of a file.
             Ok(()) if tries >= MAX_TRIES => {
-                let problem = format!("no part of the listed files was sent, {MAX_TRIES} times");
+                let problem = format!(
+                    "no part of the listed files was sent, {MAX_TRIES} times: a proxy answers with an old state or without ETag"
+                );
                 return Err(FetchError::Unexpected {
                     path: format!("/tar/{flight}.tar"),
                     problem,
@@ -235,15 +258,25 @@ fn fetch_run(
         (header::RANGE, range),
         (header::IF_RANGE, format!("\"{}\"", listing.digest)),
     ];
-    let answer = client.get(&path, &headers).map_err(FetchError::Broken)?;
-    if answer.status == StatusCode::OK {
+    let answer = client
+        .get(&path, &headers)
+        .map_err(FetchError::from_connection)?;
+    let whole = answer.status == StatusCode::OK;
+    let same_state = answer.headers.get(header::ETAG).map(HeaderValue::as_bytes)
+        == Some(format!("\"{}\"", listing.digest).as_bytes());
+    if whole && !same_state {
         return Ok(());
     }
+    // Of the listed state, the whole archive comes from a proxy that does not pass ranges on.
+    let (expected, mut at) = if whole {
+        (StatusCode::OK, 0)
+    } else {
+        (StatusCode::PARTIAL_CONTENT, first.offset)
+    };
     let mut bytes = ResponseBytes {
-        answer: check_status(answer, &path, StatusCode::PARTIAL_CONTENT)?,
+        answer: check_status(answer, &path, expected)?,
         rest: Bytes::new(),
     };
-    let mut at = first.offset;
     for item in run {
         bytes
             .skip_bytes(item.offset - at)

@@ -30,6 +30,7 @@ use serde_json::{Value, json};
 use tokio::net::TcpListener;
 
 use wingd_base::clock::SystemClock;
+use wingd_base::regular_file::{MAX_DATA_BYTES, read_regular_file};
 use wingd_evaluation::frame_format::Format;
 use wingd_evaluation::installation::Installation;
 use wingd_evaluation::pipeline::marking::{MarkingResult, MarkingSession};
@@ -85,7 +86,7 @@ impl MarkableImage {
                 let text = |e: io::Error| {
                     Reason::new(format!("{} cannot be read ({e})", path.display()), e)
                 };
-                let bytes = wingd_store::read_regular_file(path).map_err(text)?;
+                let bytes = read_regular_file(path, MAX_DATA_BYTES).map_err(text)?;
                 let digest = sha256_hex(&bytes);
                 Ok((bytes, digest, None))
             }

@@ -14,6 +14,7 @@ mod views;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
+use wingd_base::clock::Stamp;
 use wingd_evaluation::number::{count_text, decimals_for, format_fixed, format_measured};
 use wingd_evaluation::record::ImageRecord;
 use wingd_evaluation::results::source::PICTURES_FLIGHT;
@@ -220,7 +221,7 @@ fn recording_period(data: &ReportData) -> String {
         s.begun
             .iter()
             .chain(shots)
-            .map(|s| s.utc)
+            .filter_map(Stamp::known_utc)
             .collect::<Vec<_>>()
     };
     let times: Vec<_> = data.series.iter().flat_map(series_times).collect();

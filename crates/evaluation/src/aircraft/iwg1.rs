@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use super::Quantity;
 use super::layout::IWG1;
-use wingd_base::fault::KeyFault;
 
 /// First field of a record.
 pub(super) const KEYWORD: &str = "IWG1,";
@@ -14,11 +13,14 @@ const HEADER: &str = "HEADER,";
 /// Line with its number.
 pub(super) type NumberedLine = (u64, String);
 
+/// Returns whether the first line with a text is a record of IWG1 or its header.
+pub(super) fn is_iwg1(text: &str) -> bool {
+    let first = text.lines().find(|line| !line.trim().is_empty());
+    first.is_some_and(|line| line.starts_with(HEADER) || is_record(line))
+}
+
 /// Splits a text into records with their line numbers; returns remarks on repairs.
-///
-/// # Errors
-/// Returns an error if no line is one of IWG1.
-pub(super) fn split_records(text: &str) -> Result<(Vec<NumberedLine>, Vec<String>), KeyFault> {
+pub(super) fn split_records(text: &str) -> (Vec<NumberedLine>, Vec<String>) {
     let (mut found, mut glued, mut remarks) = (Vec::new(), Vec::new(), Vec::new());
     for (k, line) in text.lines().enumerate() {
         let number = k as u64 + 1;
@@ -37,10 +39,6 @@ pub(super) fn split_records(text: &str) -> Result<(Vec<NumberedLine>, Vec<String
         found.extend(parts.into_iter().map(|part| (number, part.to_owned())));
     }
     found.retain(|(_, line): &NumberedLine| !line.trim().is_empty());
-    if !found.iter().any(|(_, line)| is_record(line)) {
-        let remedy = "delete format = \"iwg1\" from the mapping, and name the columns";
-        return Err(KeyFault::on_line(0, "", "has no line of IWG1", remedy));
-    }
     if let Some(line) = glued.first() {
         let glued = glued.len();
         remarks.push(format!(
@@ -49,7 +47,7 @@ pub(super) fn split_records(text: &str) -> Result<(Vec<NumberedLine>, Vec<String
     }
     let (found, other) = remove_odd_lengths(found);
     remarks.extend(other);
-    Ok((found, remarks))
+    (found, remarks)
 }
 
 /// Returns whether a line's first field is the keyword.
@@ -118,7 +116,7 @@ mod tests {
     #[test]
     fn headers_are_skipped_and_glued_records_split() {
         let text = "HEADER,TimeStamp\nIWG1,a,1\nIWG1,b,2IWG1,c,3\n\nnoise\n";
-        let (lines, remarks) = split_records(text).unwrap();
+        let (lines, remarks) = split_records(text);
         let texts: Vec<(u64, &str)> = lines
             .iter()
             .map(|(line, text)| (*line, text.as_str()))
@@ -133,6 +131,6 @@ mod tests {
             ]
         );
         assert!(remarks[0].contains("line 3"), "{remarks:?}");
-        assert!(super::split_records("a,b\n1,2\n").is_err());
+        assert!(is_iwg1(text) && !is_iwg1("a,b\n1,2\n"));
     }
 }

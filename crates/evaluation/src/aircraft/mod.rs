@@ -2,9 +2,8 @@
 //!
 //! | file | from | to |
 //! |---|---|---|
-//! | `mapping` | mapping file written by the user | quantity of each column |
-//! | `table`, `iwg1`, `icartt`, `units`, `statements` | text of a table, its mapping | layout and lines, contents of the cells, errors |
-//! | `times` | time tag | seconds since 1970; likely format of an unreadable tag |
+//! | `table`, `iwg1` | table | layout and lines, contents of the cells, errors |
+//! | `times` | time tag | seconds since 1970 |
 //! | `layout` | line of text, positions of its fields | sample: time tag and quantities |
 //! | `tags` | tags and receipt times of their lines | impossible tags |
 //! | `interpolate` | values of a quantity around a time | value at that time, possible change between the tags |
@@ -12,17 +11,13 @@
 //! | `air` | state | air on both sides of the window, temperature of the wing |
 
 mod air;
-mod icartt;
 mod interpolate;
 mod iwg1;
 mod join;
 mod layout;
-mod mapping;
-mod statements;
 mod table;
 mod tags;
 mod times;
-mod units;
 
 pub use air::{flight_conditions, pressure_contradiction};
 pub use interpolate::MAX_NEAREST_S;
@@ -30,16 +25,13 @@ pub use join::{
     AircraftState, AircraftTrack, JoinedValue, ReceivedLine, UnusedLines, state_to_json,
 };
 pub use layout::{Cell, Layout, LineFormat, QuantityColumn, Sample};
-pub use mapping::{MappedColumn, Mapping, StatedOnce, TableFormat};
 pub use table::{AircraftTable, ColumnTally, TableContents};
 pub use tags::impossible_delay_s;
-pub use times::{DAY_S, TimeFormat, format_time, guess_format};
+pub use times::format_time;
 
 use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
-
-use self::units::Dimension;
 
 /// Quantity of the aircraft data; its name has the unit as its suffix.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -87,7 +79,6 @@ pub const QUANTITY_COUNT: usize = 17;
 struct QuantityTraits {
     quantity: Quantity,
     name: &'static str,
-    dimension: Dimension,
     /// Possible range. Feeds write values outside it for missing ones (-9999 and the like).
     range: RangeInclusive<f64>,
     /// Standard deviation: a constant and a fraction of the value.
@@ -109,7 +100,6 @@ struct Motion {
 const fn traits(
     quantity: Quantity,
     name: &'static str,
-    dimension: Dimension,
     range: RangeInclusive<f64>,
     sigma: (f64, f64),
     (rate, acceleration, spread): (f64, f64, f64),
@@ -117,7 +107,6 @@ const fn traits(
     QuantityTraits {
         quantity,
         name,
-        dimension,
         range,
         sigma,
         motion: Motion {
@@ -128,30 +117,19 @@ const fn traits(
     }
 }
 
-/// Quantities in the order of exports, with name, dimension, range, standard deviation and motion.
+/// Quantities in the order of exports, with name, range, standard deviation and motion.
 ///
 /// The standard deviations are assumptions: the accuracy of air data computers, cabin pressure controllers, fuel gauges,
 /// flight management systems and position sensors in service, rounded up. The motions assume climbs of 3000 ft/min with
 /// level-offs of 0.05 g, accelerations of 1 m/s^2 and their effect on temperatures and pressures down to the ground, two
 /// large engines, turns and gusts, flaps and control surfaces in motion.
 static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
-    use Dimension::{
-        Acceleration, Angle, Length, Mass, Percent, Pressure, Pure, Speed, Temperature,
-    };
     use Quantity::*;
     [
-        traits(
-            Mach,
-            "mach",
-            Pure,
-            0.0..=3.0,
-            (0.005, 0.0),
-            (0.003, 0.001, 0.1),
-        ),
+        traits(Mach, "mach", 0.0..=3.0, (0.005, 0.0), (0.003, 0.001, 0.1)),
         traits(
             PressureAltitudeM,
             "pressure_altitude_m",
-            Length,
             -1e3..=3e4,
             (20.0, 0.002),
             (15.0, 0.5, 1000.0),
@@ -159,7 +137,6 @@ static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
         traits(
             StaticTemperatureC,
             "static_temperature_c",
-            Temperature,
             -110.0..=70.0,
             (1.0, 0.0),
             (0.1, 0.005, 10.0),
@@ -167,7 +144,6 @@ static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
         traits(
             TotalTemperatureC,
             "total_temperature_c",
-            Temperature,
             -110.0..=150.0,
             (0.5, 0.0),
             (0.3, 0.02, 10.0),
@@ -175,7 +151,6 @@ static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
         traits(
             StaticPressureHpa,
             "static_pressure_hpa",
-            Pressure,
             10.0..=1100.0,
             (1.0, 0.0),
             (1.5, 0.06, 100.0),
@@ -183,7 +158,6 @@ static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
         traits(
             CabinPressureHpa,
             "cabin_pressure_hpa",
-            Pressure,
             300.0..=1200.0,
             (5.0, 0.0),
             (0.3, 0.05, 20.0),
@@ -191,7 +165,6 @@ static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
         traits(
             WeightKg,
             "weight_kg",
-            Mass,
             100.0..=1e6,
             (0.0, 0.01),
             (3.0, 0.3, 300.0),
@@ -199,7 +172,6 @@ static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
         traits(
             FuelKg,
             "fuel_kg",
-            Mass,
             0.0..=5e5,
             (50.0, 0.02),
             (3.0, 0.3, 300.0),
@@ -207,7 +179,6 @@ static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
         traits(
             LoadFactor,
             "load_factor",
-            Acceleration,
             -5.0..=10.0,
             (0.02, 0.0),
             (0.1, 0.1, 0.2),
@@ -215,7 +186,6 @@ static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
         traits(
             FlapDeg,
             "flap_deg",
-            Angle,
             -20.0..=90.0,
             (0.5, 0.0),
             (2.0, 1.0, 15.0),
@@ -223,7 +193,6 @@ static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
         traits(
             AngleOfAttackDeg,
             "angle_of_attack_deg",
-            Angle,
             -30.0..=60.0,
             (0.3, 0.0),
             (1.0, 1.0, 3.0),
@@ -231,7 +200,6 @@ static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
         traits(
             SideslipDeg,
             "sideslip_deg",
-            Angle,
             -45.0..=45.0,
             (0.5, 0.0),
             (1.0, 1.0, 2.0),
@@ -239,7 +207,6 @@ static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
         traits(
             CalibratedAirspeedMS,
             "calibrated_airspeed_m_s",
-            Speed,
             0.0..=600.0,
             (2.0, 0.0),
             (1.0, 0.3, 30.0),
@@ -247,7 +214,6 @@ static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
         traits(
             TrueAirspeedMS,
             "true_airspeed_m_s",
-            Speed,
             0.0..=1000.0,
             (2.0, 0.005),
             (1.0, 0.3, 30.0),
@@ -255,7 +221,6 @@ static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
         traits(
             CentreOfGravityPercent,
             "centre_of_gravity_percent",
-            Percent,
             -50.0..=150.0,
             (1.0, 0.0),
             (0.01, 0.01, 2.0),
@@ -263,7 +228,6 @@ static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
         traits(
             AileronDeg,
             "aileron_deg",
-            Angle,
             -60.0..=60.0,
             (0.5, 0.0),
             (10.0, 30.0, 5.0),
@@ -271,7 +235,6 @@ static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
         traits(
             SpoilerDeg,
             "spoiler_deg",
-            Angle,
             -10.0..=90.0,
             (0.5, 0.0),
             (15.0, 30.0, 20.0),
@@ -302,10 +265,6 @@ impl Quantity {
     /// Returns the name used in files.
     pub fn name(self) -> &'static str {
         self.traits().name
-    }
-
-    fn dimension(self) -> Dimension {
-        self.traits().dimension
     }
 
     /// Returns the value if it is in the possible range.

@@ -1,4 +1,4 @@
-//! Formats of time tags, and detection of the likely format of unreadable ones.
+//! Formats of time tags.
 
 use jiff::civil::{Date, DateTime};
 use jiff::tz::TimeZone;
@@ -53,38 +53,6 @@ const GPS_LESS_UTC_S: f64 = 18.0;
 const GPS_2017_S: f64 = 1_167_264_018.0;
 
 impl TimeFormat {
-    /// Formats, each with its name in a mapping and its description in messages.
-    const ALL: [(Self, &str, &str); 12] = [
-        (Self::Utc, "utc", "ISO 8601 or seconds since 1970"),
-        (Self::UnixMs, "unix_ms", "milliseconds since 1970"),
-        (Self::UnixUs, "unix_us", "microseconds since 1970"),
-        (Self::UnixNs, "unix_ns", "nanoseconds since 1970"),
-        (Self::ExcelDays, "excel_days", "a spreadsheet's day numbers"),
-        (
-            Self::Excel1904Days,
-            "excel1904_days",
-            "day numbers of a spreadsheet that begins with 1904",
-        ),
-        (Self::MatlabDays, "matlab_days", "MATLAB's day numbers"),
-        (Self::JulianDays, "julian_days", "Julian dates"),
-        (Self::GpsSeconds, "gps_seconds", "GPS seconds since 1980"),
-        (
-            Self::SecondsOfDay,
-            "seconds_of_day",
-            "seconds or times of a day",
-        ),
-        (Self::Compact, "compact", "14 digits, year to second"),
-        (Self::Irig, "irig", "days of the year with a time (IRIG)"),
-    ];
-
-    /// Returns the name used in a mapping, and a description for messages.
-    pub fn texts(self) -> (&'static str, &'static str) {
-        Self::ALL
-            .iter()
-            .find(|(format, ..)| *format == self)
-            .map_or(("", ""), |(_, name, text)| (name, text))
-    }
-
     /// Converts a time into seconds since 1970, UTC. `date` is that of [`TimeFormat::SecondsOfDay`], its year that of
     /// [`TimeFormat::Irig`] without one; `zone_s` is the offset from UTC of times of a calendar that have no zone, s. `None`
     /// if the text does not have this format.
@@ -222,48 +190,6 @@ pub fn format_time(time_s: f64) -> String {
     stamp.map_or_else(|_| format!("{time_s} s"), |stamp| stamp.to_string())
 }
 
-/// Returns the likely format of tags that, read as declared, are not near a flight; those without a zone are at an offset
-/// from UTC, s.
-///
-/// It is the format that places most of them between the flight's first and last frame (seconds since 1970), with the
-/// flight's date for seconds of a day. `None` if no format places more than half of them.
-pub fn guess_format(
-    tags: &[&str],
-    (declared, zone_s): (Option<TimeFormat>, f64),
-    frames: (f64, f64),
-) -> Option<TimeFormat> {
-    let date = jiff::Timestamp::from_second(frames.0 as i64)
-        .ok()?
-        .to_zoned(TimeZone::UTC)
-        .date();
-    let within = |format: &TimeFormat| {
-        let about = |tag: &&&str| {
-            let time_s = format.seconds(tag, Some(date), zone_s);
-            time_s.is_some_and(|t| t > frames.0 - MAX_DISTANCE_S && t < frames.1 + MAX_DISTANCE_S)
-        };
-        tags.iter().filter(about).count()
-    };
-    let others = TimeFormat::ALL
-        .into_iter()
-        .map(|(format, ..)| format)
-        .filter(|f| Some(*f) != declared);
-    let (count, format) = others
-        .map(|f| (within(&f), f))
-        .max_by_key(|(count, f)| (*count, f.specificity()))?;
-    (2 * count > tags.len()).then_some(format)
-}
-
-/// Largest time by which a table begins before the first frame or ends after the last, s.
-const MAX_DISTANCE_S: f64 = 6.0 * 3600.0;
-
-impl TimeFormat {
-    /// Returns a rank that prefers, of two formats that fit the same tags, the stricter one: any number up to 86,400 is a
-    /// second of a day.
-    fn specificity(self) -> usize {
-        usize::from(self != Self::SecondsOfDay)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -300,23 +226,6 @@ mod tests {
                 "{format:?} {text}: {}",
                 found - BEGIN_S
             );
-            let read = TimeFormat::Utc
-                .seconds(text, None, 0.0)
-                .is_some_and(|t| (t - BEGIN_S).abs() < 3600.0);
-            let guess = guess_format(
-                &[text],
-                (Some(TimeFormat::Utc), 0.0),
-                (BEGIN_S, BEGIN_S + 60.0),
-            );
-            // A day of the year after its year is read as UTC and as IRIG.
-            let both = text.starts_with("2026:152") || text.starts_with("2026-152");
-            let expected = if both {
-                Some(TimeFormat::Irig)
-            } else {
-                Some(format).filter(|f| *f != TimeFormat::Utc)
-            };
-            assert_eq!(guess, expected, "{text}");
-            assert_eq!(read, both || guess.is_none(), "{text}");
             let local = format
                 .seconds(text, date, 3600.0)
                 .map(|s| (s - found).round());
@@ -342,14 +251,6 @@ mod tests {
             None
         );
         assert_eq!(TimeFormat::Irig.seconds("152:07:59:50", None, 0.0), None);
-        assert_eq!(
-            guess_format(
-                &["2026-06-02T07:59:50Z"],
-                (Some(TimeFormat::Utc), 0.0),
-                (BEGIN_S, BEGIN_S)
-            ),
-            None
-        );
         for text in ["2026-06-01", "2026/06/01", "20260601", "2026-152"] {
             assert_eq!(parse_date(text), date, "{text}");
         }

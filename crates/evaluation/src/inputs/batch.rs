@@ -44,7 +44,11 @@ pub fn for_each_image<T: Send>(
                 printable_path(file)
             )
         };
-        let bytes = store::read_regular_file(file).map_err(|e| Reason::new(text(&e), e));
+        let bytes = wingd_base::regular_file::read_regular_file(
+            file,
+            wingd_base::regular_file::MAX_DATA_BYTES,
+        )
+        .map_err(|e| Reason::new(text(&e), e));
         catch_or_fail(bytes, |bytes| work(name, bytes))
     };
     run_jobs(&inputs, jobs, what, one, take)

@@ -12,6 +12,7 @@ use crate::exif;
 use crate::frame_format::format_from_path;
 use crate::pipeline::decode;
 use wingd_base::failure::{Failure, TaskResult};
+use wingd_base::regular_file::{MAX_DATA_BYTES, read_regular_file};
 use wingd_base::text::printable_path;
 use wingd_store::sha256_hex;
 
@@ -271,7 +272,7 @@ pub fn read_image(file: &Path) -> Result<DatedImage, String> {
     if format_from_path(file).is_none() {
         return Err(format!("is not a supported image; give {IMAGE_EXTENSIONS}"));
     }
-    let bytes = wingd_store::read_regular_file(file)
+    let bytes = read_regular_file(file, MAX_DATA_BYTES)
         .map_err(|e| format!("cannot be read ({e}); check the card"))?;
     if bytes.is_empty() {
         return Err("is empty; copy it from the camera again".to_owned());

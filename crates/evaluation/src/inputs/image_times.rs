@@ -1,15 +1,14 @@
 //! Times of images of a card: from a list, their metadata or their names, or as given; and remarks on impossible ones.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::time::Duration;
 
 use jiff::tz::Offset;
 use jiff::{SignedDuration, Timestamp};
-use serde_json::{Map, Value};
 
+pub use super::dated_image::{DatedImage, TimeSource};
+use super::position_fixes::{WrongFix, find_wrong_fixes};
 use super::time_list::{FIRST_YEAR, TimeList};
-use crate::exif::CaptureMetadata;
 use wingd_base::clock::written_time::{WrittenTime, duration_text, offset_text};
 use wingd_base::failure::{Failure, TaskResult};
 use wingd_base::fault::Fault;
@@ -49,91 +48,6 @@ impl Default for DatingOptions {
     }
 }
 
-/// An image file with its time.
-#[derive(Clone, Debug, PartialEq, Default)]
-pub struct DatedImage {
-    pub file: PathBuf,
-    /// Shortest part of the path that differs from those of the other images.
-    pub name: String,
-    pub digest: String,
-    /// Width and height, px; `None` if the file is damaged.
-    pub size: Option<(usize, usize)>,
-    /// Metadata of the file.
-    pub taken: CaptureMetadata,
-    /// Time of the shot; `None` if unknown.
-    pub utc: Option<Timestamp>,
-    /// Origin of that time.
-    pub source: Option<TimeSource>,
-    /// Number of digits of its fraction of a second.
-    pub digits: u32,
-    /// Whether that time has no zone of its own.
-    pub zoneless: bool,
-}
-
-impl DatedImage {
-    /// Returns whether the time is that of this image, not one assumed by its place among others.
-    pub fn has_own_time(&self) -> bool {
-        !matches!(
-            self.source,
-            None | Some(TimeSource::Start | TimeSource::Neighbours)
-        )
-    }
-
-    /// Resolution of the clock that gave the time, s.
-    pub fn clock_step_s(&self) -> f64 {
-        0.1f64.powi(self.digits as i32)
-    }
-
-    /// Sets the time, if there is one, with its notation and origin.
-    fn set_time(
-        &mut self,
-        utc: Option<Timestamp>,
-        written: Option<&WrittenTime>,
-        source: TimeSource,
-    ) {
-        if utc.is_some() {
-            (self.utc, self.source) = (utc, Some(source));
-            self.digits = written.map_or(0, |time| time.digits);
-            self.zoneless =
-                source != TimeSource::List && written.is_some_and(|time| time.offset.is_none());
-        }
-    }
-
-    /// Returns the file name given by the camera and the settings of the shot.
-    pub fn settings(&self) -> Map<String, Value> {
-        let mut all = Map::from_iter([("source".to_owned(), self.name.clone().into())]);
-        all.extend(
-            self.taken
-                .time
-                .map(|t| ("camera_time".to_owned(), t.local.to_string().into())),
-        );
-        all.extend(
-            self.taken
-                .settings
-                .iter()
-                .map(|(k, v)| ((*k).to_owned(), v.clone().into())),
-        );
-        all
-    }
-}
-
-/// Origin of an image's time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TimeSource {
-    /// List given by the user.
-    List,
-    /// Camera's clock, from the metadata.
-    Metadata,
-    /// Position fix, from the metadata.
-    PositionFix,
-    /// Name of the file.
-    Name,
-    /// Begin and interval given by the user.
-    Start,
-    /// Images before and after it.
-    Neighbours,
-}
-
 /// Remark, and the options of `wingd import` that help.
 pub type TimeRemark = (String, String);
 
@@ -146,6 +60,7 @@ pub fn date_images(
     dating: &DatingOptions,
 ) -> TaskResult<Vec<TimeRemark>> {
     let mut remarks = take_listed_times(pictures, dating)?;
+    remarks.extend(drop_wrong_fixes(pictures, dating));
     take_camera_times(pictures, dating);
     remarks.extend(take_name_times(pictures, dating));
     remarks.extend(zone_remarks(pictures, dating));
@@ -219,6 +134,30 @@ fn take_listed_times(
         )
     });
     Ok(missing.into_iter().chain(other).collect())
+}
+
+/// Removes position fixes that cannot be the times of their images; returns remarks.
+fn drop_wrong_fixes(pictures: &mut [DatedImage], dating: &DatingOptions) -> Vec<TimeRemark> {
+    let clock = |p: &DatedImage| camera_time(p.taken.time.as_ref()?, dating);
+    let images = pictures.iter().map(|p| (p.taken.gps_utc, clock(p)));
+    let wrong = find_wrong_fixes(&images.collect::<Vec<_>>());
+    let remedy = "they are not used; if the images have no other time, give --times FILE.csv";
+    let mut remarks = vec![];
+    for kind in [WrongFix::Repeated, WrongFix::Rollover] {
+        let of_kind = pictures
+            .iter()
+            .zip(&wrong)
+            .filter(|(_, w)| **w == Some(kind));
+        let selected: Vec<&DatedImage> = of_kind.map(|(p, _)| p).collect();
+        if !selected.is_empty() {
+            let what = format!("{} {}", count_images(&selected), kind.text());
+            remarks.push((what, remedy.to_owned()));
+        }
+    }
+    for (picture, _) in pictures.iter_mut().zip(&wrong).filter(|(_, w)| w.is_some()) {
+        picture.taken.gps_utc = None;
+    }
+    remarks
 }
 
 /// Takes the times of the camera's clock and, without one, of the position fix.

@@ -1,6 +1,7 @@
 //! Inputs of commands: images, flights and frames of stores, manual marks, the installation; their parallel processing.
 
 pub mod batch;
+mod dated_image;
 pub mod default_paths;
 pub mod flight_marks;
 pub mod image_files;
@@ -8,6 +9,7 @@ pub mod image_names;
 pub mod image_times;
 pub mod manual_points;
 pub mod mount_comparison;
+mod position_fixes;
 pub mod stored_flights;
 pub mod stored_frames;
 pub mod time_list;

@@ -1,11 +1,9 @@
 //! Combination of errors with the same cause.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
 
-use wingd_base::fault::Fault;
-
-/// Problem of a cell that is not a number.
-pub(super) const NO_NUMBER: &str = "is not a finite number";
+use wingd_base::fault::{Fault, FaultSubject};
 
 /// Largest number of similar errors that are reported individually; of more, the first represents all.
 pub(super) const MAX_SIMILAR_FAULTS: usize = 3;
@@ -13,13 +11,16 @@ pub(super) const MAX_SIMILAR_FAULTS: usize = 3;
 /// Combines the errors of each line without numbers: rows of units, repeated headers, totals. If many lines are affected,
 /// the cause is the columns.
 fn fold_lines_without_numbers(faults: Vec<Fault>) -> Vec<Fault> {
-    let line = |f: &Fault| {
-        f.place
-            .split_once(", column ")
-            .map(|(line, _)| (f.file.clone(), line.to_owned()))
+    let line = |f: &Fault| match f.subject {
+        FaultSubject::Cell { line, .. } | FaultSubject::NoNumber { line, .. } => {
+            Some((f.file.clone(), line))
+        }
+        _ => None,
     };
     let mut counts: BTreeMap<_, usize> = BTreeMap::new();
-    let numbers = faults.iter().filter(|f| f.problem.contains(NO_NUMBER));
+    let numbers = faults
+        .iter()
+        .filter(|f| matches!(f.subject, FaultSubject::NoNumber { .. }));
     numbers
         .filter_map(line)
         .for_each(|line| *counts.entry(line).or_default() += 1);
@@ -31,13 +32,9 @@ fn fold_lines_without_numbers(faults: Vec<Fault>) -> Vec<Fault> {
         .into_iter()
         .partition(|f| line(f).is_some_and(|line| counts.contains_key(&line)));
     let remedy = "delete the line if it is a row of units, a second header or a total";
-    let one = |(file, line)| {
-        Fault::new(
-            file,
-            line,
-            "has no numbers in columns that need them",
-            remedy,
-        )
+    let one = |(file, line): (PathBuf, u64)| {
+        let problem = "has no numbers in columns that need them";
+        Fault::in_table(file, FaultSubject::Line(line), problem, remedy)
     };
     kept.splice(
         0..0,
@@ -55,25 +52,13 @@ fn fold_lines_without_numbers(faults: Vec<Fault>) -> Vec<Fault> {
 pub(super) fn fold_repeated(faults: Vec<Fault>) -> Vec<Fault> {
     let faults = fold_lines_without_numbers(faults);
     let kind = |f: &Fault| {
-        let place = f
-            .place
-            .split_once(", ")
-            .filter(|(line, _)| line.starts_with("line "));
-        let marker = if f.place.starts_with("marker ") {
-            "marker"
-        } else {
-            f.place.as_str()
+        let group = match f.subject {
+            FaultSubject::Cell { column, .. } | FaultSubject::NoNumber { column, .. } => column,
+            FaultSubject::Marker => "marker",
+            FaultSubject::Line(_) => "line",
+            FaultSubject::Place => f.place.as_str(),
         };
-        let whole = if f.place.starts_with("line ") {
-            "line"
-        } else {
-            marker
-        };
-        (
-            f.file.clone(),
-            place.map_or(whole, |(_, column)| column).to_owned(),
-            f.remedy.clone(),
-        )
+        (f.file.clone(), group.to_owned(), f.remedy.clone())
     };
     let kinds: Vec<_> = faults.iter().map(kind).collect();
     let mut kept: Vec<Fault> = vec![];

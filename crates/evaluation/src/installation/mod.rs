@@ -24,6 +24,7 @@
 //! ```
 
 mod camera;
+mod columns;
 mod document;
 mod flight_prior;
 mod fold;
@@ -60,8 +61,8 @@ pub use observations::{
 };
 pub use orientation::write_orientation;
 pub(crate) use reader::Reader;
-pub use rows::{Row, RowsError, parse_rows, separator_line};
-pub(crate) use rows::{TableLine, read_table};
+pub use rows::{Row, RowsError, parse_rows};
+pub(crate) use rows::{TableLine, parse_records, read_table};
 pub use stations::read_stations;
 pub use structure::{Structure, read_stiffness};
 pub use tables::OpticsTable;
@@ -69,8 +70,9 @@ pub use ties::{CAD_ALPHA, CadModel};
 pub use warnings::find_warnings;
 pub use wingd_base::fault::{Fault, KeyFault};
 pub use wingd_base::pending_file::{PendingFile, write_atomically};
+use wingd_base::regular_file::{MAX_FILE_BYTES, read_regular_file};
 pub use wingd_base::text::{cell_text, decode_text, printable_path, printable_text, text_cell};
-pub use wingd_base::toml_fault::toml_fault;
+pub use wingd_base::toml_fault::parse_toml;
 pub use write_setup::write_installation;
 
 use wingd_measure::geometry::TransformFit;
@@ -101,6 +103,8 @@ pub struct Installation {
     pub sources: [String; 2],
     /// Prior from earlier flights (`wingd learn`), for the present orientation.
     pub flight_prior: Option<StoredFlightPrior>,
+    /// Remarks on the files: columns that are not read.
+    pub notes: Vec<Fault>,
     /// Reason for accepting a refused calibration of the camera (`wingd calibrate --accept`).
     pub accepted: Option<String>,
     /// Reason for accepting an orientation that its test refuses (`wingd orient --accept`).
@@ -118,7 +122,7 @@ impl Installation {
         let read = |(name, digest): &(String, String)| {
             let file = self.directory.join(name);
             let same = |bytes: &Vec<u8>| hex::encode(Sha256::digest(bytes)) == *digest;
-            let bytes = std::fs::read(&file).ok().filter(same);
+            let bytes = read_regular_file(&file, MAX_FILE_BYTES).ok().filter(same);
             let bytes = bytes.ok_or_else(|| {
                 Fault::new(file, "file", "has changed since it was read", "start again")
             })?;
@@ -201,6 +205,7 @@ fn read_installation(directory: &Path, with_orientation: bool) -> Result<Install
             digests: reader.digests,
             sources: parts.sources,
             flight_prior,
+            notes: reader.notes,
             accepted: parts.accepted,
         }
         .with_flow_from_cad()),

@@ -22,9 +22,13 @@ pub(super) fn check_plausibility(reader: &mut Reader, setup: &Setup, survey: &st
     let file = reader.directory.join(INSTALLATION_FILE);
     let survey = reader.directory.join(survey);
     let before = reader.faults.len();
-    check_units(reader, &file, &survey, setup);
-    if reader.faults.len() == before {
-        check_vertical(reader, &survey, setup);
+    let survey_fault =
+        |setup: &Setup| spread_fault(&survey, setup).or_else(|| vertical_fault(&survey, setup));
+    if let Some(of_all) = survey_fault(setup) {
+        let of_one = single_slip(&survey, setup, |rest| survey_fault(rest).is_none());
+        reader.faults.push(of_one.unwrap_or(of_all));
+    } else {
+        check_distance(reader, &file, setup);
     }
     if reader.faults.len() == before {
         check_sign(reader, &file, setup);
@@ -39,21 +43,88 @@ pub(super) fn check_plausibility(reader: &mut Reader, setup: &Setup, survey: &st
     check_overlap(reader, &survey, setup);
 }
 
-/// Checks that markers and camera are within a wing's length of each other.
-fn check_units(reader: &mut Reader, file: &Path, survey: &Path, setup: &Setup) {
+/// Returns the error of the one marker without which the others are plausible; `None` if there is not exactly one.
+fn single_slip(
+    survey: &Path,
+    setup: &Setup,
+    is_plausible: impl Fn(&Setup) -> bool,
+) -> Option<Fault> {
+    let without = |k: &usize| {
+        let mut rest = setup.clone();
+        rest.markers.remove(*k);
+        is_plausible(&rest)
+    };
+    let mut found = (0..setup.markers.len()).filter(without);
+    let (Some(only), None) = (found.next(), found.next()) else {
+        return None;
+    };
+    let marker = &setup.markers[only];
+    let [x, y, z] = marker.position_m.into();
+    let others = setup.markers.iter().filter(|m| m.id != marker.id);
+    let nearest_m = others
+        .map(|m| (m.position_m - marker.position_m).norm())
+        .fold(f64::INFINITY, f64::min);
+    let problem = format!("is at [{x}, {y}, {z}], {nearest_m:.1} m from the nearest other marker");
+    Some(Fault::of_marker(survey, &marker.id, problem, SLIP_REMEDY))
+}
+
+const SLIP_REMEDY: &str = "check its coordinates against the survey's records: a decimal point, a sign, exchanged columns";
+
+/// Least number of markers of which one can contradict the others in plan.
+const MIN_PLAN_MARKERS: usize = 6;
+/// Distance from the others' line in plan beyond which a marker is doubtful, as a multiple of the largest of the others, and
+/// with this margin, m: cranked wings and tips stay below.
+const PLAN_OUTLIER: (f64, f64) = (3.0, 1.0);
+
+/// Returns a warning about a marker that is far off the line of the others, as seen from above.
+pub(super) fn plan_outlier(setup: &Setup, survey: &Path) -> Option<Fault> {
+    let wing = setup.wing_markers();
+    let off_line = |k: usize| {
+        let others = || {
+            wing.iter()
+                .enumerate()
+                .filter(|(j, _)| *j != k)
+                .map(|(_, (_, p))| p)
+        };
+        let count = others().count() as f64;
+        let mean = others().sum::<Vector3<f64>>() / count;
+        let slope = others()
+            .map(|p| (p.x - mean.x) * (p.z - mean.z))
+            .sum::<f64>()
+            / others().map(|p| (p.x - mean.x).powi(2)).sum::<f64>();
+        let off = |p: &Vector3<f64>| (p.z - mean.z - slope * (p.x - mean.x)).abs();
+        (off(&wing[k].1), others().map(off).fold(0.0, f64::max))
+    };
+    let (factor, margin_m) = PLAN_OUTLIER;
+    let is_off = |k: &usize| {
+        let (own, others) = off_line(*k);
+        own > factor * others + margin_m
+    };
+    let found = (0..wing.len())
+        .find(is_off)
+        .filter(|_| wing.len() >= MIN_PLAN_MARKERS)?;
+    let id = &setup.markers.get(wing[found].0)?.id;
+    let problem = format!(
+        "is {:.1} m off the line of the other markers, as seen from above",
+        off_line(found).0
+    );
+    Some(Fault::of_marker(survey, id, problem, SLIP_REMEDY))
+}
+
+/// Returns an error if the markers are further apart than the ends of a wing.
+fn spread_fault(survey: &Path, setup: &Setup) -> Option<Fault> {
     let points = || setup.markers.iter().map(|m| m.position_m);
     let mean = points().sum::<Vector3<f64>>() / setup.markers.len().max(1) as f64;
     let reach_m = points().map(|p| (p - mean).norm()).fold(0.0, f64::max);
-    if reach_m > MAX_WING_LENGTH_M {
-        let problem = format!("the markers are up to {:.0} m apart", 2.0 * reach_m);
-        reader.fault(
-            survey,
-            "columns x_m, y_m, z_m",
-            problem,
-            "give metres, not millimetres or feet",
-        );
-        return;
-    }
+    let problem = format!("the markers are up to {:.0} m apart", 2.0 * reach_m);
+    let remedy = "give metres, not millimetres or feet";
+    let fault = || Fault::new(survey, "columns x_m, y_m, z_m", problem, remedy);
+    (reach_m > MAX_WING_LENGTH_M).then(fault)
+}
+
+/// Checks that the camera is within a wing's length of the markers.
+fn check_distance(reader: &mut Reader, file: &Path, setup: &Setup) {
+    let points = || setup.markers.iter().map(|m| m.position_m);
     let nearest_m = points()
         .map(|p| (p - setup.projection_centre_m).norm())
         .fold(f64::INFINITY, f64::min);
@@ -98,8 +169,8 @@ pub(super) fn principal_axes(
         .symmetric_eigen()
 }
 
-/// Checks that the markers are in a plane that is nearly horizontal.
-fn check_vertical(reader: &mut Reader, survey: &Path, setup: &Setup) {
+/// Returns an error if the markers are in a plane that is far from horizontal.
+fn vertical_fault(survey: &Path, setup: &Setup) -> Option<Fault> {
     let wing = || {
         setup
             .markers
@@ -116,18 +187,13 @@ fn check_vertical(reader: &mut Reader, survey: &Path, setup: &Setup) {
     let normal = axes.eigenvectors.column(smallest);
     let flatness = (axes.eigenvalues[smallest].max(0.0) / axes.eigenvalues[middle]).sqrt();
     let tilt_deg = normal.z.abs().min(1.0).acos().to_degrees();
-    if wing().count() > 3 && flatness < MAX_FLATNESS && tilt_deg > MAX_TILT_DEG {
-        let up = ["x_m", "y_m", "z_m"][normal.iamax()];
-        let problem = format!(
-            "the markers' plane is {tilt_deg:.0} degrees off the horizontal: {up} seems to be the height"
-        );
-        reader.fault(
-            survey,
-            "column z_m",
-            problem,
-            "give z upwards, here and in camera.projection_centre_m",
-        );
-    }
+    let up = ["x_m", "y_m", "z_m"][normal.iamax()];
+    let problem = format!(
+        "the markers' plane is {tilt_deg:.0} degrees off the horizontal: {up} seems to be the height"
+    );
+    let remedy = "give z upwards, here and in camera.projection_centre_m";
+    (wing().count() > 3 && flatness < MAX_FLATNESS && tilt_deg > MAX_TILT_DEG)
+        .then(|| Fault::new(survey, "column z_m", problem, remedy))
 }
 
 /// Checks that the span points towards the markers.
@@ -406,12 +472,8 @@ fn check_overlap(reader: &mut Reader, survey: &Path, setup: &Setup) {
             let apart_m = apart_m(0.0, &other.position_m);
             let problem = format!("is {apart_m:.3} m from {}: the two would overlap", other.id);
             let remedy = "survey both again, or keep one of them";
-            reader.fault(
-                survey,
-                &format!("marker \"{}\"", marker.id),
-                problem,
-                remedy,
-            );
+            let fault = Fault::of_marker(survey, &marker.id, problem, remedy);
+            reader.faults.push(fault);
         }
     }
 }

@@ -7,13 +7,18 @@ use sha2::{Digest, Sha256};
 
 use super::fold::fold_repeated;
 use wingd_base::fault::Fault;
+use wingd_base::regular_file::{MAX_FILE_BYTES, read_regular_file};
 use wingd_base::text::{decode_text, printable_path};
-use wingd_base::toml_fault::toml_fault;
+use wingd_base::toml_fault::parse_toml;
 
 /// Reader of an installation's files, which collects errors and hashes.
 pub(crate) struct Reader {
     pub directory: PathBuf,
     pub faults: Vec<Fault>,
+    /// Remarks that stop nothing: columns that are not read.
+    pub notes: Vec<Fault>,
+    /// Largest size of a file, bytes.
+    pub max_bytes: u64,
     /// Name and SHA-256 of every file that was read.
     pub digests: Vec<(String, String)>,
 }
@@ -24,11 +29,13 @@ impl Reader {
         Self {
             directory: directory.into(),
             faults: vec![],
+            notes: vec![],
+            max_bytes: MAX_FILE_BYTES,
             digests: vec![],
         }
     }
 
-    /// Reads a file in any directory; `parse` gets the reader and the file's name.
+    /// Reads a file in any directory; `parse` gets the reader and the file's name. Remarks go to standard error.
     ///
     /// # Errors
     /// Returns all errors that were reported.
@@ -38,6 +45,9 @@ impl Reader {
     ) -> Result<T, Vec<Fault>> {
         let mut reader = Self::new(file.parent().unwrap_or(Path::new("")));
         let found = parse(&mut reader, Path::new(file.file_name().unwrap_or_default()));
+        for note in &reader.notes {
+            wingd_base::eprintln!("wingd: {note}");
+        }
         found
             .filter(|_| reader.faults.is_empty())
             .ok_or_else(|| fold_repeated(reader.faults))
@@ -63,14 +73,8 @@ impl Reader {
         range: RangeInclusive<f64>,
         unit: &str,
     ) {
-        if !range.contains(&value) {
-            let problem = format!("is {value:?} {unit}");
-            let remedy = format!(
-                "give a number from {} to {} {unit}",
-                range.start(),
-                range.end()
-            );
-            self.fault(file, place, problem.trim_end(), remedy.trim_end());
+        if let Some((problem, remedy)) = range_problem(value, range, unit) {
+            self.fault(file, place, problem, remedy);
         }
     }
 
@@ -94,7 +98,7 @@ impl Reader {
     ) -> Option<(PathBuf, Vec<u8>)> {
         let file = self.directory.join(&name);
         let escaped = name.as_ref().to_string_lossy().contains(char::is_control);
-        let bytes = match std::fs::read(&file) {
+        let bytes = match read_regular_file(&file, self.max_bytes) {
             Ok(bytes) => bytes,
             Err(_) if escaped => {
                 let problem = "is not a valid path: within double quotes a backslash begins an escape, such as \\n";
@@ -124,16 +128,21 @@ impl Reader {
         file: &Path,
         text: &str,
     ) -> Option<T> {
-        let fault = |error| {
-            toml_fault(
-                file,
-                text,
-                &error,
-                "correct it as described in docs/reference/files.md",
-            )
-        };
-        toml::from_str(text)
-            .map_err(|error| self.faults.push(fault(error)))
+        let remedy = "correct it as described in docs/reference/files.md";
+        parse_toml(file, text, &[], remedy)
+            .map_err(|fault| self.faults.push(fault))
             .ok()
     }
+}
+
+/// Returns problem and remedy of a number outside its range.
+pub(super) fn range_problem(
+    value: f64,
+    range: RangeInclusive<f64>,
+    unit: &str,
+) -> Option<(String, String)> {
+    let problem = format!("is {value:?} {unit}");
+    let (low, high) = (range.start(), range.end());
+    let remedy = format!("give a number from {low} to {high} {unit}");
+    (!range.contains(&value)).then(|| (problem.trim_end().into(), remedy.trim_end().into()))
 }

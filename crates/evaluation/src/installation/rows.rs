@@ -5,8 +5,9 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use crate::installation::fold::{MAX_SIMILAR_FAULTS, NO_NUMBER};
-use crate::installation::reader::Reader;
+use super::columns::find_columns;
+use super::reader::{Reader, range_problem};
+use wingd_base::fault::{Fault, FaultSubject};
 
 /// Record of a table.
 #[derive(Clone, Debug, PartialEq)]
@@ -152,11 +153,10 @@ fn quote_state(record: &str, separator: char) -> QuoteState {
     }
 }
 
-/// Returns the separator that a first line `sep=;` names, as spreadsheets write it.
-pub fn separator_line(line: &str) -> Option<char> {
-    let rest = line.trim_matches(['\r', '\n', '"']).strip_prefix("sep=")?;
-    let mut signs = rest.chars();
-    signs.next().filter(|_| signs.next().is_none())
+/// Returns whether a first line names the separator, `sep=;`, as spreadsheets write it.
+fn is_separator_line(line: &str) -> bool {
+    let rest = line.trim_matches(['\r', '\n', '"']).strip_prefix("sep=");
+    rest.is_some_and(|sign| sign.chars().count() == 1)
 }
 
 /// Line of a table with named columns.
@@ -177,12 +177,10 @@ impl<const N: usize> TableLine<N> {
         problem: impl Into<String>,
         remedy: impl Into<String>,
     ) {
-        reader.fault(
-            &self.file,
-            &format!("line {}", self.number),
-            problem,
-            remedy,
-        );
+        let subject = FaultSubject::Line(self.number);
+        reader
+            .faults
+            .push(Fault::in_table(&*self.file, subject, problem, remedy));
     }
 
     /// Reports an error of a cell.
@@ -193,19 +191,24 @@ impl<const N: usize> TableLine<N> {
         problem: impl Into<String>,
         remedy: impl Into<String>,
     ) {
-        reader.fault(&self.file, &self.cell_place(k), problem, remedy);
-    }
-
-    fn cell_place(&self, k: usize) -> String {
-        format!("line {}, column {}", self.number, self.columns[k])
+        let (line, column) = (self.number, self.columns[k]);
+        let subject = FaultSubject::Cell { line, column };
+        reader
+            .faults
+            .push(Fault::in_table(&*self.file, subject, problem, remedy));
     }
 
     /// Parses a finite number; reports an error if the cell is not one.
     pub fn parse_number(&self, reader: &mut Reader, k: usize) -> Option<f64> {
         let value = self.cells[k].parse::<f64>().ok().filter(|v| v.is_finite());
         if value.is_none() {
-            let problem = format!("\"{}\" {NO_NUMBER}", self.cells[k]);
-            self.cell_fault(reader, k, problem, "give a decimal number with a point");
+            let (line, column) = (self.number, self.columns[k]);
+            reader.faults.push(Fault::in_table(
+                &*self.file,
+                FaultSubject::NoNumber { line, column },
+                format!("\"{}\" is not a finite number", self.cells[k]),
+                "give a decimal number with a point",
+            ));
         }
         value
     }
@@ -231,8 +234,18 @@ impl<const N: usize> TableLine<N> {
         range: RangeInclusive<f64>,
         unit: &str,
     ) {
-        reader.check_range(&self.file, &self.cell_place(k), value, range, unit);
+        if let Some((problem, remedy)) = range_problem(value, range, unit) {
+            self.cell_fault(reader, k, problem, remedy);
+        }
     }
+}
+
+/// Table with named columns.
+pub(crate) struct Table<const N: usize> {
+    /// Index of each column in the records; `None` for a missing optional one.
+    pub index: [Option<usize>; N],
+    /// Records below the header, each with a cell per column.
+    pub rows: Vec<Row>,
 }
 
 /// Reads the lines of a table with named columns, separated by commas; `optional` columns may be missing. One cause is
@@ -245,23 +258,45 @@ pub(crate) fn read_table<const N: usize>(
     optional: &[&str],
 ) -> Option<(PathBuf, Vec<TableLine<N>>)> {
     let (file, text) = reader.read_text(name, remedy)?;
+    let Table { index, rows } = parse_records(reader, &file, &text, columns, optional)?;
+    let shared: Rc<Path> = Rc::from(file.as_path());
+    let line = |row: Row| {
+        let cell = |k: Option<usize>| k.and_then(|k| row.cells.get(k)).cloned();
+        TableLine {
+            file: Rc::clone(&shared),
+            columns,
+            number: row.line,
+            cells: index.map(|k| cell(k).unwrap_or_default()),
+        }
+    };
+    Some((file, rows.into_iter().map(line).collect()))
+}
+
+/// Parses the text of a table with named columns, as [`read_table`].
+pub(crate) fn parse_records<const N: usize>(
+    reader: &mut Reader,
+    file: &Path,
+    text: &str,
+    columns: [&'static str; N],
+    optional: &[&str],
+) -> Option<Table<N>> {
     let needed = columns.iter().filter(|c| !optional.contains(c)).count();
-    if text.lines().next().and_then(separator_line).is_some() {
+    if text.lines().next().is_some_and(is_separator_line) {
         let remedy = "delete the line: columns are separated by commas";
         reader.fault(
-            &file,
+            file,
             "line 1",
             "is a spreadsheet's separator line (sep=)",
             remedy,
         );
         return None;
     }
-    let text = blank_comments(reader, &file, &text, needed);
+    let text = blank_comments(reader, file, text, needed);
     let found = match parse_rows(&text, ',') {
         Ok(found) => found,
         Err(error) => {
             reader.fault(
-                &file,
+                file,
                 &format!("line {}", error.line()),
                 error.to_string(),
                 "correct the line",
@@ -275,21 +310,16 @@ pub(crate) fn read_table<const N: usize>(
         text: String::new(),
         cells: vec![],
     });
-    let index = find_columns(reader, &file, &header, columns, optional)?;
-    let (shared, width) = (Rc::from(file.as_path()), header.cells.len());
-    let mut lines = vec![];
+    let index = find_columns(
+        reader,
+        file,
+        (header.line, &header.cells),
+        columns,
+        optional,
+    )?;
+    let width = header.cells.len();
+    let mut rows = vec![];
     for row in found {
-        let cell = |k: Option<usize>| {
-            k.and_then(|k| row.cells.get(k))
-                .cloned()
-                .unwrap_or_default()
-        };
-        let line = TableLine {
-            file: Rc::clone(&shared),
-            columns,
-            number: row.line,
-            cells: index.map(cell),
-        };
         // Optional columns at the end may be omitted with their commas.
         let short = header
             .cells
@@ -299,90 +329,15 @@ pub(crate) fn read_table<const N: usize>(
         if short || row.exceeds(width) {
             let problem = format!("has {} cells under a header of {width}", row.cells.len());
             let remedy = "give one cell per column: decimal points in numbers, quotes around a text with a comma";
-            line.fault(reader, problem, remedy);
+            let subject = FaultSubject::Line(row.line);
+            reader
+                .faults
+                .push(Fault::in_table(file, subject, problem, remedy));
             continue;
         }
-        lines.push(line);
+        rows.push(row);
     }
-    Some((file, lines))
-}
-
-/// Returns the index of each column in the header; reports missing and repeated ones.
-fn find_columns<const N: usize>(
-    reader: &mut Reader,
-    file: &Path,
-    header: &Row,
-    columns: [&str; N],
-    optional: &[&str],
-) -> Option<[Option<usize>; N]> {
-    let needed = columns
-        .iter()
-        .filter(|c| !optional.contains(c))
-        .copied()
-        .collect::<Vec<_>>();
-    let place = format!("line {}", header.line);
-    if let Some(separator) = foreign_separator(&header.cells) {
-        let problem = format!("is separated by {separator}");
-        reader.fault(
-            file,
-            &place,
-            problem,
-            "save it with commas between the columns and decimal points in the numbers",
-        );
-        return None;
-    }
-    let cells = &header.cells;
-    let index = columns.map(|name| cells.iter().position(|h| h == name));
-    let before = reader.faults.len();
-    for name in columns
-        .iter()
-        .filter(|name| cells.iter().filter(|h| h == *name).count() > 1)
-    {
-        reader.fault(
-            file,
-            &format!("column {name}"),
-            "occurs twice",
-            "keep the valid one",
-        );
-    }
-    let missing: Vec<&str> = columns
-        .iter()
-        .zip(&index)
-        .filter(|(n, k)| k.is_none() && needed.contains(n))
-        .map(|(n, _)| *n)
-        .collect();
-    let otherwise = |name: &str| {
-        cells
-            .iter()
-            .any(|h| h.eq_ignore_ascii_case(name) && h != name)
-    };
-    let remedy = format!("the header must have {}", needed.join(","));
-    if !missing.is_empty() && missing.iter().all(|name| otherwise(name)) {
-        let problem = format!("has the header {} in other case", cells.join(","));
-        reader.fault(
-            file,
-            &place,
-            problem,
-            format!("write it in lower case: {}", needed.join(",")),
-        );
-    } else if missing.len() > MAX_SIMILAR_FAULTS {
-        reader.fault(
-            file,
-            &place,
-            format!("is not a header with {}", missing.join(", ")),
-            remedy,
-        );
-    } else {
-        for name in missing {
-            reader.fault(
-                file,
-                &format!("column {name}"),
-                "is missing",
-                remedy.clone(),
-            );
-        }
-    }
-    (reader.faults.len() == before).then_some(index)
+    Some(Table { index, rows })
 }
 
 /// Replaces comments by empty lines. A line that begins with `#` and is a complete row may be a comment or a name, which is
@@ -407,15 +362,6 @@ fn blank_comments(reader: &mut Reader, file: &Path, text: &str, columns: usize) 
         kept.push('\n');
     }
     kept
-}
-
-/// Returns the separator other than a comma if the header is one cell for that reason.
-fn foreign_separator(header: &[String]) -> Option<&'static str> {
-    let [only] = header else { return None };
-    [(';', "semicolons"), ('\t', "tabs"), ('|', "bars")]
-        .into_iter()
-        .find(|(c, _)| only.contains(*c))
-        .map(|(_, name)| name)
 }
 
 #[cfg(test)]
@@ -461,8 +407,8 @@ mod tests {
             .collect();
         assert_eq!(texts, [(1, "a;b"), (3, " \"1\";2 "), (5, "3;4")]);
         assert_eq!(
-            (separator_line("sep=;\r"), separator_line("separator")),
-            (Some(';'), None)
+            (is_separator_line("sep=;\r"), is_separator_line("separator")),
+            (true, false)
         );
     }
 }

@@ -1,6 +1,6 @@
 //! Warnings about an installation: surveyed points off the skin of the others, and an accepted calibration.
 
-use super::plausible::SpanSkew;
+use super::plausible::{SpanSkew, plan_outlier};
 use super::{INSTALLATION_FILE, Installation, ORIENTATION_FILE};
 use wingd_base::fault::Fault;
 use wingd_measure::adjust::ground::find_skin_outliers;
@@ -22,12 +22,9 @@ pub fn find_warnings(installation: &Installation) -> Vec<Fault> {
             },
             point.height_m.abs() / point.sigma_m
         );
-        Some(Fault {
-            file: file.clone(),
-            place: format!("marker \"{}\"", markers.get(point.marker)?.id),
-            problem,
-            remedy: "check its coordinates against the survey's records".into(),
-        })
+        let id = &markers.get(point.marker)?.id;
+        let remedy = "check its coordinates against the survey's records";
+        Some(Fault::of_marker(&file, id, problem, remedy))
     };
     let accepted = |reason: &Option<String>, name: &str, what: &str, remedy: &str| {
         let problem = format!("a refused {what} was accepted: {}", reason.as_ref()?);
@@ -52,10 +49,12 @@ pub fn find_warnings(installation: &Installation) -> Vec<Fault> {
     );
     let setup_file = installation.directory.join(INSTALLATION_FILE);
     let span = SpanSkew::warning(&installation.setup, &setup_file);
-    let own = camera
-        .into_iter()
+    let notes = installation.notes.iter().cloned();
+    let own = notes
+        .chain(camera)
         .chain(orientation)
         .chain(span)
+        .chain(plan_outlier(&installation.setup, &file))
         .chain(length_warning(installation));
     own.chain(
         find_skin_outliers(&installation.setup)

@@ -14,7 +14,7 @@ use crate::pipeline::guard::{PANIC_REASON, catch_panic};
 use crate::record::{ImageRecord, Provenance, Reason};
 use wingd_base::clock::exposure::Exposure;
 use wingd_measure::adjust::LiveAdjustment;
-use wingd_measure::adjust::{AdjustError, Parameter, Solution};
+use wingd_measure::adjust::{AdjustError, Parameter, ParameterKind, Solution};
 use wingd_measure::detect;
 use wingd_measure::detect::{Detection, MarkerPrediction};
 use wingd_measure::estimation::quality::GlobalTest;
@@ -140,7 +140,7 @@ pub struct CurvatureEstimate {
 impl CurvatureEstimate {
     /// Extracts the curvature of a solution; `None` if a coefficient has no standard deviation.
     pub(super) fn from_solution(solution: &Solution) -> Option<Self> {
-        let before = |p: &&Parameter| p.name != "curvature_per_m";
+        let before = |p: &&Parameter| p.kind != ParameterKind::Curvature;
         let first: usize = solution
             .parameters
             .iter()

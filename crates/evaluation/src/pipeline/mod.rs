@@ -120,10 +120,11 @@ pub fn solve_processed_frame(
         let solution = adjust_single_frame(installation, orientation, &observations, job);
         solution
             .map(|s| (append_remarks(s, &remarks), report))
-            .map_err(Reason::from_error)
+            .map_err(Reason::from_adjustment)
     });
+    let problem = adjustment_problem(&outcome);
     let mut record = recording::build_record(processed, installation, job, outcome);
-    add_diagnosis(&mut record, processed, installation, orientation);
+    add_diagnosis(&mut record, problem, processed, (installation, orientation));
     record.timing_ms.solve = Some(recording::round_ms(
         StageTime::since(Work::Solve, started).ms,
     ));
@@ -144,6 +145,11 @@ fn single_frame_options(
     flight_priors::with_flight_prior(options, installation, std::slice::from_ref(processed))
 }
 
+/// Returns the message of an adjustment that failed, without its general remedy.
+fn adjustment_problem<T>(outcome: &Result<T, Reason>) -> Option<String> {
+    Some(outcome.as_ref().err()?.problem().to_owned())
+}
+
 /// Number of standard deviations of the markers' size beyond which scales of image and survey are tested: half of the sound
 /// frames, because the test, which also has the places of the markers, takes milliseconds.
 const MAX_SIZE_SIGMAS: f64 = 0.7;
@@ -157,9 +163,9 @@ const SUSPECT_REMOVALS: usize = 2;
 /// finds it.
 fn add_diagnosis(
     record: &mut ImageRecord,
+    problem: Option<String>,
     processed: &ProcessedFrame,
-    installation: &Installation,
-    orientation: &Orientation,
+    (installation, orientation): (&Installation, &Orientation),
 ) {
     let setup = &installation.setup;
     let size = || {
@@ -193,13 +199,7 @@ fn add_diagnosis(
     match (is_needed.then(cause).flatten(), &mut record.reason) {
         (Some(cause), Some(reason)) => {
             // The cause replaces the general remedy of an adjustment that failed.
-            let general = reason
-                .split_once("; ")
-                .filter(|_| record.status == RecordStatus::Failed);
-            *reason = format!(
-                "{}; {cause}",
-                general.map_or(reason.as_str(), |(stated, _)| stated)
-            );
+            *reason = format!("{}; {cause}", problem.as_deref().unwrap_or(reason));
         }
         (Some(cause), None) => record.remarks.push(cause),
         (None, _) => {}
@@ -367,7 +367,7 @@ pub fn solve_flight(
     let solved = catch_panic(|| adjust::solve_flight(&setup, orientation, &frames, &options));
     let solved = solved
         .ok_or_else(|| PANIC_REASON.into())
-        .and_then(|s| s.map_err(Reason::from_error));
+        .and_then(|s| s.map_err(Reason::from_adjustment));
     let mut solutions = match solved {
         Ok(solutions) => solutions.into_iter().map(Ok).collect::<Vec<_>>(),
         Err(reason) => vec![Err(reason); frames.len()],
@@ -384,8 +384,9 @@ pub fn solve_flight(
                 .unwrap_or_else(excluded)
                 .map(|s| (append_remarks(s, &remarks), report))
         });
+        let problem = adjustment_problem(&outcome);
         let mut record = recording::build_record(processed, own, &job, outcome);
-        add_diagnosis(&mut record, processed, own, orientation);
+        add_diagnosis(&mut record, problem, processed, (own, orientation));
         record.flight = true;
         record.timing_ms.solve = Some(recording::round_ms(solve_ms));
         records.push(record);

@@ -13,7 +13,7 @@ use crate::record::{
     MomentRecord, Panes, Provenance, Quality, Reason, RecordStatus, Timing, Tip, TorsionRecord,
 };
 use wingd_measure::adjust::{
-    AdjustmentMethod, CurvePoint, MarkerSolution, PairTorsion, Parameter, Solution,
+    AdjustmentMethod, CurvePoint, MarkerSolution, PairTorsion, Parameter, ParameterKind, Solution,
 };
 use wingd_measure::adjust::{Estimate, Observation};
 use wingd_measure::environment::RefractionReport;
@@ -186,7 +186,7 @@ fn turned_mount(installation: &Installation, s: &Solution) -> Option<String> {
     let about = &s
         .parameters
         .iter()
-        .find(|p| p.name == "mount_rotation_rad")?
+        .find(|p| p.kind == ParameterKind::MountRotation)?
         .values;
     let (setup, [x, y]) = (
         &installation.setup,
@@ -206,24 +206,24 @@ fn turned_mount(installation: &Installation, s: &Solution) -> Option<String> {
 
 /// Converts the model parameters; radians become degrees.
 fn model_record(s: &Solution) -> Model {
-    let of = |name: &str, factor: f64| {
+    let of = |kind: ParameterKind, factor: f64| {
         let scaled = |e: &Estimate| Estimate {
             value: e.value * factor,
             sigma: e.sigma.map(|s| s * factor).filter(|s| s.is_finite()),
         };
-        let found = s.parameters.iter().find(|p| p.name == name)?;
+        let found = s.parameters.iter().find(|p| p.kind == kind)?;
         Some(found.values.iter().map(scaled).collect::<Vec<_>>())
     };
-    let one = |name, factor| of(name, factor)?.into_iter().next();
+    let one = |kind, factor| of(kind, factor)?.into_iter().next();
     let degrees = 180.0 / std::f64::consts::PI;
     Model {
-        curvature_per_m: of("curvature_per_m", 1.0).unwrap_or_default(),
-        twist_deg: of("twist_rad", degrees),
-        mount_rotation_deg: of("mount_rotation_rad", degrees).unwrap_or_default(),
-        a_per_m: one("a_per_m", 1.0),
-        axis_raise_m: one("axis_raise_m", 1.0),
-        shape_departure: one("shape_departure", 1.0),
-        mount_drift_deg: one("mount_drift_rad", degrees),
+        curvature_per_m: of(ParameterKind::Curvature, 1.0).unwrap_or_default(),
+        twist_deg: of(ParameterKind::Twist, degrees),
+        mount_rotation_deg: of(ParameterKind::MountRotation, degrees).unwrap_or_default(),
+        a_per_m: one(ParameterKind::Parabola, 1.0),
+        axis_raise_m: one(ParameterKind::AxisRaise, 1.0),
+        shape_departure: one(ParameterKind::ShapeDeparture, 1.0),
+        mount_drift_deg: one(ParameterKind::MountDrift, degrees),
     }
 }
 
@@ -534,7 +534,7 @@ fn quality_record(installation: &Installation, s: &Solution) -> Quality {
 fn correlation_record(s: &Solution) -> Option<Correlation> {
     let names = |p: &Parameter| {
         (0..p.values.len())
-            .map(|k| format!("{}[{k}]", p.name))
+            .map(|k| format!("{}[{k}]", p.kind.name()))
             .collect::<Vec<String>>()
     };
     let finite = |r: &f64| Some(*r).filter(|r| r.is_finite());

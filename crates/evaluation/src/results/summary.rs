@@ -164,8 +164,9 @@ impl SeriesSummary {
 
     /// Formats the start time to the minute; "unknown" if there is none.
     pub fn begun_text(&self) -> String {
-        self.begun.as_ref().map_or("unknown".to_owned(), |t| {
-            t.utc.strftime("%Y-%m-%d %H:%M").to_string()
+        let begun = self.begun.as_ref().and_then(Stamp::known_utc);
+        begun.map_or("unknown".to_owned(), |utc| {
+            utc.strftime("%Y-%m-%d %H:%M").to_string()
         })
     }
 

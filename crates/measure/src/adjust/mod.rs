@@ -122,11 +122,44 @@ pub enum AdjustmentMethod {
     Spatial,
 }
 
-/// Named parameter of the model; the name includes the unit.
+/// Kind of a parameter of the model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ParameterKind {
+    /// Coefficient of the parabola, 1/m.
+    Parabola,
+    /// Curvature, 1/m per term.
+    Curvature,
+    /// Twist, rad per term.
+    Twist,
+    /// Rotation of the camera since the ground frames, rad about three axes.
+    MountRotation,
+    /// Mean height of the bending axis above its nominal position, m.
+    AxisRaise,
+    /// Departure of the frames' shapes from their mean, as a fraction.
+    ShapeDeparture,
+    /// Drift of the mount between frames, rad.
+    MountDrift,
+}
+
+impl ParameterKind {
+    /// Returns the name, with the unit.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Parabola => "a_per_m",
+            Self::Curvature => "curvature_per_m",
+            Self::Twist => "twist_rad",
+            Self::MountRotation => "mount_rotation_rad",
+            Self::AxisRaise => "axis_raise_m",
+            Self::ShapeDeparture => "shape_departure",
+            Self::MountDrift => "mount_drift_rad",
+        }
+    }
+}
+
+/// Parameter of the model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameter {
-    /// Name as in the results, e.g. `a_per_m`, `curvature_per_m`.
-    pub name: &'static str,
+    pub kind: ParameterKind,
     /// Values: one, or one per term.
     pub values: Vec<Estimate>,
 }

@@ -18,7 +18,7 @@ use super::marker_state::MarkerState;
 use super::scene::BentWing;
 use super::snooping::{ResidualSum, SolvedGroup, Suspect, SuspectTarget};
 use super::values::UnknownValues;
-use super::{CurvePoint, Estimate, GlobalTest, MarkerSolution, Parameter, Solution};
+use super::{CurvePoint, Estimate, GlobalTest, MarkerSolution, Parameter, ParameterKind, Solution};
 use crate::estimation::quality::Reliability;
 use crate::estimation::{Gradient, VarianceSources};
 
@@ -377,7 +377,7 @@ impl<'a> FrameOutcome<'a> {
             .sum();
         let sigma = self.function_sigmas(&gradient).first().copied();
         Parameter {
-            name: "axis_raise_m",
+            kind: ParameterKind::AxisRaise,
             values: vec![Estimate { value, sigma }],
         }
     }
@@ -436,19 +436,19 @@ impl<'a> FrameOutcome<'a> {
         });
         let parameters = vec![
             Parameter {
-                name: "curvature_per_m",
+                kind: ParameterKind::Curvature,
                 values: list(&v.curvature_per_m, 0),
             },
             Parameter {
-                name: "twist_rad",
+                kind: ParameterKind::Twist,
                 values: twist,
             },
             Parameter {
-                name: "mount_rotation_rad",
+                kind: ParameterKind::MountRotation,
                 values: list(v.pose.mount_rad.as_slice(), n + t),
             },
             Parameter {
-                name: "a_per_m",
+                kind: ParameterKind::Parabola,
                 values: list(&[a], count - 1),
             },
         ];

@@ -17,7 +17,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, RowVector4, Vector2, Vector3};
 use super::snooping;
 use super::{
     AdjustError, AdjustResult, CurvePoint, Estimate, MarkerSolution, Observation, Options,
-    Parameter, Solution, VarianceComponent,
+    Parameter, ParameterKind, Solution, VarianceComponent,
 };
 use crate::estimation::quality::{self, Reliability};
 use crate::estimation::{
@@ -321,7 +321,7 @@ impl ProfileAdjustment<'_> {
             global_test,
             posterior,
             parameters: vec![Parameter {
-                name: "a_per_m",
+                kind: ParameterKind::Parabola,
                 values: vec![a],
             }],
             correlation: DMatrix::identity(1, 1),

@@ -13,11 +13,21 @@ pub enum EstimationError {
         missing: String,
     },
     /// The iteration did not converge.
-    #[error(
-        "the adjustment did not converge after {iterations} iterations; check for a wrong survey point or a wrong identity"
-    )]
+    #[error("{}; check for a wrong survey point or a wrong identity", self.problem())]
     NoConvergence { iterations: usize },
     /// A condition has no value, or a number is not finite.
     #[error("{0}")]
     Input(String),
+}
+
+impl EstimationError {
+    /// Returns the message without its general remedy, for callers that know the cause.
+    pub fn problem(&self) -> String {
+        match self {
+            Self::NoConvergence { iterations } => {
+                format!("the adjustment did not converge after {iterations} iterations")
+            }
+            Self::Singular { .. } | Self::Input(_) => self.to_string(),
+        }
+    }
 }

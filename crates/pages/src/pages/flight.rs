@@ -55,7 +55,7 @@ fn render_series_row(flight: &str, line: &SeriesOverview) -> Markup {
     );
     html! { tr {
         td data-name="series" { a href={ "/flights/" (flight) "/" (line.name) } { (line.name) } }
-        td data-name="begun" { @if let Some(begun) = &line.begun { (format_minute(begun.utc)) } }
+        td data-name="begun" { @if let Some(begun) = &line.begun { (format_minute(begun)) } }
         td.n data-name="frames" { (line.frames) " of " (line.planned) }
         td.n data-name="solved" { (line.solved) }
         td.n data-name="mean tip deflection / m" { (deflection) }

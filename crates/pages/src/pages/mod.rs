@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 
 use super::{Refusal, Site};
 use crate::recorder::RecorderState;
+use wingd_base::clock::Stamp;
 use wingd_evaluation::figures::FIGURE_STYLE;
 use wingd_evaluation::number::{count_text, format_fixed, format_rounded};
 use wingd_evaluation::results::overview;
@@ -81,9 +82,8 @@ pub fn index_page(site: &Site) -> Result<Markup, Refusal> {
     let newest = drawn.first();
     let older = flights.iter().skip(MAX_DRAWN_FLIGHTS);
     let begun = |f: &catalogue::FlightRef| {
-        catalogue::read_flight_manifest(&disk, f).map_or("start time unknown".to_owned(), |m| {
-            format_minute(m.started.utc)
-        })
+        catalogue::read_flight_manifest(&disk, f)
+            .map_or(UNKNOWN_TIME.to_owned(), |m| format_minute(&m.started))
     };
     let content = html! {
         (status_tiles(site, newest))
@@ -104,8 +104,12 @@ pub fn index_page(site: &Site) -> Result<Markup, Refusal> {
     ))
 }
 
-fn format_minute(utc: jiff::Timestamp) -> String {
-    utc.strftime("%Y-%m-%d %H:%M UTC").to_string()
+const UNKNOWN_TIME: &str = "time unknown";
+
+fn format_minute(stamp: &Stamp) -> String {
+    stamp.known_utc().map_or(UNKNOWN_TIME.to_owned(), |utc| {
+        utc.strftime("%Y-%m-%d %H:%M UTC").to_string()
+    })
 }
 
 fn render_flight_card(one: &FlightOverview) -> Markup {
@@ -119,7 +123,7 @@ fn render_flight_card(one: &FlightOverview) -> Markup {
         li {
             h3 { a href={ "/flights/" (one.flight) } { "Flight " (one.flight) } }
             p.soft {
-                @if let Some(begun) = first { (format_minute(begun.utc)) ", " }
+                @if let Some(begun) = first { (format_minute(begun)) ", " }
                 (one.series.len()) " series, " (count_text(one.sum(|l| l.frames), "frame")) ", " (one.sum(|l| l.solved)) " solved"
             }
             (curve::deflection_curve(one, 120.0))
@@ -137,9 +141,10 @@ fn greatest_deflection(
     reference: DeflectionReference,
 ) -> String {
     let (value, sigma) = format_rounded(Some(deflection.deflection_m), deflection.sigma_m, 3);
-    let at = line.begun.as_ref().map_or(String::new(), |b| {
-        format!(", started {}", format_minute(b.utc))
-    });
+    let at = line
+        .begun
+        .as_ref()
+        .map_or(String::new(), |b| format!(", started {}", format_minute(b)));
     let (FrameDeflection { image, marker, .. }, words) = (deflection, reference.description());
     format!(
         "Greatest tip deflection ({marker}) of a frame: {value} ± {sigma} m {words}, in {image} of series {}{at}",
@@ -154,7 +159,7 @@ fn status_tiles(site: &Site, newest: Option<&FlightOverview>) -> Markup {
     let room = remaining_recording(site, newest, daemon.as_ref());
     let state = |d: &RecorderState| format!("{}, {}", d.health, d.activity);
     let state = daemon.as_ref().map_or("no recorder".to_owned(), state);
-    let last = last.map_or("none".to_owned(), |stamp| format_minute(stamp.utc));
+    let last = last.map_or("none".to_owned(), |stamp| format_minute(stamp));
     let fits = |hours: Option<f64>| match hours {
         None => "recording time unknown".to_owned(),
         Some(h) if h >= MAX_SHOWN_HOURS => format!("over {MAX_SHOWN_HOURS:.0} h"),
@@ -226,7 +231,7 @@ pub fn status_json(site: &Site) -> Result<Value, Refusal> {
         "solved": newest.sum(|l| l.solved),
         "failed": newest.sum(|l| l.failed),
         "last_series": last.map(|l| &l.name),
-        "last_frame_utc": newest.last_frame.as_ref().map(|s| s.utc),
+        "last_frame_utc": newest.last_frame.as_ref().and_then(Stamp::known_utc),
         "missing": last.map(overview::SeriesOverview::problems),
         "free_mb": room.map(|r| r.1),
         "room_hours": room.and_then(|r| r.0),

@@ -3,6 +3,7 @@
 use maud::{Markup, html};
 
 use super::render_read_only_page;
+use wingd_base::clock::Stamp;
 use wingd_evaluation::number::format_rounded;
 use wingd_evaluation::record::ImageRecord;
 use wingd_evaluation::results::source::SeriesIndex;
@@ -51,7 +52,8 @@ fn render_shot_card(series: &SeriesData, shot: &ShotData, record: Option<&ImageR
     let time = shot
         .stamp
         .as_ref()
-        .map(|s| s.utc.strftime("%Y-%m-%d %H:%M:%S UTC").to_string());
+        .and_then(Stamp::known_utc)
+        .map(|utc| utc.strftime("%Y-%m-%d %H:%M:%S UTC").to_string());
     html! { li {
         @if let Some(image) = &shot.image {
             a href={ "/frames/" (place) "/" (image) } {

@@ -6,12 +6,13 @@ pub(crate) mod owner;
 use std::any::Any;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
-use std::os::unix::fs::{FileExt, OpenOptionsExt};
+use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 use serde::de::DeserializeOwned;
 
 pub use error::{StoreError, StoreResult};
+use wingd_base::regular_file::{open_regular_file, read_regular_file};
 
 /// Entry of a directory.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -72,20 +73,17 @@ pub trait Disk: Send + Sync {
     fn lock(&self, path: &Path) -> io::Result<Option<Lock>>;
 }
 
-/// Flag with which opening a pipe does not wait for its other end; it has no effect on regular files.
-const NONBLOCK: i32 = rustix::fs::OFlags::NONBLOCK.bits() as i32;
-
 /// File system of the machine.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RealDisk;
 
 impl Disk for RealDisk {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
-        read_regular_file(path)
+        read_regular_file(path, u64::MAX)
     }
 
     fn read_range(&self, path: &Path, offset: u64, length: usize) -> io::Result<Vec<u8>> {
-        let (file, total) = open_regular_file(path)?;
+        let (file, total) = open_regular_file(path, OpenOptions::new().read(true))?;
         let left = total.saturating_sub(offset);
         let mut bytes = vec![0; length.min(usize::try_from(left).unwrap_or(length))];
         let mut read = 0;
@@ -131,19 +129,23 @@ impl Disk for RealDisk {
     }
 
     fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        let file = File::create(path)?;
+        let mut options = OpenOptions::new();
+        options.write(true).create(true).truncate(true);
+        let (file, _) = open_regular_file(path, &mut options)?;
         owner::inherit_owner(path)?;
         write_and_sync(file, bytes)
     }
 
     fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        let file = OpenOptions::new().create(true).append(true).open(path)?;
+        let mut options = OpenOptions::new();
+        options.create(true).append(true);
+        let (file, _) = open_regular_file(path, &mut options)?;
         owner::inherit_owner(path)?;
         write_and_sync(file, bytes)
     }
 
     fn truncate(&self, path: &Path, length: u64) -> io::Result<()> {
-        let file = OpenOptions::new().write(true).open(path)?;
+        let (file, _) = open_regular_file(path, OpenOptions::new().write(true))?;
         file.set_len(length)?;
         file.sync_all()
     }
@@ -173,11 +175,9 @@ impl Disk for RealDisk {
     }
 
     fn lock(&self, path: &Path) -> io::Result<Option<Lock>> {
-        let file = OpenOptions::new()
-            .create(true)
-            .truncate(false)
-            .write(true)
-            .open(path)?;
+        let mut options = OpenOptions::new();
+        options.create(true).truncate(false).write(true);
+        let (file, _) = open_regular_file(path, &mut options)?;
         owner::inherit_owner(path)?;
         match rustix::fs::flock(&file, rustix::fs::FlockOperation::NonBlockingLockExclusive) {
             Ok(()) => Ok(Some(Box::new(LockedFile(file)))),
@@ -201,29 +201,6 @@ impl Drop for LockedFile {
 fn write_and_sync(mut file: File, bytes: &[u8]) -> io::Result<()> {
     file.write_all(bytes)?;
     file.sync_all()
-}
-
-/// Opens a file for reading and returns its length. A pipe is refused, because it would be waited for without end.
-fn open_regular_file(path: &Path) -> io::Result<(File, u64)> {
-    let file = OpenOptions::new()
-        .read(true)
-        .custom_flags(NONBLOCK)
-        .open(path)?;
-    let metadata = file.metadata()?;
-    let is_file = metadata.is_file().then_some((file, metadata.len()));
-    is_file.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "is not a regular file"))
-}
-
-/// Reads a complete regular file.
-///
-/// # Errors
-/// Returns an error for a folder, pipe or device, and if the file cannot be read.
-pub fn read_regular_file(path: &Path) -> io::Result<Vec<u8>> {
-    let (file, length) = open_regular_file(path)?;
-    let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or(0));
-    // Without a limit the library would ask for length and position again.
-    file.take(u64::MAX).read_to_end(&mut bytes)?;
-    Ok(bytes)
 }
 
 /// Fills a buffer with random bytes from the operating system.

@@ -16,6 +16,7 @@ use crate::disk::owner::inherit_owner;
 use crate::disk::{StoreError, StoreResult, fill_random};
 use crate::format::chain::{Chain, ChainEvent, ChainLine};
 use crate::format::{jsonl, layout};
+use wingd_base::regular_file::read_small_text;
 
 /// Ending of the public key's file, next to the private one.
 pub const PUBLIC_ENDING: &str = "pub";
@@ -35,7 +36,7 @@ impl Signer {
     /// Reads the private key (PEM, PKCS #8). If the file does not exist, generates a key readable by this user only, and
     /// writes the public key next to it.
     pub fn load_or_create(path: &Path) -> StoreResult<Self> {
-        let text = match fs::read_to_string(path) {
+        let text = match read_small_text(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => create_signing_key(path)?,
             read => read.map_err(StoreError::io(path, "read"))?,
         };
@@ -152,7 +153,7 @@ pub struct PublicKey(VerifyingKey);
 impl PublicKey {
     /// Reads a public key as [`Signer::load_or_create`] writes it (PEM).
     pub fn read(path: &Path) -> StoreResult<Self> {
-        let text = fs::read_to_string(path).map_err(StoreError::io(path, "read"))?;
+        let text = read_small_text(path).map_err(StoreError::io(path, "read"))?;
         VerifyingKey::from_public_key_pem(&text).map(Self).map_err(|_| StoreError::Damaged {
             path: path.to_owned(),
             problem: "is not a public Ed25519 key (PEM)".to_owned(),

@@ -9,7 +9,7 @@ use crate::adjust::decisive_widths::decisive_width_remarks;
 use crate::adjust::snooping::{SuspectTarget, fixed_target_remark};
 use crate::adjust::stated_widths::contradiction_remark;
 use crate::adjust::terms::mount_drift_rad;
-use crate::adjust::{Estimate, Parameter, Solution};
+use crate::adjust::{Estimate, Parameter, ParameterKind, Solution};
 use crate::estimation::{AttributedInformation, VarianceSources};
 
 /// Ratio of the estimated to the configured drift from which a remark is added.
@@ -37,16 +37,16 @@ pub fn frame_solution(
         .filter(|r| r.group == frame || r.suspect.target == SuspectTarget::Survey);
     let mut solution = outcome.solution(of_frame.map(|r| &r.suspect), sources);
     if of_flight {
-        let unmeasured = |name, value| Parameter {
-            name,
+        let unmeasured = |kind, value| Parameter {
+            kind,
             values: vec![Estimate { value, sigma: None }],
         };
         solution.parameters.push(unmeasured(
-            "shape_departure",
+            ParameterKind::ShapeDeparture,
             flight.hyperparameters.departure,
         ));
         solution.parameters.push(unmeasured(
-            "mount_drift_rad",
+            ParameterKind::MountDrift,
             flight.hyperparameters.drift_rad,
         ));
     }
