@@ -20,7 +20,8 @@ use wingd_evaluation::installation;
 use wingd_evaluation::pipeline::recording::cad_record;
 use wingd_measure::setup::Setup;
 use wingd_store as store;
-use wingd_store::{RealDisk, is_vacant, unwritable_reason, verify};
+use wingd_store::signing::exposure;
+use wingd_store::{RealDisk, catalogue, is_vacant, unwritable_reason, verify};
 
 /// Check configuration, installation and store, and open the camera if there is one.
 #[derive(clap::Args)]
@@ -34,6 +35,9 @@ pub struct CheckArgs {
     /// Do not open the camera
     #[arg(long)]
     no_camera: bool,
+    /// Check the store's format only: verifying takes as long as reading all its files
+    #[arg(long)]
+    no_verify: bool,
     #[command(flatten)]
     camera: ShotArgs,
     /// Print one JSON object: ok, found, faults
@@ -195,7 +199,7 @@ impl Findings {
                 "none configured: frames are recorded but not solved".into(),
             )),
         }
-        self.check_store(config, file);
+        self.check_store(args, config, file);
         self.check_page(config, file);
         self.check_memory(config, file);
         self.check_sockets(config, file);
@@ -247,8 +251,11 @@ impl Findings {
         }
     }
 
-    fn check_store(&mut self, config: &Config, file: &Path) {
+    fn check_store(&mut self, args: &CheckArgs, config: &Config, file: &Path) {
         let path = &config.store.path;
+        let exposed = config.store.signing_key.as_deref().and_then(exposure);
+        self.reported
+            .extend(exposed.map(|how| ("signing key", how)));
         self.faults
             .extend(unwritable_reason(&RealDisk, path).map(|problem| {
                 let remedy = "give the recorder's user write access, or choose another directory";
@@ -267,6 +274,13 @@ impl Findings {
                     "create it, or choose another directory",
                 ));
             }
+            return;
+        }
+        if args.no_verify {
+            let format = catalogue::check_format(&RealDisk, path).err();
+            self.faults.extend(format.map(|error| {
+                Fault::new(file, "store.path", error.to_string(), "see docs/store.md")
+            }));
             return;
         }
         let report = show_busy("verifying the store", || {

@@ -39,42 +39,28 @@ impl RateBudget {
     }
 }
 
-/// Share of the disk that one kind of data may use.
-pub(crate) struct DiskShare {
-    share: f64,
-    written: u64,
-}
-
-impl DiskShare {
-    /// Creates an unused share, a fraction of the space above the limit of [`RESERVE_FACTOR`].
-    pub fn new(share: f64) -> Self {
-        Self { share, written: 0 }
+/// Checks that one kind of data, of which `used` bytes are on the disk, has not used its `share`, a fraction of the space above
+/// the limit of [`RESERVE_FACTOR`].
+///
+/// # Errors
+/// Returns the reason for which no more must be written.
+pub(crate) fn check_disk_share(store: &Store, share: f64, used: u64) -> Result<(), String> {
+    let free_mb = store.free_mb().map_err(|error| error.to_string())?;
+    let limit_mb = RESERVE_FACTOR * store.reserve_mb();
+    let above = free_mb.saturating_sub(limit_mb) as f64 * 1e6;
+    let remedy = "export flights and move them away";
+    if free_mb < limit_mb {
+        return Err(format!(
+            "{free_mb} MB are free; at {limit_mb} MB, twice the reserve, only series go on; {remedy}"
+        ));
     }
-
-    /// Takes `bytes` of the share.
-    ///
-    /// # Errors
-    /// Returns the reason for which they must not be written.
-    pub fn take(&mut self, store: &Store, bytes: u64) -> Result<(), String> {
-        let free_mb = store.free_mb().map_err(|error| error.to_string())?;
-        let limit_mb = RESERVE_FACTOR * store.reserve_mb();
-        let above = free_mb.saturating_sub(limit_mb) as f64 * 1e6;
-        let written = self.written + bytes;
-        let remedy = "export flights and move them away";
-        if free_mb < limit_mb {
-            return Err(format!(
-                "{free_mb} MB are free; at {limit_mb} MB, twice the reserve, only series go on; {remedy}"
-            ));
-        }
-        if written as f64 > self.share * (above + self.written as f64) {
-            let percent = 100.0 * self.share;
-            return Err(format!(
-                "{percent:.0} % of the disk are used for them, which is their share; {remedy}"
-            ));
-        }
-        self.written = written;
-        Ok(())
+    if used as f64 > share * (above + used as f64) {
+        let percent = 100.0 * share;
+        return Err(format!(
+            "{percent:.0} % of the disk are used for them, which is their share; {remedy}"
+        ));
     }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -108,15 +94,13 @@ mod tests {
         };
         let free_mb = {
             let store = open(0);
-            let mut share = DiskShare::new(0.1);
             let free = store.free_mb().unwrap() * 1_000_000;
-            assert!(share.take(&store, free / 20).is_ok());
-            assert!(share.take(&store, free / 10).unwrap_err().contains("share"));
+            assert!(check_disk_share(&store, 0.1, free / 20).is_ok());
+            let refused = check_disk_share(&store, 0.1, free / 8).unwrap_err();
+            assert!(refused.contains("share"), "{refused}");
             free / 1_000_000
         };
-        let refused = DiskShare::new(0.1)
-            .take(&open(free_mb * 3 / 4), 1)
-            .unwrap_err();
+        let refused = check_disk_share(&open(free_mb * 3 / 4), 0.1, 0).unwrap_err();
         assert!(refused.contains("reserve"), "{refused}");
     }
 }

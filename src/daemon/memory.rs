@@ -55,7 +55,11 @@ fn machine_memory_mb(root: &Path) -> Option<u64> {
     Some(kib * 1024 / 1_000_000)
 }
 
-/// Returns the limit that the installed unit files set for the service, MB: the last `MemoryMax=` in megabytes.
+/// Unit file of the service as it is installed.
+const SHIPPED_UNIT: &str = include_str!("../../systemd/wingd.service");
+
+/// Returns the limit that the installed unit files set for the service, or else the one that will be installed, MB: the last
+/// `MemoryMax=` in megabytes.
 fn unit_limit_mb(root: &Path) -> Option<u64> {
     let files = UNITS.iter().map(|unit| root.join(unit)).flat_map(|path| {
         let mut inside: Vec<_> = std::fs::read_dir(&path)
@@ -71,7 +75,10 @@ fn unit_limit_mb(root: &Path) -> Option<u64> {
             inside
         }
     });
-    let texts: Vec<String> = files.filter_map(|file| read_to_string(file).ok()).collect();
+    let mut texts: Vec<String> = files.filter_map(|file| read_to_string(file).ok()).collect();
+    if texts.is_empty() {
+        texts.push(SHIPPED_UNIT.to_owned());
+    }
     let mut values = texts
         .iter()
         .flat_map(|text| text.lines())
@@ -79,7 +86,7 @@ fn unit_limit_mb(root: &Path) -> Option<u64> {
     values.next_back()?.trim().strip_suffix('M')?.parse().ok()
 }
 
-/// Returns the limit of the service, MB: of this process, or of the service that is installed on this machine.
+/// Returns the limit of the service, MB: of this process, or of the service on this machine.
 pub fn service_limit_mb(root: &Path) -> Option<u64> {
     process_limit_mb(root)
         .into_iter()
@@ -104,12 +111,12 @@ mod tests {
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();
             std::fs::write(path, text).unwrap();
         };
-        assert_eq!(service_limit_mb(dir.path()), None);
+        assert_eq!(service_limit_mb(dir.path()), Some(512), "not installed yet");
         write(
             "proc/meminfo",
             "MemTotal:        2000000 kB\nMemFree: 1 kB\n",
         );
-        assert_eq!(service_limit_mb(dir.path()), Some(2048));
+        assert_eq!(process_limit_mb(dir.path()), Some(2048));
         write(
             "proc/self/cgroup",
             "1:name=systemd:/\n0::/system.slice/wingd.service\n",

@@ -359,7 +359,10 @@ impl Recorder {
             let stored = |frame: &CameraFrame| {
                 series.contains_frame(&frame.bytes) || self.core.store.contains_frame(&frame.bytes)
             };
-            if let Some(delivered) = failed.delivered.filter(|frame| !stored(frame)) {
+            // One bad frame of a shot shows what is wrong with the camera.
+            let kept = failures.iter().any(|f: &ShotFailure| f.kept_as.is_some());
+            let bad = failed.delivered.filter(|frame| !(kept || stored(frame)));
+            if let Some(delivered) = bad {
                 let attempt = failures.len() + 1;
                 failure.kept_as =
                     Some(self.store(|_| series.set_aside(number, attempt, &delivered.bytes))?);

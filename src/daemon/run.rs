@@ -6,6 +6,8 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use tokio::signal::unix::{SignalKind, signal};
+
 use super::capture::Capture;
 use super::command::Command;
 use super::config::SeriesConfig;
@@ -70,7 +72,7 @@ pub enum DaemonError {
     },
 }
 
-/// Runs until the timetable is over (the remaining frames are then solved) or until SIGTERM or SIGINT. On a signal, the
+/// Runs until the timetable is over (the remaining frames are then solved) or until a signal to end. On a signal, the
 /// current shot and frame are finished or abandoned and the series is closed, all within `[power] stop_within`.
 pub fn run(parts: DaemonParts, board: &StatusBoard) -> Result<DaemonStatus, DaemonError> {
     frame_storage::log_recovery(&parts.recovery);
@@ -230,16 +232,26 @@ async fn serve_until_done(
     in_time
 }
 
+/// Waits for a signal that would end the process; one that is ignored from the start (`nohup`) stays ignored.
 async fn wait_for_stop_signal() {
-    use tokio::signal::unix::{SignalKind, signal};
-    match (
-        signal(SignalKind::terminate()),
-        signal(SignalKind::interrupt()),
-    ) {
-        (Ok(mut terminate), Ok(mut interrupt)) => {
-            tokio::select! { _ = terminate.recv() => {}, _ = interrupt.recv() => {} }
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    let mut signals = tokio::task::JoinSet::new();
+    for kind in [
+        SignalKind::terminate(),
+        SignalKind::interrupt(),
+        SignalKind::hangup(),
+        SignalKind::user_defined1(),
+        SignalKind::user_defined2(),
+    ] {
+        let is_ignored = ignored.unwrap_or(0) >> (kind.as_raw_value() - 1) & 1 == 1;
+        if let (false, Ok(mut stream)) = (is_ignored, signal(kind)) {
+            signals.spawn(async move { stream.recv().await });
         }
-        _ => std::future::pending().await,
+    }
+    if signals.join_next().await.is_none() {
+        std::future::pending().await
     }
 }
 

@@ -299,6 +299,26 @@ fn hangs_failures_and_truncated_or_repeated_frames_cost_only_their_shots() {
 }
 
 #[test]
+fn of_a_shot_whose_frames_are_all_truncated_one_is_kept() {
+    let flight = Flight::new(
+        (1..=200)
+            .map(|shot| fault(shot, FaultKind::Truncated))
+            .collect(),
+    );
+    flight.run_flight();
+    flight.verify_store();
+    let manifests = flight.manifests();
+    let shots: Vec<_> = manifests.iter().flat_map(|m| &m.shots).collect();
+    assert!(
+        shots
+            .iter()
+            .all(|shot| shot.failures.len() > 1 && shot.failures[0].kept_as.is_some())
+    );
+    let kept = std::fs::read_dir(flight.root().join("partial")).unwrap();
+    assert_eq!(kept.count(), shots.len());
+}
+
+#[test]
 fn a_camera_that_always_hangs_does_not_stop_the_daemon() {
     let flight = Flight::new((1..=200).map(|shot| fault(shot, FaultKind::Hang)).collect());
     let status = flight.run_flight();

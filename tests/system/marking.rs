@@ -494,3 +494,51 @@ fn marking_needs_its_token_and_requests_end() {
         "{unsent}"
     );
 }
+
+/// Neither the file nor the store belongs to one server.
+#[test]
+fn two_servers_lose_no_mark_and_a_page_does_not_lock_the_store() {
+    let dir = prepared(true);
+    let at = dir.path();
+    let servers = [(); 2].map(|()| Marking::start(at, &["flight-1.jpg"]));
+    for (server, id) in servers.iter().zip(["M18", "M19"]) {
+        let [u, v] = place(&server.state(), id);
+        let asked =
+            json!({"act": "place", "id": id, "u_px": u, "v_px": v, "exact": true, "over": true});
+        assert_eq!(server.send_mark(asked).0, 200);
+    }
+    let text = std::fs::read_to_string(at.join("observations.csv")).unwrap();
+    assert!(text.contains("M18") && text.contains("M19"), "{text}");
+    let (status, state) = servers[0].send_mark(json!({"act": "withdraw", "id": "M18"}));
+    assert_eq!(
+        (status, marker(&state, "M19")["state"].as_str()),
+        (200, Some("manual"))
+    );
+    let text = std::fs::read_to_string(at.join("observations.csv")).unwrap();
+    assert!(!text.contains("M18") && text.contains("M19"), "{text}");
+
+    done(at, &["import", "flight-1.jpg", "--store", "store"]);
+    let arguments = ["store", "--installation", "installation"];
+    let servers = [(); 2].map(|()| Marking::start(at, &arguments));
+    done(at, &["solve", "store", "--installation", "installation"]);
+    for (server, id) in servers.iter().zip(["M18", "M19"]) {
+        let [u, v] = place(&server.state(), id);
+        let asked =
+            json!({"act": "place", "id": id, "u_px": u, "v_px": v, "exact": true, "over": true});
+        let (status, answer) = server.send_mark(asked);
+        assert_eq!(status, 200, "{answer}");
+    }
+    let state = servers[1].state();
+    let known = ["M18", "M19"].map(|id| marker(&state, id)["state"].clone());
+    assert_eq!(known, ["manual", "manual"]);
+    let store = wingd::store::StoreConfig::new(at.join("store"));
+    let disk = std::sync::Arc::new(wingd::store::RealDisk);
+    let (held, _) = wingd::store::Store::open(disk, store).unwrap();
+    let (status, answer) = servers[0].send_mark(json!({"act": "withdraw", "id": "M18"}));
+    let reason = answer["reason"].as_str().unwrap();
+    let process = format!("(process {})", std::process::id());
+    assert!(status == 500 && reason.contains(&process), "{answer}");
+    drop(held);
+    servers.into_iter().for_each(Marking::end);
+    done(at, &["verify", "store"]);
+}

@@ -165,3 +165,40 @@ fn a_chain_that_is_not_the_signed_one_is_not_signed_again_and_openssl_agrees_abo
         before
     );
 }
+
+#[test]
+fn a_flight_that_is_missing_without_a_record_is_a_fault() {
+    let (dir, key) = signed();
+    let root = dir.path().join("store");
+    let config = StoreConfig {
+        reserve_mb: 0,
+        signing_key: Some(dir.path().join("recorder.key")),
+        ..StoreConfig::new(&root)
+    };
+    let (store, _) = Store::open(Arc::new(RealDisk), config).unwrap();
+    store.request_new_flight();
+    fill(&store);
+    drop(store);
+    assert_eq!(verify_with(&root, &key).0, Some(0));
+    let copy = dir.path().join("copy");
+    let copied = wingd(&["copy", root.to_str().unwrap()], &copy);
+    assert!(copied.status.success());
+    let moved = dir.path().join("moved");
+    std::fs::rename(root.join(FLIGHT), &moved).unwrap();
+    let (status, text) = verify_with(&root, &key);
+    assert!(
+        status == Some(1) && text.contains("the first is f0001"),
+        "{text}"
+    );
+    // A copy of single flights is verified by their folders.
+    assert_eq!(verify_with(&root.join("flights/f0002"), &key).0, Some(0));
+    std::fs::rename(&moved, root.join(FLIGHT)).unwrap();
+    let copy = copy.to_str().unwrap();
+    let pruned = wingd(&["prune", "--verified-copy", copy], &root);
+    assert!(pruned.status.success(), "{pruned:?}");
+    let (status, text) = verify_with(&root, &key);
+    assert!(
+        status == Some(0) && text.contains("f0001 was pruned"),
+        "{text}"
+    );
+}

@@ -179,6 +179,29 @@ mod tests {
     }
 
     #[test]
+    fn lines_that_a_flood_displaced_stay_in_the_status_with_the_remedy() {
+        let bench = bench(0);
+        let port = free_port();
+        let _feed = bench.listen(&format!("udp = '127.0.0.1:{port}'"));
+        let flooded = bench.until(|status| {
+            send(port, 1000);
+            status.lost > 0
+        });
+        assert!(flooded.lost > 0, "{flooded:?}");
+        std::thread::sleep(Duration::from_secs(5));
+        let before = bench.until(|_| true).recorded;
+        let status = bench.until(|status| {
+            send(port, 1);
+            status.recorded > before + 2
+        });
+        let fault = status.fault.unwrap_or_default();
+        assert!(
+            fault.contains("lines were lost") && fault.contains("senders"),
+            "{fault}"
+        );
+    }
+
+    #[test]
     fn a_full_disk_costs_the_lines_and_says_so() {
         let bench = bench(u64::MAX / 2_000_000);
         let port = free_port();

@@ -4,7 +4,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use super::feed::{FeedContext, POLL_INTERVAL};
-use crate::daemon::budget::DiskShare;
+use crate::daemon::budget::check_disk_share;
 use crate::daemon::status::format_span;
 use wingd_evaluation::aircraft;
 use wingd_evaluation::aircraft::Layout;
@@ -16,6 +16,8 @@ pub(super) const MAX_WAITING: usize = 6000;
 const FLUSH_INTERVAL: Duration = Duration::from_secs(2);
 /// Share of the disk for aircraft data.
 const DISK_SHARE: f64 = 0.1;
+/// Time for which lost lines are reported: a person looks at the status later than at the moment of the loss.
+const LOSS_REPORT: Duration = Duration::from_secs(60);
 
 /// Records the lines of a feed.
 pub(super) struct LineRecorder {
@@ -24,9 +26,10 @@ pub(super) struct LineRecorder {
     /// Description of the feed in each file.
     source: serde_json::Value,
     waiting: Vec<AircraftLine>,
-    share: DiskShare,
-    /// Lost lines that were reported.
-    reported_lost: u64,
+    /// Lost lines so far.
+    lost: u64,
+    /// Number of lines lost lately, and the time until which it is reported.
+    recent: (u64, Instant),
 }
 
 impl LineRecorder {
@@ -40,8 +43,8 @@ impl LineRecorder {
             layout,
             source,
             waiting: Vec::new(),
-            share: DiskShare::new(DISK_SHARE),
-            reported_lost: 0,
+            lost: 0,
+            recent: (0, Instant::now()),
         }
     }
 
@@ -84,8 +87,9 @@ impl LineRecorder {
             return;
         }
         let core = &self.shared.core;
-        let bytes: usize = self.waiting.iter().map(|line| line.line.len()).sum();
-        let stored = match self.share.take(&core.store, bytes as u64) {
+        let used = core.store.aircraft_bytes();
+        let used = used.map_err(|error| error.to_string());
+        let stored = match used.and_then(|used| check_disk_share(&core.store, DISK_SHARE, used)) {
             Ok(()) => core
                 .store
                 .add_aircraft_lines(&self.source, &self.waiting)
@@ -105,10 +109,22 @@ impl LineRecorder {
             Err(_) => self.shared.update(|status| status.lost += count),
         }
         self.waiting.clear();
-        let lost = self.shared.update(|status| status.lost);
-        let lost = lost - std::mem::replace(&mut self.reported_lost, lost);
+        let lost = self.recent_losses();
         self.shared
             .set_fault(stored.err().or_else(|| statistics.fault(lost)));
+    }
+
+    /// Returns the number of lines that were lost lately.
+    fn recent_losses(&mut self) -> u64 {
+        let (lost, now) = (self.shared.update(|status| status.lost), Instant::now());
+        let new = lost - std::mem::replace(&mut self.lost, lost);
+        if now >= self.recent.1 {
+            self.recent.0 = 0;
+        }
+        if new > 0 {
+            self.recent = (self.recent.0 + new, now + LOSS_REPORT);
+        }
+        self.recent.0
     }
 }
 
@@ -141,15 +157,15 @@ impl LineStatistics {
         statistics
     }
 
-    /// Returns the fault of a batch before which `lost` lines were lost.
+    /// Returns the fault of a batch shortly before which `lost` lines were lost.
     fn fault(&self, lost: u64) -> Option<String> {
         if self.read == 0 {
             return Some("lines arrive but none can be parsed; check format".to_owned());
         }
         if lost > 0 {
-            let remedy = "check the sender, or name it in senders";
+            let remedy = "others may displace those of your feed: name its address in senders";
             return Some(format!(
-                "lines are lost, because more arrive than are recorded; {remedy}"
+                "{lost} lines were lost, because more arrive than are recorded; {remedy}"
             ));
         }
         let direction = if self.delay_s < 0.0 {

@@ -11,22 +11,20 @@ use serde_json::{Map, Value};
 use super::config::KeepConfig;
 use super::context::LiveContext;
 use super::result::LiveFrame;
-use crate::daemon::budget::DiskShare;
+use crate::daemon::budget::check_disk_share;
 use crate::daemon::frame_storage;
 use wingd_store::manifest::{SeriesCause, SeriesState};
 use wingd_store::{OpenSeries, SeriesPlan, StoreResult};
 
 /// Maximum number of every-n-th frames that wait for the disk.
 const MAX_NTH_WAITING: usize = 4;
-/// Number of every-n-th frames in a series; then the next series begins.
-const NTH_SERIES_FRAMES: usize = 500;
+/// Number of frames in a series; then the next series begins. Closing a series and reading its results takes time and memory.
+const MAX_SERIES_FRAMES: usize = 1000;
 /// Multiple of `after` by which further events prolong an event at most: a camera that is disturbed all the time must not fill
 /// the disk.
 const MAX_PROLONGATION: u32 = 3;
 /// Share of the disk for raw frames of live mode.
 const DISK_SHARE: f64 = 0.5;
-/// Number of frames at which a prolonged event ends; file names have four digits.
-const MAX_EVENT_FRAMES: usize = 9000;
 
 /// Period of an event whose frames are to be saved.
 struct EventWindow {
@@ -35,7 +33,6 @@ struct EventWindow {
     /// Time since boot at which it ends even if it is prolonged, s.
     latest_s: f64,
     reasons: Vec<String>,
-    frames: usize,
 }
 
 #[derive(Default)]
@@ -62,7 +59,8 @@ pub(crate) struct RawFrameBuffer {
 /// Next job of the [`RawFrameWriter`].
 enum WriterJob {
     Nth(Arc<LiveFrame>),
-    OfEvent(Arc<LiveFrame>),
+    /// Frame of an event, with the reasons so far.
+    OfEvent(Arc<LiveFrame>, Vec<String>),
     EndEvent(Vec<String>),
     Wait,
     End,
@@ -145,7 +143,6 @@ impl RawFrameBuffer {
                     until_s,
                     latest_s,
                     reasons: vec![reason],
-                    frames: 0,
                 });
             }
         }
@@ -200,7 +197,7 @@ impl BufferState {
         while let Some(event) = &mut self.event {
             let at_s = self.ring.front().map(|f| f.exposed_at_s());
             let (from_s, until_s) = (event.from_s, event.until_s);
-            let over = at_s.is_some_and(|at| at > until_s) || event.frames >= MAX_EVENT_FRAMES;
+            let over = at_s.is_some_and(|at| at > until_s);
             if over || (at_s.is_none() && self.closed) {
                 return WriterJob::EndEvent(
                     self.event.take().map(|e| e.reasons).unwrap_or_default(),
@@ -210,9 +207,9 @@ impl BufferState {
                 None => return WriterJob::Wait,
                 Some(at) if at < from_s => drop(self.pop_oldest()),
                 Some(_) => {
-                    event.frames += 1;
+                    let reasons = event.reasons.clone();
                     if let Some(frame) = self.pop_oldest() {
-                        return WriterJob::OfEvent(frame);
+                        return WriterJob::OfEvent(frame, reasons);
                     }
                 }
             }
@@ -229,17 +226,15 @@ impl BufferState {
 pub(super) struct RawFrameWriter {
     shared: LiveContext,
     raw: Arc<RawFrameBuffer>,
-    share: DiskShare,
+    /// Raw frames of live mode in the newest flight, bytes.
+    bytes: u64,
 }
 
 impl RawFrameWriter {
     /// Creates the writer of a buffer's frames.
     pub fn new(shared: LiveContext, raw: Arc<RawFrameBuffer>) -> Self {
-        Self {
-            shared,
-            raw,
-            share: DiskShare::new(DISK_SHARE),
-        }
+        let bytes = shared.core.store.raw_frame_bytes();
+        Self { shared, raw, bytes }
     }
 
     /// Writes frames until the buffer is closed and empty.
@@ -249,15 +244,11 @@ impl RawFrameWriter {
             let job = self.raw.lock_state().next_job();
             match job {
                 WriterJob::Nth(frame) => {
-                    self.store_within_budget(&mut nth, SeriesCause::Live, &frame);
-                    if nth.as_ref().is_some_and(|series: &OpenSeries| {
-                        series.shots().len() >= NTH_SERIES_FRAMES
-                    }) {
-                        self.close_series(&mut nth, vec![self.nth_frame_series_remark()]);
-                    }
+                    let remarks = vec![self.nth_frame_series_remark()];
+                    self.store_within_budget(&mut nth, SeriesCause::Live, &frame, remarks);
                 }
-                WriterJob::OfEvent(frame) => {
-                    self.store_within_budget(&mut event, SeriesCause::Event, &frame)
+                WriterJob::OfEvent(frame, reasons) => {
+                    self.store_within_budget(&mut event, SeriesCause::Event, &frame, reasons);
                 }
                 WriterJob::EndEvent(reasons) => self.close_series(&mut event, reasons),
                 WriterJob::Wait => self.raw.wait_for_change(),
@@ -271,16 +262,16 @@ impl RawFrameWriter {
         format!("every {}th frame of live mode", self.raw.keep.every)
     }
 
+    /// Stores a frame, and closes a series that is long enough.
     fn store_within_budget(
         &mut self,
         series: &mut Option<OpenSeries>,
         cause: SeriesCause,
         frame: &LiveFrame,
+        remarks: Vec<String>,
     ) {
-        let allowed = self.share.take(
-            &self.shared.core.store,
-            frame.taken.frame.bytes.len() as u64,
-        );
+        let used = self.bytes + frame.taken.frame.bytes.len() as u64;
+        let allowed = check_disk_share(&self.shared.core.store, DISK_SHARE, used);
         let stored = allowed.and_then(|()| {
             // A series with a failed call is recovered before the next one begins.
             self.write_frame(series, cause, frame)
@@ -289,6 +280,7 @@ impl RawFrameWriter {
         });
         match stored {
             Ok(()) => {
+                self.bytes = used;
                 self.shared.update(|live| live.kept_frames += 1);
                 self.shared.clear_fault("frames");
             }
@@ -297,6 +289,10 @@ impl RawFrameWriter {
                 self.shared
                     .set_fault("frames", &format!("raw frames cannot be kept: {error}"));
             }
+        }
+        let is_full = |series: &&mut OpenSeries| series.shots().len() >= MAX_SERIES_FRAMES;
+        if series.as_mut().filter(is_full).is_some() {
+            self.close_series(series, remarks);
         }
     }
 
@@ -354,28 +350,29 @@ impl RawFrameWriter {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::CameraFrame;
+    use crate::daemon::capture::CapturedFrame;
     use crate::daemon::core::Core;
     use crate::daemon::live::LiveConfig;
     use crate::daemon::shutdown::Halt;
     use crate::daemon::status::StatusBoard;
-    use wingd_base::clock::{Clock, SimulatedClock};
+    use wingd_base::clock::exposure::Exposure;
+    use wingd_base::clock::quality::ClockQuality;
+    use wingd_base::clock::{Clock, SimulatedClock, Stamp};
+    use wingd_evaluation::frame_format::Format;
     use wingd_store::{RealDisk, Store, StoreConfig};
 
-    #[test]
-    fn an_event_that_others_prolong_ends_and_a_pause_follows() {
-        let dir = tempfile::tempdir().unwrap();
+    fn context(root: &std::path::Path) -> LiveContext {
         let clock: Arc<dyn Clock> = Arc::new(SimulatedClock::new(
             "b",
             "2026-03-01T06:00:00Z".parse().unwrap(),
             None,
         ));
-        let store = Store::open(
-            Arc::new(RealDisk),
-            StoreConfig {
-                reserve_mb: 0,
-                ..StoreConfig::new(dir.path())
-            },
-        );
+        let config = StoreConfig {
+            reserve_mb: 0,
+            ..StoreConfig::new(root)
+        };
+        let store = Store::open(Arc::new(RealDisk), config);
         let (store, board) = (Arc::new(store.unwrap().0), StatusBoard::new(clock.clone()));
         let core = Core {
             store,
@@ -384,7 +381,59 @@ mod tests {
             halt: Halt::default(),
             observer: Arc::new(|_| ()),
         };
-        let shared = LiveContext::new(&core, &LiveConfig::default());
+        LiveContext::new(&core, &LiveConfig::default())
+    }
+
+    fn live_frame(number: u64, at_s: f64) -> LiveFrame {
+        let stamp = Stamp {
+            utc: "2026-03-01T06:00:00Z".parse().unwrap(),
+            utc_synchronised: true,
+            boot_id: "b".to_owned(),
+            since_boot_s: at_s,
+        };
+        let frame = CameraFrame {
+            bytes: (number as u32).to_le_bytes().to_vec(),
+            format: Format::Jpeg,
+            settings: Map::new(),
+            exposed: None,
+        };
+        let exposure = Exposure::from_request(&stamp, at_s, ClockQuality::default());
+        let taken = CapturedFrame {
+            frame,
+            stamp,
+            duration_s: 0.0,
+            exposure,
+        };
+        LiveFrame { number, taken }
+    }
+
+    #[test]
+    fn a_long_event_is_stored_in_several_series() {
+        let dir = tempfile::tempdir().unwrap();
+        let shared = context(dir.path());
+        let buffer = Arc::new(RawFrameBuffer::new(KeepConfig::default()));
+        buffer.add_event(&shared, "a gust".to_owned(), 1.0, true);
+        for number in 0..=MAX_SERIES_FRAMES as u64 {
+            buffer.push(&Arc::new(live_frame(number, 1.0)));
+        }
+        buffer.close();
+        RawFrameWriter::new(shared.clone(), buffer).run();
+        let manifests = shared.core.store.newest_manifests();
+        let counts: Vec<_> = manifests.iter().map(|m| m.shots.len()).collect();
+        assert_eq!(counts, [MAX_SERIES_FRAMES, 1]);
+        assert!(manifests.iter().all(|m| m.remarks == ["a gust"]));
+        let bytes = (MAX_SERIES_FRAMES as u64 + 1) * 4;
+        assert_eq!(
+            shared.core.store.raw_frame_bytes(),
+            bytes,
+            "a restart knows them"
+        );
+    }
+
+    #[test]
+    fn an_event_that_others_prolong_ends_and_a_pause_follows() {
+        let dir = tempfile::tempdir().unwrap();
+        let shared = context(dir.path());
         let buffer = RawFrameBuffer::new(KeepConfig::default());
         // A jolt in each frame at 10 Hz, for half an hour.
         let mut kept = 0;

@@ -18,7 +18,7 @@ use wingd_evaluation::pipeline::marking::MANUAL_SIGMA_PX;
 use wingd_pages::access::Access;
 use wingd_pages::section::ServeConfig;
 use wingd_store as store;
-use wingd_store::{RealDisk, layout, manual_marks};
+use wingd_store::{RealDisk, StoreError, layout, manual_marks};
 
 /// Mark undetected markers manually in a browser on this machine; who, when and why are stored with each mark.
 #[derive(clap::Args)]
@@ -169,9 +169,13 @@ fn workplace_for_store(args: &MarkArgs, root: &Path) -> TaskResult<Workplace> {
             format!("{} has no frame", flight.id),
         ));
     }
-    let (store, recovery) = stored_flights::open_store(root)?;
-    print_notes(&recovery.remarks);
-    let (known, notes) = manual_marks::read_marks(store.disk(), root, &flight)?;
+    match stored_flights::open_store(root) {
+        Ok((_, recovery)) => print_notes(&recovery.remarks),
+        // Marks can be added as soon as it is free.
+        Err(error @ StoreError::Locked { .. }) => print_notes([error]),
+        Err(error) => return Err(error.into()),
+    }
+    let (known, notes) = manual_marks::read_marks(&RealDisk, root, &flight)?;
     print_notes(notes);
     let picture = |frame: wingd_store::FrameRef| MarkableImage {
         name: stored_flights::frame_name(&frame),
@@ -182,7 +186,7 @@ fn workplace_for_store(args: &MarkArgs, root: &Path) -> TaskResult<Workplace> {
         args,
         installation,
         pictures,
-        MarkStorage::from_flight(store, flight.id, known),
+        MarkStorage::from_flight(root.to_owned(), flight, known),
     ))
 }
 

@@ -21,8 +21,8 @@ use wingd_pages::tls::TlsConnector;
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(30);
 /// Time in which a response must bring [`MIN_BYTES`]; otherwise the connection counts as lost.
 const STALL_TIMEOUT: Duration = Duration::from_secs(20);
-/// Minimum number of bytes in [`STALL_TIMEOUT`], 0.5 kB/s: a server that sends single bytes is not waited for.
-const MIN_BYTES: usize = 10_000;
+/// Minimum number of bytes in [`STALL_TIMEOUT`], 5 kB/s: at less, a frame of 5 MB takes longer than a quarter of an hour.
+const MIN_BYTES: usize = 100_000;
 
 /// Error for a server URL that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -64,7 +64,7 @@ impl RateCheck {
         if self.bytes < MIN_BYTES {
             return Err(io::Error::new(
                 io::ErrorKind::TimedOut,
-                "the server sends less than 0.5 kB/s",
+                "the server sends less than 5 kB/s",
             ));
         }
         *self = Self {
@@ -262,9 +262,10 @@ mod tests {
         let begun = Instant::now();
         let at = |second| begun + Duration::from_secs(second);
         let mut rate = RateCheck { begun, bytes: 0 };
-        assert!(rate.add(9000, at(19)).is_ok() && rate.add(1000, at(20)).is_ok());
+        assert!(rate.add(90_000, at(19)).is_ok() && rate.add(10_000, at(20)).is_ok());
         assert!(
-            (21..40).all(|second| rate.add(1, at(second)).is_ok()) && rate.add(1, at(40)).is_err()
+            (21..40).all(|second| rate.add(700, at(second)).is_ok())
+                && rate.add(700, at(40)).is_err()
         );
     }
 }

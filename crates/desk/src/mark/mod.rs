@@ -121,10 +121,10 @@ struct MarkServerState {
 
 type MarkContext = State<Arc<MarkServerState>>;
 
-/// Serves the marking page until `shutdown` completes, then closes the marks.
+/// Serves the marking page until `shutdown` completes.
 ///
 /// # Errors
-/// Returns an error if the address accepts no connections, or the marks cannot be closed (the next start closes them).
+/// Returns an error if the address accepts no connections.
 pub async fn serve_marking(
     workplace: Workplace,
     access: Access,
@@ -146,13 +146,8 @@ pub async fn serve_marking(
         .route("/pictures.json", get(list_images))
         .route("/picture/{name}", get(send_image).post(post_mark))
         .fallback(async || Refusal::NotFound);
-    let router = add_common_layers(router, access.clone()).with_state(shared.clone());
-    server::accept_connections(router, access, listener, shutdown).await?;
-    let marking = shared
-        .marking
-        .lock()
-        .unwrap_or_else(PoisonError::into_inner);
-    marking.workplace.storage.close().map_err(io::Error::other)
+    let router = add_common_layers(router, access.clone()).with_state(shared);
+    server::accept_connections(router, access, listener, shutdown).await
 }
 
 async fn mark_page(State(shared): MarkContext, address: Uri) -> Response {

@@ -1,7 +1,10 @@
 //! Storage of manual marks: with a store's flight as evidence, or in a file next to the images. Each mark is durable before
-//! the server responds.
+//! the server responds. Other servers and commands may write to the same place: it is locked and read again for each mark, and
+//! free in between.
 
-use std::path::PathBuf;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use wingd_base::fault::Fault;
 use wingd_evaluation::installation;
@@ -10,8 +13,8 @@ use wingd_evaluation::pipeline::manual_observations::{
     mark_from_observation, observation_from_mark,
 };
 use wingd_measure::setup::Setup;
-use wingd_store::manual_marks::{ManualMark, effective_marks};
-use wingd_store::{Disk, RealDisk, Store, StoreError, StoreResult};
+use wingd_store::manual_marks::{ManualMark, effective_marks, read_marks};
+use wingd_store::{Disk, FlightRef, RealDisk, Store, StoreConfig, StoreError, StoreResult};
 
 /// Manual marks and their storage.
 pub struct MarkStorage {
@@ -21,18 +24,15 @@ pub struct MarkStorage {
 }
 
 enum MarkDestination {
-    Flight { store: Box<Store>, flight: String },
+    Flight { root: PathBuf, flight: FlightRef },
     File { path: PathBuf, setup: Box<Setup> },
 }
 
 impl MarkStorage {
-    /// Creates the storage of a stored flight, with its existing marks.
-    pub fn from_flight(store: Store, flight: String, marks: Vec<ManualMark>) -> Self {
+    /// Creates the storage of a store's flight, with its existing marks.
+    pub fn from_flight(root: PathBuf, flight: FlightRef, marks: Vec<ManualMark>) -> Self {
         Self {
-            destination: MarkDestination::Flight {
-                store: Box::new(store),
-                flight,
-            },
+            destination: MarkDestination::Flight { root, flight },
             marks,
         }
     }
@@ -42,15 +42,7 @@ impl MarkStorage {
     /// # Errors
     /// Returns every error of an existing file.
     pub fn from_file(path: PathBuf, setup: &Setup) -> Result<Self, Vec<Fault>> {
-        let existing = path
-            .exists()
-            .then(|| installation::read_observations(&path, setup))
-            .transpose()?;
-        let marks = existing
-            .unwrap_or_default()
-            .iter()
-            .map(|o| mark_from_observation(o, setup))
-            .collect();
+        let marks = read_file(&path, setup)?;
         Ok(Self {
             destination: MarkDestination::File {
                 path,
@@ -63,8 +55,8 @@ impl MarkStorage {
     /// Describes the storage for a person.
     pub fn description(&self) -> String {
         match &self.destination {
-            MarkDestination::Flight { store, flight } => {
-                format!("{} of {}", flight, store.root().display())
+            MarkDestination::Flight { root, flight } => {
+                format!("{} of {}", flight.id, root.display())
             }
             MarkDestination::File { path, .. } => path.display().to_string(),
         }
@@ -75,10 +67,41 @@ impl MarkStorage {
     /// # Errors
     /// Returns an error if the marks cannot be written; none of them is then effective.
     pub fn add(&mut self, new: Vec<ManualMark>) -> StoreResult<()> {
-        match &self.destination {
-            MarkDestination::Flight { store, flight } => store.add_marks(flight, &new)?,
+        let mut marks = match &self.destination {
+            MarkDestination::Flight { root, flight } => {
+                let config = StoreConfig {
+                    reserve_mb: 0,
+                    ..StoreConfig::new(root)
+                };
+                let (store, _) = Store::open(Arc::new(RealDisk), config)?;
+                let (marks, _) = read_marks(store.disk(), root, flight)?;
+                store.add_marks(&flight.id, &new)?;
+                // So that the flight's checksums cover them; if that fails, the next opening does it.
+                let _ = store.close_marks_file();
+                marks
+            }
             MarkDestination::File { path, setup } => {
-                let all: Vec<ManualMark> = self.marks.iter().chain(&new).cloned().collect();
+                let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+                let folder = File::open(folder.unwrap_or(Path::new(".")));
+                let folder = folder.map_err(StoreError::io(path, "write"))?;
+                // Network disks may have no locks for folders.
+                let _ = folder.lock();
+                let mut marks = read_file(path, setup).map_err(|faults| StoreError::Damaged {
+                    path: path.clone(),
+                    problem: faults.first().map_or(String::new(), Fault::to_string),
+                    remedy: "correct the file, then mark again",
+                })?;
+                for mark in &mut marks {
+                    // The file does not hold how a position was found.
+                    let is_same = |known: &&ManualMark| {
+                        (&known.image, &known.id, &known.who, known.at)
+                            == (&mark.image, &mark.id, &mark.who, mark.at)
+                    };
+                    if let Some(known) = self.marks.iter().rev().find(is_same) {
+                        *mark = known.clone();
+                    }
+                }
+                let all: Vec<ManualMark> = marks.iter().chain(&new).cloned().collect();
                 let rows: Vec<ManualObservation> = effective_marks(&all)
                     .into_iter()
                     .filter_map(|m| observation_from_mark(m, setup))
@@ -87,9 +110,11 @@ impl MarkStorage {
                 let text = installation::observations_text(&rows, setup)
                     .map_err(StoreError::io(path, "write"))?;
                 disk.replace_file(path, &text)?;
+                marks
             }
-        }
-        self.marks.extend(new);
+        };
+        marks.extend(new);
+        self.marks = marks;
         Ok(())
     }
 
@@ -102,15 +127,14 @@ impl MarkStorage {
             .cloned()
             .collect()
     }
+}
 
-    /// Closes the marks file of a flight, so that its checksums cover it.
-    ///
-    /// # Errors
-    /// Returns an error if it cannot be closed; the next start closes it.
-    pub fn close(&self) -> StoreResult<()> {
-        match &self.destination {
-            MarkDestination::Flight { store, .. } => store.close_marks_file(),
-            MarkDestination::File { .. } => Ok(()),
-        }
+/// Reads the marks in a file of observations; none if it does not exist.
+fn read_file(path: &Path, setup: &Setup) -> Result<Vec<ManualMark>, Vec<Fault>> {
+    if !path.exists() {
+        return Ok(Vec::new());
     }
+    let observations = installation::read_observations(path, setup)?;
+    let mark = |o: &ManualObservation| mark_from_observation(o, setup);
+    Ok(observations.iter().map(mark).collect())
 }

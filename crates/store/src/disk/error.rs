@@ -58,14 +58,18 @@ pub enum StoreError {
         /// Evidence that it is not a store.
         why: String,
     },
-    /// A daemon already writes to the store.
+    /// Another process writes to the store.
     #[error(
-        "{}: another wingd is writing to this store; stop it first (systemctl stop wingd)",
-        printable_path(path)
+        "{}: {} is writing to this store; {}",
+        printable_path(path),
+        printable_path(holder),
+        lock_remedy(holder)
     )]
     Locked {
         /// The lock file.
         path: PathBuf,
+        /// Command and process that hold the lock, as they have named themselves.
+        holder: String,
     },
     /// A file is damaged or not in the format of this program.
     #[error("{}: {problem}; {remedy}", printable_path(path))]
@@ -97,6 +101,14 @@ impl StoreError {
     }
 }
 
+fn lock_remedy(holder: &str) -> &'static str {
+    if holder.starts_with("`wingd run`") {
+        "stop the recorder first (systemctl stop wingd, if it is the service)"
+    } else {
+        "wait until it ends, or stop that process"
+    }
+}
+
 fn io_remedy(source: &io::Error) -> &'static str {
     match source.kind() {
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
@@ -104,6 +116,7 @@ fn io_remedy(source: &io::Error) -> &'static str {
         }
         io::ErrorKind::PermissionDenied => "give the user that runs wingd write access",
         io::ErrorKind::ReadOnlyFilesystem => "mount the file system writable and check it (fsck)",
+        io::ErrorKind::InvalidInput => "move it out of the store",
         io::ErrorKind::NotFound => "check that the path exists and its disk is mounted",
         _ => "check the disk and its cable (see dmesg)",
     }

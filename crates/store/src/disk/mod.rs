@@ -6,19 +6,20 @@ pub(crate) mod owner;
 use std::any::Any;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
-use std::os::unix::fs::FileExt;
-use std::path::Path;
+use std::os::unix::fs::{DirBuilderExt, FileExt, MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
 
+use rustix::fs::OFlags;
 use serde::de::DeserializeOwned;
 
 pub use error::{StoreError, StoreResult};
-use wingd_base::regular_file::{open_regular_file, read_regular_file};
 
 /// Entry of a directory.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DirectoryEntry {
     /// Name of the entry; bytes that are not UTF-8 become replacement characters.
     pub name: String,
+    /// Folder, not a link to one.
     pub is_dir: bool,
     /// Symbolic link; the store never creates one.
     pub is_link: bool,
@@ -43,6 +44,10 @@ pub trait Disk: Send + Sync {
         let end = begin.saturating_add(length).min(bytes.len());
         Ok(bytes.get(begin..end).unwrap_or_default().to_vec())
     }
+    /// Returns the length of a file, bytes.
+    fn length(&self, path: &Path) -> io::Result<u64> {
+        self.read(path).map(|bytes| bytes.len() as u64)
+    }
     /// Lists a directory, sorted by name.
     fn list(&self, directory: &Path) -> io::Result<Vec<DirectoryEntry>>;
     /// Returns whether the path exists.
@@ -50,6 +55,10 @@ pub trait Disk: Send + Sync {
     /// Returns whether this user's permissions allow writing to an existing path.
     fn is_permitted(&self, _path: &Path) -> bool {
         true
+    }
+    /// Returns whether a path is a directory, not a link to one.
+    fn is_directory(&self, path: &Path) -> bool {
+        self.list(path).is_ok()
     }
     /// Creates one directory, whose parent exists.
     fn create_dir(&self, path: &Path) -> io::Result<()>;
@@ -73,17 +82,17 @@ pub trait Disk: Send + Sync {
     fn lock(&self, path: &Path) -> io::Result<Option<Lock>>;
 }
 
-/// File system of the machine.
+/// File system of the machine. No file is opened through a link: a store may come from elsewhere, and a link leads out of it.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RealDisk;
 
 impl Disk for RealDisk {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
-        read_regular_file(path, u64::MAX)
+        read_whole(open_regular_file(path)?)
     }
 
     fn read_range(&self, path: &Path, offset: u64, length: usize) -> io::Result<Vec<u8>> {
-        let (file, total) = open_regular_file(path, OpenOptions::new().read(true))?;
+        let (file, total) = open_regular_file(path)?;
         let left = total.saturating_sub(offset);
         let mut bytes = vec![0; length.min(usize::try_from(left).unwrap_or(length))];
         let mut read = 0;
@@ -95,6 +104,11 @@ impl Disk for RealDisk {
         }
         bytes.truncate(read);
         Ok(bytes)
+    }
+
+    fn length(&self, path: &Path) -> io::Result<u64> {
+        let meta = fs::symlink_metadata(path)?;
+        meta.is_file().then_some(meta.len()).ok_or_else(not_regular)
     }
 
     fn list(&self, directory: &Path) -> io::Result<Vec<DirectoryEntry>> {
@@ -119,33 +133,46 @@ impl Disk for RealDisk {
         path.exists()
     }
 
+    fn is_directory(&self, path: &Path) -> bool {
+        fs::symlink_metadata(path).is_ok_and(|meta| meta.is_dir())
+    }
+
     fn is_permitted(&self, path: &Path) -> bool {
         rustix::fs::access(path, rustix::fs::Access::WRITE_OK) != Err(rustix::io::Errno::ACCESS)
     }
 
     fn create_dir(&self, path: &Path) -> io::Result<()> {
-        fs::create_dir(path)?;
+        // Below a folder that is closed to other users, no other needs to be.
+        let above = fs::metadata(owner::parent_folder(path))?.mode();
+        let mode = if above & 0o007 == 0 { 0o777 } else { 0o750 };
+        fs::DirBuilder::new().mode(mode).create(path)?;
         owner::inherit_owner(path)
     }
 
     fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        // A part is always a new file: one that is already there may be another name of a file elsewhere.
+        let is_part = path.extension().is_some_and(|ending| ending == "part");
+        if is_part && let Err(error) = fs::remove_file(path) {
+            if error.kind() != io::ErrorKind::NotFound {
+                return Err(error);
+            }
+        }
         let mut options = OpenOptions::new();
-        options.write(true).create(true).truncate(true);
-        let (file, _) = open_regular_file(path, &mut options)?;
+        options.write(true).truncate(true).create(true);
+        let file = open_file(options.create_new(is_part), path)?;
         owner::inherit_owner(path)?;
         write_and_sync(file, bytes)
     }
 
     fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
         let mut options = OpenOptions::new();
-        options.create(true).append(true);
-        let (file, _) = open_regular_file(path, &mut options)?;
+        let file = open_file(options.create(true).append(true), path)?;
         owner::inherit_owner(path)?;
         write_and_sync(file, bytes)
     }
 
     fn truncate(&self, path: &Path, length: u64) -> io::Result<()> {
-        let (file, _) = open_regular_file(path, OpenOptions::new().write(true))?;
+        let file = open_file(OpenOptions::new().write(true), path)?;
         file.set_len(length)?;
         file.sync_all()
     }
@@ -154,7 +181,7 @@ impl Disk for RealDisk {
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
         fs::rename(from, to)?;
         // FAT records length and location in the new entry only when the file itself is synced again.
-        File::open(to)?.sync_all()
+        open_file(OpenOptions::new().read(true), to)?.sync_all()
     }
 
     fn remove_file(&self, path: &Path) -> io::Result<()> {
@@ -177,10 +204,17 @@ impl Disk for RealDisk {
     fn lock(&self, path: &Path) -> io::Result<Option<Lock>> {
         let mut options = OpenOptions::new();
         options.create(true).truncate(false).write(true);
-        let (file, _) = open_regular_file(path, &mut options)?;
+        let mut file = open_file(&mut options, path)?;
         owner::inherit_owner(path)?;
         match rustix::fs::flock(&file, rustix::fs::FlockOperation::NonBlockingLockExclusive) {
-            Ok(()) => Ok(Some(Box::new(LockedFile(file)))),
+            Ok(()) => {
+                file.set_len(0)?;
+                let command = std::env::args().nth(1).unwrap_or_default();
+                let named = format!("`wingd {command}` (process {})", std::process::id());
+                // On a full disk the lock has no name.
+                let _ = file.write_all(named.as_bytes());
+                Ok(Some(Box::new(LockedFile(file))))
+            }
             Err(rustix::io::Errno::WOULDBLOCK) => Ok(None),
             Err(error) => Err(error.into()),
         }
@@ -201,6 +235,38 @@ impl Drop for LockedFile {
 fn write_and_sync(mut file: File, bytes: &[u8]) -> io::Result<()> {
     file.write_all(bytes)?;
     file.sync_all()
+}
+
+/// Opens a file, never through a link, and without waiting for the other end of a pipe.
+fn open_file(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
+    let flags = (OFlags::NOFOLLOW | OFlags::NONBLOCK).bits() as i32;
+    let opened = options.custom_flags(flags).open(path);
+    opened.map_err(|error| match error.raw_os_error() {
+        Some(code) if code == rustix::io::Errno::LOOP.raw_os_error() => not_regular(),
+        _ => error,
+    })
+}
+
+fn not_regular() -> io::Error {
+    io::Error::new(
+        io::ErrorKind::InvalidInput,
+        "is a link, or not a regular file",
+    )
+}
+
+/// Opens a regular file for reading and returns its length.
+fn open_regular_file(path: &Path) -> io::Result<(File, u64)> {
+    let file = open_file(OpenOptions::new().read(true), path)?;
+    let metadata = file.metadata()?;
+    let is_file = metadata.is_file().then_some((file, metadata.len()));
+    is_file.ok_or_else(not_regular)
+}
+
+fn read_whole((file, length): (File, u64)) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or(0));
+    // Without a limit the library would ask for length and position again.
+    file.take(u64::MAX).read_to_end(&mut bytes)?;
+    Ok(bytes)
 }
 
 /// Fills a buffer with random bytes from the operating system.
@@ -236,12 +302,28 @@ impl dyn Disk + '_ {
             .map_err(StoreError::io(directory, "list"))
     }
 
+    /// Lists the entries of a folder and, down to `depth` levels of names, below it, each before those in it. Folders that this
+    /// user cannot list (lost+found), or that are moved meanwhile, are not entered.
+    pub(crate) fn walk(&self, folder: &Path, depth: usize) -> Vec<(PathBuf, DirectoryEntry)> {
+        let mut all = Vec::new();
+        for entry in self.list(folder).unwrap_or_default() {
+            let path = folder.join(&entry.name);
+            let is_entered = entry.is_dir && depth > 1;
+            all.push((path.clone(), entry));
+            if is_entered {
+                all.extend(self.walk(&path, depth - 1));
+            }
+        }
+        all
+    }
+
     /// Returns the length of a file, bytes; `None` if it does not exist, or is a link or directory.
     pub(crate) fn file_length(&self, path: &Path) -> StoreResult<Option<u64>> {
-        let entries = self.list_entries(path.parent().unwrap_or(Path::new(".")))?;
-        let name = path.file_name().unwrap_or_default();
-        let file = |e: &DirectoryEntry| e.name.as_str() == name && !e.is_dir && !e.is_link;
-        Ok(entries.into_iter().find(file).map(|entry| entry.length))
+        use io::ErrorKind::{InvalidInput, NotFound};
+        match self.length(path) {
+            Err(error) if matches!(error.kind(), NotFound | InvalidInput) => Ok(None),
+            length => length.map(Some).map_err(StoreError::io(path, "read")),
+        }
     }
 
     /// Writes a file from its beginning; its name may not be durable.
@@ -272,10 +354,10 @@ impl dyn Disk + '_ {
     /// Appends to a file of `length` bytes. If that fails, the file is truncated to `length`, as far as the disk permits:
     /// after a failed fsync the file shows bytes that are not on the medium and that no later fsync writes, so nothing may
     /// depend on them.
-    pub(crate) fn extend_file(&self, path: &Path, length: usize, bytes: &[u8]) -> StoreResult<()> {
+    pub(crate) fn extend_file(&self, path: &Path, length: u64, bytes: &[u8]) -> StoreResult<()> {
         let appended = self
             .append(path, bytes)
-            .inspect_err(|_| drop(self.truncate(path, length as u64)));
+            .inspect_err(|_| drop(self.truncate(path, length)));
         appended.map_err(StoreError::io(path, "write"))
     }
 
@@ -297,15 +379,13 @@ impl dyn Disk + '_ {
             .map_err(StoreError::io(path, "remove"))
     }
 
-    /// Removes a directory and its content; a link is removed, never followed.
+    /// Removes a file, or a directory with its content; a link is removed, never followed.
     pub(crate) fn remove_tree(&self, folder: &Path) -> StoreResult<()> {
+        if !self.is_directory(folder) {
+            return self.remove(folder);
+        }
         for entry in self.list_entries(folder)? {
-            let path = folder.join(&entry.name);
-            if entry.is_dir && !entry.is_link {
-                self.remove_tree(&path)?
-            } else {
-                self.remove(&path)?
-            }
+            self.remove_tree(&folder.join(&entry.name))?;
         }
         self.sync_directory(folder)?;
         self.remove_dir(folder)

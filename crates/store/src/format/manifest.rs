@@ -195,7 +195,7 @@ pub struct FlightManifest {
 }
 
 /// Next ids: `counter.json`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counter {
     /// Number of the next flight.
     pub next_flight: u64,
@@ -225,13 +225,9 @@ impl Counter {
 
     /// Returns the larger next flight id and the larger next series id.
     pub fn merge(self, other: Self) -> Self {
-        let (next_flight, next_series) = (
-            self.next_flight.max(other.next_flight),
-            self.next_series.max(other.next_series),
-        );
         Self {
-            next_flight,
-            next_series,
+            next_flight: self.next_flight.max(other.next_flight),
+            next_series: self.next_series.max(other.next_series),
         }
     }
 }

@@ -80,26 +80,17 @@ pub fn verify_copy(
     }
     Ok(CopyProof::Verified {
         sums_sha256: sha256_hex(&here_sums),
-        bytes: folder_size(disk, &flight.folder)?,
+        bytes: disk
+            .walk(&flight.folder, 2)
+            .iter()
+            .map(|(_, entry)| entry.length)
+            .sum(),
     })
 }
 
 fn is_same_path(one: &Path, other: &Path) -> bool {
     let real = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
     real(one) == real(other)
-}
-
-fn folder_size(disk: &dyn Disk, folder: &Path) -> StoreResult<u64> {
-    let mut bytes = 0;
-    for entry in disk.list_entries(folder)? {
-        let below = if entry.is_dir {
-            folder_size(disk, &folder.join(&entry.name))?
-        } else {
-            0
-        };
-        bytes += entry.length + below;
-    }
-    Ok(bytes)
 }
 
 impl Store {

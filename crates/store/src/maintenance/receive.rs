@@ -15,6 +15,7 @@ use crate::disk::{Disk, Lock, StoreError, StoreResult};
 use crate::format::manifest::Counter;
 use crate::format::{layout, sha256_hex};
 use crate::read::bundle::{BundleFile, FlightBundle};
+use crate::read::catalogue;
 use crate::write::opening;
 use crate::write::root::StoreRoot;
 
@@ -132,6 +133,7 @@ pub struct Receiver<'a> {
 impl<'a> Receiver<'a> {
     /// Opens a directory that does not exist, is empty, a store, or an incomplete copy.
     pub fn open(disk: &'a dyn Disk, root: &Path) -> StoreResult<Self> {
+        catalogue::refuse_links(disk, root)?;
         let begun = disk.exists(&root.join(layout::FETCHING));
         if !begun && !disk.exists(&root.join(layout::STORE_FILE)) {
             opening::make_root(disk, root)?;
@@ -195,11 +197,12 @@ impl<'a> Receiver<'a> {
             let frame = path
                 .file_name()
                 .is_some_and(|name| layout::is_frame_name(&name.to_string_lossy()));
-            if frame && !thorough {
-                self.file_length(path) == Some(item.length)
-            } else {
-                self.is_intact(path, item)
-            }
+            let length = self.disk.file_length(path).ok().flatten();
+            let is_intact = || {
+                let bytes = self.disk.read(path);
+                bytes.is_ok_and(|bytes| sha256_hex(&bytes) == item.sha256)
+            };
+            length == Some(item.length) && (frame && !thorough || is_intact())
         };
         let here = |item: &&ListedFile| {
             item.name == layout::COUNTER_FILE
@@ -207,18 +210,6 @@ impl<'a> Receiver<'a> {
                 || there(&self.staged_path(&item.name), item)
         };
         listing.items.iter().filter(|item| !here(item)).collect()
-    }
-
-    fn is_intact(&self, path: &Path, item: &ListedFile) -> bool {
-        self.file_length(path) == Some(item.length)
-            && self
-                .disk
-                .read(path)
-                .is_ok_and(|bytes| sha256_hex(&bytes) == item.sha256)
-    }
-
-    fn file_length(&self, path: &Path) -> Option<u64> {
-        self.disk.file_length(path).ok().flatten()
     }
 
     fn staged_path(&self, name: &str) -> PathBuf {
@@ -272,7 +263,8 @@ impl<'a> Receiver<'a> {
     }
 
     fn make_parent_dirs_durably(&self, path: &Path) -> StoreResult<()> {
-        let Some(folder) = path.parent().filter(|folder| !self.disk.exists(folder)) else {
+        // What is here and no folder cannot be created: a link is not followed.
+        let Some(folder) = path.parent().filter(|f| !self.disk.is_directory(f)) else {
             return Ok(());
         };
         self.make_parent_dirs_durably(folder)?;

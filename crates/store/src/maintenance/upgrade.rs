@@ -7,11 +7,9 @@ use super::verify;
 use crate::config::StoreConfig;
 use crate::disk::{Disk, StoreError, StoreResult};
 use crate::format::append_file_kinds::APPEND_FILE_KINDS;
-use crate::format::chain;
-use crate::format::chain::{AppendedResults, ChainEvent, ClosedFile};
+use crate::format::chain::{self, ChainEvent, ClosedFile};
 use crate::format::{layout, sha256_hex};
-use crate::read::catalogue;
-use crate::read::catalogue::FlightRef;
+use crate::read::catalogue::{self, FlightRef};
 use crate::read::installations::InstallationFile;
 use crate::write::root::StoreRoot;
 use crate::write::store::Store;
@@ -119,13 +117,8 @@ fn build_chain(
         });
         let path = series.folder.join(layout::RESULTS_FILE);
         if disk.exists(&path) {
-            results::repair_results(root, &series.folder)?;
-            let (bytes, sha256) = digest(&path)?;
-            events.push(ChainEvent::Results(AppendedResults {
-                series: series.id,
-                bytes,
-                sha256,
-            }));
+            let results = results::repair_results(root, &series.folder)?;
+            events.push(ChainEvent::Results(results.entry(&series.id)));
         }
     }
     chain::encode_chain(events).map_err(StoreError::io(

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use super::catalogue::{self, FlightRef};
-use crate::disk::{Disk, StoreError, StoreResult};
+use crate::disk::{Disk, StoreResult};
 pub use crate::format::aircraft::{AircraftHead, AircraftLine};
 use crate::format::append_file_kinds::AIRCRAFT_DATA;
-use crate::format::{jsonl, sha256_hex};
+use crate::format::sha256_hex;
 
 /// Lists the closed files with aircraft data of a flight, in order.
 pub fn closed_files(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<Vec<String>> {
@@ -22,19 +22,8 @@ pub fn read_aircraft(
     root: &Path,
     flight: &FlightRef,
 ) -> StoreResult<(AircraftRecording, Vec<String>)> {
-    let (mut all, mut notes) = (Vec::new(), Vec::new());
-    catalogue::for_each_file(disk, root, flight, &AIRCRAFT_DATA, |path, bytes| {
-        match jsonl::parse_headed::<AircraftHead, _>(bytes) {
-            Some((head, lines)) if head.flight == flight.id => all.push((head, lines)),
-            Some(_) => {}
-            None => notes.push(format!(
-                "{}: its first line is damaged; run `wingd verify`",
-                path.display()
-            )),
-        }
-        Ok::<_, StoreError>(())
-    })?;
-    Ok((all, notes))
+    let flight_of: fn(&AircraftHead) -> &str = |head| &head.flight;
+    catalogue::read_headed_files(disk, root, flight, &AIRCRAFT_DATA, flight_of)
 }
 
 /// Computes the digest of a flight's current aircraft data, an input of results that use it; `None` if there is none.

@@ -160,7 +160,7 @@ impl BundleBuilder<'_> {
         let list = self.disk.list_entries(&series.folder)?;
         let lengths: BTreeMap<&str, u64> = list
             .iter()
-            .filter(|e| !e.is_dir && !e.is_link)
+            .filter(|e| !e.is_dir)
             .map(|e| (e.name.as_str(), e.length))
             .collect();
         let shots = catalogue::read_series_manifest(self.disk, &series)?.shots;

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use serde::de::DeserializeOwned;
+
 use crate::disk::{DirectoryEntry, Disk, StoreError, StoreResult};
 use crate::format::append_file_kinds::AppendFileKind;
 use crate::format::chain::Chain;
@@ -26,9 +28,6 @@ pub struct SeriesRef {
     pub folder: PathBuf,
 }
 
-/// Formats that this program reads and writes.
-const SUPPORTED_FORMATS: [u32; 2] = [layout::FORMAT_WITHOUT_EVIDENCE, layout::FORMAT];
-
 /// Parses `store.toml`; `None` if it cannot be read.
 fn read_format_file(disk: &dyn Disk, root: &Path) -> Option<toml::Table> {
     let bytes = disk.read(&root.join(layout::STORE_FILE)).ok()?;
@@ -45,8 +44,29 @@ pub fn store_id(disk: &dyn Disk, root: &Path) -> Option<String> {
     (mark.get("format")?.as_integer()? == i64::from(layout::FORMAT)).then(|| id.to_owned())
 }
 
-/// Checks that `root` is a store in a supported format.
+/// Refuses a store that has links. They lead out of it, and a store may come from elsewhere. Files in the folder of a series
+/// are refused when they are opened, because there are many.
+pub(crate) fn refuse_links(disk: &dyn Disk, root: &Path) -> StoreResult<()> {
+    let mut all = disk.walk(root, 3);
+    all.extend(disk.walk(&root.join(layout::FETCHING), 4));
+    let found = all.into_iter().find(|(_, entry)| entry.is_link);
+    found.map_or(Ok(()), |(path, _)| {
+        Err(StoreError::Damaged {
+            path,
+            problem: "is a link, which leads out of the store".to_owned(),
+            remedy: "move it out of the store, or replace it by the files themselves",
+        })
+    })
+}
+
+/// Checks that `root` is a store in a supported format, without links.
 pub fn check_format(disk: &dyn Disk, root: &Path) -> StoreResult<()> {
+    refuse_links(disk, root)?;
+    check_format_file(disk, root)
+}
+
+/// Checks the format file.
+pub(crate) fn check_format_file(disk: &dyn Disk, root: &Path) -> StoreResult<()> {
     let path = root.join(layout::STORE_FILE);
     if !disk.exists(&path) {
         let why = format!("it has no {}", layout::STORE_FILE);
@@ -57,22 +77,20 @@ pub fn check_format(disk: &dyn Disk, root: &Path) -> StoreResult<()> {
     }
     disk.load_file(&path)?;
     let mark = read_format_file(disk, root);
-    match mark.as_ref().and_then(|mark| mark.get("format")) {
-        Some(format)
-            if SUPPORTED_FORMATS
-                .iter()
-                .any(|known| format.as_integer() == Some((*known).into())) =>
-        {
-            Ok(())
-        }
-        Some(format) => Err(StoreError::Version {
+    let known = [layout::FORMAT_WITHOUT_EVIDENCE, layout::FORMAT].map(i64::from);
+    let format = mark.as_ref().and_then(|mark| mark.get("format"));
+    let number = format.and_then(toml::Value::as_integer);
+    let has_id = store_id(disk, root).is_some_and(|id| !id.is_empty());
+    match format {
+        Some(_) if number == Some(known[0]) || has_id => Ok(()),
+        Some(format) if number != Some(known[1]) => Err(StoreError::Version {
             path,
             found: format.to_string(),
             supported: layout::FORMAT,
         }),
-        None => Err(StoreError::Damaged {
+        _ => Err(StoreError::Damaged {
             path,
-            problem: "has no format number".to_owned(),
+            problem: "has no format number or no id".to_owned(),
             remedy: "a recorder rebuilds it from the chains of the flights; if they have none, restore it from a copy",
         }),
     }
@@ -111,7 +129,7 @@ pub(crate) fn closed_files(
     kind: &AppendFileKind,
 ) -> StoreResult<Vec<String>> {
     numbered_names(disk, &flight.folder, kind.closed_number, |entry| {
-        !entry.is_dir && !entry.is_link
+        !entry.is_dir
     })
 }
 
@@ -136,6 +154,30 @@ pub(crate) fn for_each_file<E: From<StoreError>>(
         give(&closed, &bytes)?;
     }
     open.map_or(Ok(()), |bytes| give(&path, &bytes))
+}
+
+/// Reads the head and the lines of a flight's files of a kind, in the order written; `flight_of` returns the flight in a head.
+/// Returns them with notes on unreadable files.
+pub(crate) fn read_headed_files<H: DeserializeOwned, L: DeserializeOwned>(
+    disk: &dyn Disk,
+    root: &Path,
+    flight: &FlightRef,
+    kind: &AppendFileKind,
+    flight_of: fn(&H) -> &str,
+) -> StoreResult<(Vec<(H, Vec<L>)>, Vec<String>)> {
+    let (mut all, mut notes) = (Vec::new(), Vec::new());
+    for_each_file(disk, root, flight, kind, |path, bytes| {
+        match jsonl::parse_headed::<H, L>(bytes) {
+            Some((head, lines)) if flight_of(&head) == flight.id => all.push((head, lines)),
+            Some(_) => {}
+            None => notes.push(format!(
+                "{}: its first line is damaged; run `wingd verify`",
+                path.display()
+            )),
+        }
+        Ok::<_, StoreError>(())
+    })?;
+    Ok((all, notes))
 }
 
 /// Lists numbered names in a folder, sorted by number.
@@ -218,17 +260,18 @@ pub fn for_each_line(
 
 /// Reads the intact lines of a series' `results.jsonl`, in the order written; empty if there is none.
 pub fn read_results(disk: &dyn Disk, series: &SeriesRef) -> StoreResult<Vec<ResultLine>> {
-    let bytes = disk
-        .load_if_exists(&series.folder.join(layout::RESULTS_FILE))?
-        .unwrap_or_default();
-    Ok(jsonl::parse_lines(&bytes)
-        .good
-        .into_iter()
-        .map(|(_, line)| line)
-        .collect())
+    let mut results = Vec::new();
+    for_each_line(
+        disk,
+        &series.folder.join(layout::RESULTS_FILE),
+        |_, line| {
+            results.extend(serde_json::from_slice::<ResultLine>(line).ok());
+        },
+    )?;
+    Ok(results)
 }
 
-fn read_json<T: serde::de::DeserializeOwned>(disk: &dyn Disk, path: &Path) -> StoreResult<T> {
+fn read_json<T: DeserializeOwned>(disk: &dyn Disk, path: &Path) -> StoreResult<T> {
     serde_json::from_slice(&disk.load_file(path)?).map_err(|error| StoreError::Damaged {
         path: path.to_owned(),
         problem: error.to_string(),

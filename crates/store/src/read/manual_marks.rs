@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use super::catalogue::{self, FlightRef};
-use crate::disk::{Disk, StoreError, StoreResult};
+use crate::disk::{Disk, StoreResult};
 use crate::format::append_file_kinds::MANUAL_MARKS;
 use crate::format::manual_marks::ManualMarksHead;
 pub use crate::format::manual_marks::{
     ManualMark, MarkAction, MarkPosition, MarkSource, effective_marks,
 };
-use crate::format::{jsonl, sha256_hex};
+use crate::format::sha256_hex;
 
 /// Reads all manual marks of a flight in the order in which they were made, including the file being written; returns them
 /// with notes on unreadable files.
@@ -18,19 +18,12 @@ pub fn read_marks(
     root: &Path,
     flight: &FlightRef,
 ) -> StoreResult<(Vec<ManualMark>, Vec<String>)> {
-    let (mut all, mut notes) = (Vec::new(), Vec::new());
-    catalogue::for_each_file(disk, root, flight, &MANUAL_MARKS, |path, bytes| {
-        match jsonl::parse_headed::<ManualMarksHead, ManualMark>(bytes) {
-            Some((head, marks)) if head.flight == flight.id => all.extend(marks),
-            Some(_) => {}
-            None => notes.push(format!(
-                "{}: its first line is damaged; run `wingd verify`",
-                path.display()
-            )),
-        }
-        Ok::<_, StoreError>(())
-    })?;
-    Ok((all, notes))
+    let flight_of: fn(&ManualMarksHead) -> &str = |head| &head.flight;
+    let (all, notes) = catalogue::read_headed_files(disk, root, flight, &MANUAL_MARKS, flight_of)?;
+    Ok((
+        all.into_iter().flat_map(|(_, marks)| marks).collect(),
+        notes,
+    ))
 }
 
 /// Computes the digest of the valid marks, an input of results that use them; `None` if there are none.

@@ -2,6 +2,7 @@
 
 use std::sync::PoisonError;
 
+use serde::Serialize;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
@@ -9,12 +10,10 @@ use super::segment::{self, AppendFile, AppendPiece, OpenSegment};
 use super::store::Store;
 use crate::disk::{StoreError, StoreResult};
 use crate::format::aircraft::{AircraftHead, AircraftLine};
-use crate::format::append_file_kinds::{AIRCRAFT_DATA, LIVE_RESULTS, MANUAL_MARKS};
-use crate::format::columns;
-use crate::format::columns::{LiveRow, LiveTable};
+use crate::format::append_file_kinds::LIVE_RESULTS;
+use crate::format::columns::{self, LiveRow, LiveTable};
 use crate::format::jsonl;
-use crate::format::manual_marks;
-use crate::format::manual_marks::ManualMark;
+use crate::format::manual_marks::{self, ManualMark};
 use wingd_base::clock::Stamp;
 
 impl Store {
@@ -35,27 +34,11 @@ impl Store {
         lines: &[AircraftLine],
     ) -> StoreResult<bool> {
         self.refuse_below_reserve()?;
-        let path = self.root().join(AIRCRAFT_DATA.open_name);
-        let piece = |bytes| AppendPiece {
-            bytes,
-            tag: [0; 32],
-        };
         let head = AircraftHead {
             flight: flight.to_owned(),
             source: source.clone(),
         };
-        let first = jsonl::encode_line(&head).map_err(StoreError::io(&path, "write"))?;
-        let begin = || Ok(piece(first.clone()));
-        let written = |_| {
-            Ok(piece(
-                lines
-                    .iter()
-                    .map(jsonl::encode_line)
-                    .collect::<Result<Vec<_>, _>>()?
-                    .concat(),
-            ))
-        };
-        self.append_piece(&self.aircraft, flight, first.clone(), begin, written)?;
+        self.append_lines(&self.aircraft, flight, &head, lines)?;
         Ok(true)
     }
 
@@ -105,26 +88,10 @@ impl Store {
     /// Records manual marks in frames of a flight durably, in addition to the frames and their detections, which stay
     /// unchanged.
     pub fn add_marks(&self, flight: &str, marks: &[ManualMark]) -> StoreResult<()> {
-        let path = self.root().join(MANUAL_MARKS.open_name);
-        let piece = |bytes| AppendPiece {
-            bytes,
-            tag: [0; 32],
-        };
         let head = manual_marks::ManualMarksHead {
             flight: flight.to_owned(),
         };
-        let first = jsonl::encode_line(&head).map_err(StoreError::io(&path, "write"))?;
-        let begin = || Ok(piece(first.clone()));
-        let written = |_| {
-            Ok(piece(
-                marks
-                    .iter()
-                    .map(jsonl::encode_line)
-                    .collect::<Result<Vec<_>, _>>()?
-                    .concat(),
-            ))
-        };
-        self.append_piece(&self.marks, flight, first.clone(), begin, written)
+        self.append_lines(&self.marks, flight, &head, marks)
     }
 
     /// Closes the open file with manual marks, so that the flight's sums cover it.
@@ -140,6 +107,28 @@ impl Store {
 
 /// Appending to files.
 impl Store {
+    /// Appends lines to a file that begins with a head.
+    fn append_lines<T: Serialize>(
+        &self,
+        file: &AppendFile,
+        flight: &str,
+        head: &impl Serialize,
+        lines: &[T],
+    ) -> StoreResult<()> {
+        let path = self.root().join(file.kind.open_name);
+        let first = jsonl::encode_line(head).map_err(StoreError::io(&path, "write"))?;
+        let piece = |bytes| AppendPiece {
+            bytes,
+            tag: [0; 32],
+        };
+        let begin = || Ok(piece(first.clone()));
+        let encoded = |_| {
+            let lines = lines.iter().map(jsonl::encode_line);
+            Ok(piece(lines.collect::<Result<Vec<_>, _>>()?.concat()))
+        };
+        self.append_piece(file, flight, first.clone(), begin, encoded)
+    }
+
     /// Appends a piece durably. A file has one `descriptor`; another descriptor, flight, or an exceeded length closes the
     /// file and begins one with `first`. `piece` receives the tag of the piece before.
     fn append_piece(
@@ -170,7 +159,7 @@ impl Store {
             }
         };
         self.disk()
-            .extend_file(&path, segment.length, &piece.bytes)?;
+            .extend_file(&path, segment.length as u64, &piece.bytes)?;
         segment.add_piece(&piece);
         *open = Some(segment);
         Ok(())

@@ -2,10 +2,12 @@
 
 use std::collections::{BTreeSet, HashSet};
 
+use super::results::OpenResults;
 use crate::format::manifest::Counter;
 use wingd_base::clock::Stamp;
 
 /// State of an open store, rebuilt by scanning.
+#[derive(Default)]
 pub(crate) struct StoreIndex {
     /// Next ids.
     pub counter: Counter,
@@ -16,6 +18,8 @@ pub(crate) struct StoreIndex {
     pub new_flight_requested: bool,
     /// Series without frames to solve, each with the key of the inputs.
     pub solved_series: HashSet<(String, String)>,
+    /// Results of the series that was solved last.
+    pub results: OpenResults,
     /// Installations in the chains, by flight and digest.
     pub installations: HashSet<(String, String)>,
     /// Flights whose SHA256SUMS are behind their chains.
@@ -31,11 +35,7 @@ impl StoreIndex {
             counter,
             flight,
             last_moment: last,
-            new_flight_requested: false,
-            solved_series: HashSet::new(),
-            installations: HashSet::new(),
-            unsealed: BTreeSet::new(),
-            reported: BTreeSet::new(),
+            ..Self::default()
         }
     }
 

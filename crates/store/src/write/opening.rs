@@ -28,7 +28,7 @@ pub(super) fn create_store(root: StoreRoot<'_>) -> StoreResult<()> {
 /// it is.
 pub(super) fn rebuild_format_file(root: StoreRoot<'_>) -> StoreResult<Option<String>> {
     let path = root.join(layout::STORE_FILE);
-    let damaged = match catalogue::check_format(root.disk, root.path) {
+    let damaged = match catalogue::check_format_file(root.disk, root.path) {
         Err(StoreError::Damaged { .. }) => true,
         Err(StoreError::NotAStore { .. }) => false,
         _ => return Ok(None),
@@ -63,6 +63,9 @@ pub(super) fn rebuild_format_file(root: StoreRoot<'_>) -> StoreResult<Option<Str
     )))
 }
 
+/// Maximum length of the name of the lock's holder, bytes.
+const MAX_HOLDER: usize = 100;
+
 /// Takes the lock, which is released when the returned guard is dropped.
 pub(crate) fn lock_store(root: StoreRoot<'_>) -> StoreResult<Lock> {
     let path = root.join(layout::LOCK_FILE);
@@ -70,7 +73,16 @@ pub(crate) fn lock_store(root: StoreRoot<'_>) -> StoreResult<Lock> {
         .disk
         .lock(&path)
         .map_err(StoreError::io(&path, "lock"))?;
-    lock.ok_or(StoreError::Locked { path })
+    lock.ok_or_else(|| {
+        let named = root.disk.read_range(&path, 0, MAX_HOLDER);
+        let named = String::from_utf8_lossy(&named.unwrap_or_default()).into_owned();
+        let holder = if named.is_empty() {
+            "another wingd".to_owned()
+        } else {
+            named
+        };
+        StoreError::Locked { path, holder }
+    })
 }
 
 /// Writes the format file, `store.toml`, and an empty `pending.json`.
@@ -120,33 +132,10 @@ pub fn unwritable_reason(disk: &dyn Disk, root: &Path) -> Option<String> {
         .into_iter()
         .find(|p| p.exists())
         .and_then(|path| write_refusal(path, owner));
-    refused.or_else(|| find_unwritable_entry(disk, root, owner, MAX_DEPTH))
-}
-
-/// Depth of folders whose files are rewritten: store, flights, flight; the frames of a series are not.
-const MAX_DEPTH: usize = 3;
-
-fn find_unwritable_entry(
-    disk: &dyn Disk,
-    folder: &Path,
-    owner: Option<Owner>,
-    deep: usize,
-) -> Option<String> {
-    let entries = disk.list(folder).unwrap_or_default();
-    let ours = entries
-        .iter()
-        .filter(|entry| entry.name != "lost+found" && !entry.is_link);
-    ours.map(|entry| (folder.join(&entry.name), entry.is_dir))
-        .find_map(|(path, is_dir)| {
-            let inside = || {
-                if is_dir && deep > 1 {
-                    find_unwritable_entry(disk, &path, owner, deep - 1)
-                } else {
-                    None
-                }
-            };
-            write_refusal(&path, owner).or_else(inside)
-        })
+    // Rewritten are files of store, flights and flight, not the frames of a series.
+    let inside = disk.walk(root, 3).into_iter();
+    let mut ours = inside.filter(|(path, entry)| !path.ends_with("lost+found") && !entry.is_link);
+    refused.or_else(|| ours.find_map(|(path, _)| write_refusal(&path, owner)))
 }
 
 /// Returns the reason for which a path cannot be written to; `owner`: the user that runs the recorder, if it is not this one.

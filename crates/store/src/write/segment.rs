@@ -3,6 +3,7 @@
 //! The open file is in the root, because the recovery of `incoming/` must not touch it. Its first line names the flight. It
 //! is closed by its line in the chain, then moved to the flight by one rename.
 
+use std::path::PathBuf;
 use std::sync::Mutex;
 
 use sha2::{Digest, Sha256};
@@ -58,6 +59,17 @@ impl OpenSegment {
         self.hasher.update(&piece.bytes);
         self.tag = piece.tag;
     }
+}
+
+/// Returns the length of the files of a kind on the disk, bytes.
+pub(super) fn recorded_bytes(root: StoreRoot<'_>, kind: &AppendFileKind) -> StoreResult<u64> {
+    let mut files = vec![root.join(kind.open_name)];
+    for flight in catalogue::list_flights(root.disk, root.path)? {
+        let closed = catalogue::closed_files(root.disk, &flight, kind)?;
+        files.extend(closed.iter().map(|file| flight.folder.join(file)));
+    }
+    let length = |file: &PathBuf| Ok(root.disk.file_length(file)?.unwrap_or(0));
+    files.iter().map(length).sum()
 }
 
 /// Closes the files left by the last recorder into their flights, or sets them aside if that is not possible.

@@ -3,7 +3,7 @@
 
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write};
-use std::os::unix::fs::OpenOptionsExt;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
 use ed25519_dalek::pkcs8::spki::der::pem::LineEnding;
@@ -144,6 +144,16 @@ fn write_new(path: &Path, bytes: &[u8], mode: u32) -> io::Result<()> {
         .parent()
         .filter(|folder| !folder.as_os_str().is_empty());
     fs::File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
+}
+
+/// Returns a sentence if every user of the machine can read a private key, and sign with it.
+pub fn exposure(path: &Path) -> Option<String> {
+    let mode = fs::metadata(path).ok()?.mode();
+    let (path, remedy) = (
+        path.display(),
+        "chmod 600 it, and use a new key if it was read",
+    );
+    (mode & 0o004 != 0).then(|| format!("{path}: every user can read this signing key; {remedy}"))
 }
 
 /// Public key for checking signatures.

@@ -1,16 +1,18 @@
 //! Selection of frames to solve, and storage of their results.
 
+use std::collections::HashSet;
+
 use serde_json::Value;
 
+use super::chain;
 use super::index::StoreIndex;
+use super::results::ResultKey;
 use super::store::Store;
-use super::{chain, results};
 use crate::disk::{StoreError, StoreResult};
 use crate::format::chain::ChainEvent;
-use crate::format::manifest::{FrameEntry, ResultLine, SeriesManifest, SolvingAttempt};
+use crate::format::manifest::{ResultLine, SeriesManifest, SolvingAttempt};
 use crate::format::{Inputs, jsonl, layout, sha256_hex};
-use crate::read::catalogue;
-use crate::read::catalogue::{FlightRef, SeriesRef};
+use crate::read::catalogue::{self, FlightRef, SeriesRef};
 use crate::read::frames::{FrameRef, read_frame, series_frames};
 use crate::read::installations;
 
@@ -68,14 +70,21 @@ impl Store {
         any_result_will_do: bool,
     ) -> StoreResult<Vec<FrameRef>> {
         let manifest = catalogue::read_series_manifest(self.disk(), series)?;
-        let keys = results::result_keys(self.disk(), &series.folder)?;
-        let solved = |frame: &FrameEntry| {
-            let key = inputs.key(&frame.sha256);
-            keys.iter()
-                .any(|k| k.frame == frame.file && (any_result_will_do || k.inputs == key))
-        };
         let mut frames = series_frames(series, manifest);
-        frames.retain(|frame| !solved(&frame.entry));
+        let mut solved = HashSet::new();
+        let path = series.folder.join(layout::RESULTS_FILE);
+        catalogue::for_each_line(self.disk(), &path, |_, line| {
+            let key = serde_json::from_slice::<ResultKey>(line);
+            solved.extend(key.ok().map(|key| (key.frame, key.inputs)));
+        })?;
+        if any_result_will_do {
+            let any: HashSet<&str> = solved.iter().map(|(frame, _)| frame.as_str()).collect();
+            frames.retain(|frame| !any.contains(frame.entry.file.as_str()));
+        } else {
+            frames.retain(|FrameRef { entry, .. }| {
+                !solved.contains(&(entry.file.clone(), inputs.key(&entry.sha256)))
+            });
+        }
         Ok(frames)
     }
 
@@ -138,7 +147,9 @@ impl Store {
             provenance: inputs.provenance.clone(),
             record,
         };
-        results::append_result(self.store_root(), &frame.series, &line)
+        index
+            .results
+            .append(self.store_root(), &frame.series, &line)
     }
 
     /// Adds a stored installation to the flight's chain, once, before the first result that was computed from it.

@@ -54,11 +54,12 @@ impl Store {
             disk: disk.as_ref(),
             path: &path,
         };
+        catalogue::refuse_links(disk.as_ref(), &path)?;
         let rebuilt = opening::rebuild_format_file(root)?;
         if !disk.exists(&root.join(layout::STORE_FILE)) {
             opening::create_store(root)?;
         }
-        catalogue::check_format(disk.as_ref(), &path)?;
+        catalogue::check_format_file(disk.as_ref(), &path)?;
         let lock = opening::lock_store(root)?;
         root.ensure_folders()?;
         let mut recovery = recover::recover_incoming(root, &ActiveSeries::default())?;
@@ -116,11 +117,12 @@ impl Store {
         }
     }
 
-    /// Returns a sentence if the key of the flights cannot be used.
+    /// Returns a sentence if the key of the flights cannot be used, or proves nothing.
     pub fn signing_fault(&self) -> Option<String> {
-        self.signer()
-            .err()
-            .map(|error| format!("flights are not signed: {error}"))
+        match self.signer() {
+            Ok(signer) => signing::exposure(signer?.path()),
+            Err(error) => Some(format!("flights are not signed: {error}")),
+        }
     }
 
     /// Returns the file system of the store.
@@ -140,6 +142,18 @@ impl Store {
     /// Returns the reserved space, MB.
     pub fn reserve_mb(&self) -> u64 {
         self.config.reserve_mb
+    }
+
+    /// Returns the length of the aircraft data of all flights on the disk, bytes.
+    pub fn aircraft_bytes(&self) -> StoreResult<u64> {
+        segment::recorded_bytes(self.store_root(), &AIRCRAFT_DATA)
+    }
+
+    /// Returns the length of the newest flight's frames of live mode and of events, bytes.
+    pub fn raw_frame_bytes(&self) -> u64 {
+        let manifests = self.newest_manifests();
+        let raw = manifests.iter().filter(|m| m.cause.is_concurrent());
+        raw.flat_map(SeriesManifest::frames).map(|f| f.bytes).sum()
     }
 
     /// Returns the name of the newest flight.
@@ -187,7 +201,7 @@ impl Store {
     }
 
     /// Returns the readable manifests of the newest flight, in order.
-    pub(crate) fn newest_manifests(&self) -> Vec<SeriesManifest> {
+    pub fn newest_manifests(&self) -> Vec<SeriesManifest> {
         let Some(id) = self.current_flight() else {
             return Vec::new();
         };
@@ -360,7 +374,7 @@ impl Store {
             (because, _) => {
                 let because =
                     because.unwrap_or_else(|| "the last flight is no longer here".to_owned());
-                self.new_flight(index, now, because)
+                self.make_flight(index, now, because, None)
             }
         }
     }
@@ -380,23 +394,15 @@ impl Store {
         because: String,
         name: Option<String>,
     ) -> StoreResult<String> {
-        self.make_flight(&mut self.lock_index(), now, (because, name))
-    }
-
-    fn new_flight(
-        &self,
-        index: &mut StoreIndex,
-        now: &Stamp,
-        because: String,
-    ) -> StoreResult<String> {
-        self.make_flight(index, now, (because, None))
+        self.make_flight(&mut self.lock_index(), now, because, name)
     }
 
     fn make_flight(
         &self,
         index: &mut StoreIndex,
         now: &Stamp,
-        (because, name): (String, Option<String>),
+        because: String,
+        name: Option<String>,
     ) -> StoreResult<String> {
         let flight = layout::flight_id(index.counter.next_flight);
         index.counter.advance_past(&flight);

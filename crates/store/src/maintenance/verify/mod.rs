@@ -34,6 +34,16 @@ pub fn verify_with_key(disk: &dyn Disk, path: &Path, key: &PublicKey) -> VerifyR
             folder: path.to_owned(),
         }],
     };
+    let absent = AbsentFlights::find(disk, path);
+    if let Some(first) = absent.first {
+        let problem = format!(
+            "{} flights are missing that {} does not name, the first is {first}: restore them from a copy; verify a copy of \
+             single flights by their folders",
+            absent.count,
+            layout::PRUNED_FILE
+        );
+        report.add_fault(19, &path.join(layout::FLIGHTS), problem);
+    }
     for flight in flights {
         let file = flight.folder.join(layout::CHAIN_FILE);
         let links = jsonl::parse_lines(&disk.read(&file).unwrap_or_default()).good;
@@ -63,6 +73,14 @@ pub fn verify_path(disk: &dyn Disk, path: &Path) -> VerifyReport {
         manifests: Manifests::new(),
         last: None,
     };
+    for (link, _) in disk
+        .walk(path, usize::MAX)
+        .iter()
+        .filter(|(_, e)| e.is_link)
+    {
+        let problem = "is a link: its target can change or disappear independently of the store";
+        checker.report.add_fault(18, link, problem);
+    }
     if disk.exists(&path.join(layout::STORE_FILE)) || disk.exists(&path.join(layout::FLIGHTS)) {
         checker.check_store(path);
     } else if disk.exists(&path.join(layout::FLIGHT_FILE)) {
@@ -93,6 +111,44 @@ pub fn verify_path(disk: &dyn Disk, path: &Path) -> VerifyReport {
     checker.report
 }
 
+/// Flights of a store that were begun and are not in it.
+#[derive(Default)]
+struct AbsentFlights {
+    /// Deleted flights, with their verified copies.
+    pruned: BTreeMap<String, PathBuf>,
+    /// Number of the others.
+    count: u64,
+    /// First of them.
+    first: Option<String>,
+}
+
+impl AbsentFlights {
+    fn find(disk: &dyn Disk, root: &Path) -> Self {
+        let Ok(flights) = catalogue::list_flights(disk, root) else {
+            return Self::default();
+        };
+        let mut known: BTreeSet<String> = flights.into_iter().map(|flight| flight.id).collect();
+        let log = disk.read(&root.join(layout::PRUNED_FILE));
+        let mut pruned = BTreeMap::new();
+        for (_, line) in jsonl::parse_lines::<PrunedFlight>(&log.unwrap_or_default()).good {
+            if known.insert(line.flight.flight.clone()) {
+                pruned.insert(line.flight.flight, line.copy);
+            }
+        }
+        let saved = disk.load_json::<Counter>(&root.join(layout::COUNTER_FILE));
+        let mut counter = saved.unwrap_or(Counter::FIRST);
+        known.iter().for_each(|id| counter.advance_past(id));
+        let count = (counter.next_flight - 1).saturating_sub(known.len() as u64);
+        let mut ids = (1..counter.next_flight).map(layout::flight_id);
+        let first = ids.find(|id| !known.contains(id)).filter(|_| count > 0);
+        Self {
+            pruned,
+            count,
+            first,
+        }
+    }
+}
+
 fn folder_name(path: &Path) -> String {
     let full = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     full.file_name()
@@ -114,16 +170,14 @@ struct StoreChecker<'a> {
 
 impl StoreChecker<'_> {
     fn check_store(&mut self, root: &Path) {
-        if let Err(error) = catalogue::check_format(self.disk, root) {
+        if let Err(error) = catalogue::check_format_file(self.disk, root) {
             self.report
                 .add_fault(1, &root.join(layout::STORE_FILE), error.to_string());
         }
         let flights = root.join(layout::FLIGHTS);
         for entry in self.list_or_report(&flights, 3) {
             let folder = flights.join(&entry.name);
-            if entry.is_link {
-                self.report_link(&folder);
-            } else if entry.is_dir && layout::flight_number(&entry.name).is_some() {
+            if entry.is_dir && layout::flight_number(&entry.name).is_some() {
                 self.check_flight(
                     Some(root),
                     &FlightRef {
@@ -179,89 +233,40 @@ impl StoreChecker<'_> {
         }
     }
 
-    /// Reports foreign files in the root of a store with evidence, and links anywhere.
+    /// Reports foreign files in the root of a store with evidence.
     fn check_root_entries(&mut self, root: &Path) {
         let evidence = catalogue::store_id(self.disk, root).is_some();
         for entry in self.list_or_report(root, 3) {
             let path = root.join(&entry.name);
-            if entry.is_link {
-                self.report_link(&path);
-            } else if evidence && !layout::is_root_name(&entry.name) {
+            if evidence && !layout::is_root_name(&entry.name) {
                 self.report
                     .add_fault(3, &path, "does not belong in a store");
             }
         }
-        for name in [layout::INCOMING, layout::INSTALLATIONS] {
-            self.check_links_below(&root.join(name));
-        }
-    }
-
-    fn check_links_below(&mut self, folder: &Path) {
-        for entry in self.disk.list(folder).unwrap_or_default() {
-            let path = folder.join(&entry.name);
-            match (entry.is_link, entry.is_dir) {
-                (true, _) => self.report_link(&path),
-                (false, true) => self.check_links_below(&path),
-                _ => {}
-            }
-        }
-    }
-
-    fn report_link(&mut self, path: &Path) {
-        self.report.add_fault(
-            18,
-            path,
-            "is a link: its target can change or disappear independently of the store",
-        );
     }
 
     /// Notes flights that were begun but are not here: moved away, or lost.
     fn note_absent_flights(&mut self, root: &Path) {
-        let Some(counter) = self
-            .disk
-            .load_json::<Counter>(&root.join(layout::COUNTER_FILE))
-        else {
-            return;
-        };
-        let pruned = self
-            .disk
-            .read(&root.join(layout::PRUNED_FILE))
-            .unwrap_or_default();
-        let mut pruned_here = BTreeSet::new();
-        for (_, line) in jsonl::parse_lines::<PrunedFlight>(&pruned).good {
-            let (id, copy) = (line.flight.flight, line.copy);
-            if !self.disk.exists(&root.join(layout::FLIGHTS).join(&id))
-                && pruned_here.insert(id.clone())
-            {
-                self.report.notes.push(format!(
-                    "{id} was pruned; its verified copy: {}",
-                    copy.display()
-                ));
-            }
-        }
-        let here = catalogue::list_flights(self.disk, root).unwrap_or_default();
-        let here: BTreeSet<u64> = here
-            .iter()
-            .filter_map(|f| layout::flight_number(&f.id))
-            .collect();
-        let absent = counter
-            .next_flight
-            .saturating_sub(1 + (here.len() + pruned_here.len()) as u64);
-        if absent > 0 {
+        let absent = AbsentFlights::find(self.disk, root);
+        let notes = absent.pruned.iter().map(|(id, copy)| {
+            let copy = copy.display();
+            format!("{id} was pruned; its verified copy: {copy}")
+        });
+        self.report.notes.extend(notes);
+        if absent.first.is_some() {
             let problem = "flights are missing: they were moved away or lost";
-            self.report.notes.push(format!("{absent} {problem}"));
+            self.report
+                .notes
+                .push(format!("{} {problem}", absent.count));
         }
     }
 
     fn list_or_report(&mut self, directory: &Path, invariant: u8) -> Vec<DirectoryEntry> {
-        match self.disk.list(directory) {
-            Ok(entries) => entries,
-            Err(error) => {
-                self.report
-                    .add_fault(invariant, directory, format!("cannot be listed: {error}"));
-                Vec::new()
-            }
-        }
+        let listed = self.disk.list(directory).map_err(|error| {
+            let problem = format!("cannot be listed: {error}");
+            self.report.add_fault(invariant, directory, problem);
+        });
+        listed.unwrap_or_default()
     }
 
     fn check_id_counter(&mut self, root: &Path) {
@@ -277,24 +282,19 @@ impl StoreChecker<'_> {
                     .add_fault(2, &path, format!("cannot be read: {error}"));
             }
         };
-        let series = self
-            .seen
-            .keys()
-            .filter_map(|id| layout::series_number(id))
-            .max();
-        let folder = |path: &PathBuf| path.parent().map(folder_name).unwrap_or_default();
-        let flight = self
-            .seen
-            .values()
-            .filter_map(|path| layout::flight_number(&folder(path)))
-            .max();
-        if series.is_some_and(|last| counter.next_series <= last) {
-            self.report
-                .add_fault(2, &path, "next_series is not above the existing series");
+        let mut least = Counter::FIRST;
+        for (id, folder) in &self.seen {
+            least.advance_past(id);
+            least.advance_past(&folder.parent().map(folder_name).unwrap_or_default());
         }
-        if flight.is_some_and(|last| counter.next_flight <= last) {
-            self.report
-                .add_fault(2, &path, "next_flight is not above the existing flights");
+        for (key, next, least) in [
+            ("series", counter.next_series, least.next_series),
+            ("flight", counter.next_flight, least.next_flight),
+        ] {
+            if next < least {
+                let problem = format!("next_{key} is not above the existing ones");
+                self.report.add_fault(2, &path, problem);
+            }
         }
     }
 
@@ -314,9 +314,7 @@ impl StoreChecker<'_> {
         }
         for entry in self.list_or_report(&flight.folder, 3) {
             let folder = flight.folder.join(&entry.name);
-            if entry.is_link {
-                self.report_link(&folder);
-            } else if entry.is_dir && layout::series_number(&entry.name).is_some() {
+            if entry.is_dir && layout::series_number(&entry.name).is_some() {
                 self.check_series(&SeriesRef {
                     flight: flight.id.clone(),
                     id: entry.name,

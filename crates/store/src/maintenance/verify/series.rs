@@ -92,10 +92,8 @@ impl StoreChecker<'_> {
         let mut names: BTreeSet<&str> = manifest.frames().map(|f| f.file.as_str()).collect();
         names.extend([layout::SERIES_FILE, layout::RESULTS_FILE]);
         for entry in self.list_or_report(&series.folder, 6) {
-            let path = series.folder.join(&entry.name);
-            if entry.is_link {
-                self.report_link(&path);
-            } else if entry.is_dir || !names.contains(entry.name.as_str()) {
+            if entry.is_dir || !names.contains(entry.name.as_str()) {
+                let path = series.folder.join(&entry.name);
                 self.report
                     .add_fault(6, &path, "is not named in series.json");
             }
