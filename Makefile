@@ -1,4 +1,4 @@
-# The two commands: make demo, make test. Everything else is below `make help`.
+# `make help` lists the targets: six for everybody, the others for maintainers.
 CARGO ?= cargo
 PACKAGES := build-essential pkg-config libclang-dev libgphoto2-dev
 # What the pages' examples call besides.
@@ -29,17 +29,19 @@ BOARD_FEATURES := --no-default-features --features board
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
 	@echo 'make build         the whole program: target/release/wingd'
-	@echo 'make build-board   the program of the on-board package: target/board/wingd'
 	@echo 'make test          formatting, lints, every test (Debian 12: installs what it lacks)'
+	@echo 'make bench         the figures of docs/performance.md'
+	@echo 'make docs          all pages as a book: target/book/index.html'
+	@echo 'make package       the on-board Debian package, in target/package'
+	@echo
+	@echo 'For maintainers:'
+	@echo 'make build-board   the program of the on-board package: target/board/wingd'
 	@echo 'make test-python   lints and tests of wingd for Python; make test-python-long: notebooks, fleet'
 	@echo 'make test-mutations  10,000 mutated installations, frames, measurements, configurations'
 	@echo 'make table TABLE=name  a table of the pages that takes minutes to hours: tests/validation/tables'
 	@echo 'make check         format, lints, unit tests and layers: what usually breaks, in a minute after a change'
-	@echo 'make bench         the figures of docs/performance.md'
-	@echo 'make docs          all pages as a book: target/book/index.html'
 	@echo 'make docs-figures  writes the figures of README and pages by their commands (OPTIONS=--check compares)'
 	@echo 'make compare BASE=revision  what detects otherwise than at that revision (QUICK=1, TOLERANCE; tests/compare)'
-	@echo 'make package       the on-board Debian package, in target/package'
 	@echo 'make package-desk  the workstation'"'"'s: the whole program and wingd for Python; packaging/Containerfile makes an image of it'
 	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
 	@echo 'make test-browser  each interaction of a report, marking by clicking, the live page through its faults, in Chromium (installs it)'
@@ -51,9 +53,10 @@ help:
 	@echo 'make fleet-growth  questions to 20, 200 and 2,000 synthetic flights, timed'
 	@echo 'make test-powercut  300 power cuts of a virtual machine, and the control without fsync'
 
+# A target folder of its own: no build replaces another's program.
 demo: dependencies
-	$(CARGO) build --release --locked --bin wingd $(DEMO_FEATURES)
-	target/release/wingd demo --output $(DEMO_OUTPUT)
+	$(CARGO) build --release --locked --bin wingd $(DEMO_FEATURES) --target-dir target/demo
+	target/demo/release/wingd demo --output $(DEMO_OUTPUT)
 
 # Lints and tests of one build: .ci/linted. It has made the program, too.
 test: dependencies
@@ -85,9 +88,8 @@ build: dependencies
 
 .PHONY: build-board
 build-board: dependencies
-	$(CARGO) build --release --locked --bin wingd $(BOARD_FEATURES)
-	mkdir -p $(BOARD)
-	cp target/release/wingd $(BOARD)/wingd
+	$(CARGO) build --release --locked --bin wingd $(BOARD_FEATURES) --target-dir $(BOARD)
+	cp $(BOARD)/release/wingd $(BOARD)/wingd
 
 bench: build
 	sh benches/run.sh
@@ -96,7 +98,7 @@ bench: build
 export PLAYWRIGHT ?= $(CURDIR)/target/playwright
 PLAYWRIGHT_VERSION := 1.65.1
 LOOK ?= target/browser
-test-browser: demo browser-dependencies
+test-browser: demo build browser-dependencies
 	node tests/browser/report.mjs $(DEMO_OUTPUT)/report.html $(LOOK)
 	node tests/browser/mark.mjs target/release/wingd $(LOOK)
 	node tests/live/page.js target/release/wingd $(LOOK)
