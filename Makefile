@@ -8,13 +8,15 @@ MACHINE_PACKAGES := flex bison bc xz-utils dpkg-dev libexif-dev mmdebstrap e2fsp
 MACHINE_OPTIONS ?=
 DEMO_OUTPUT ?= demo-output
 
-# The desk's side (docs/fleet.md): its packages in an environment of their own, its wingd with `upload` beside the daemon's.
-# WINGD=/usr/bin/wingd takes one that is there, as of the desk's package.
+# wingd for Python: an environment with the versions of python/constraints.txt, made once. Its commands call WINGD.
+PYTHON_VENV := $(CURDIR)/target/python-venv
 FLEET := $(CURDIR)/target/fleet
-WINGD ?= $(FLEET)/wingd
+WINGD ?= $(CURDIR)/target/release/wingd
+# A program of yours is taken as it is.
+PROGRAM := $(if $(filter $(CURDIR)/target/release/wingd,$(WINGD)),build)
 export RAY_USAGE_STATS_ENABLED := 0
 # Without any network but the loopback.
-ALONE := $(FLEET)/venv/bin/python -m demo.alone
+ALONE := $(PYTHON_VENV)/bin/python -m demo.alone
 
 # What the demonstration needs: no cameras but replay, no boards, no Parquet, no TIFF.
 DEMO_FEATURES := --no-default-features --features desk
@@ -22,13 +24,14 @@ DEMO_FEATURES := --no-default-features --features desk
 BOARD := $(CURDIR)/target/board
 BOARD_FEATURES := --no-default-features --features board
 
-.PHONY: help demo test test-mutations table check lint bench compare docs docs-figures pictures test-browser browser-dependencies package package-desk package-aarch64 test-machine test-soak test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
+.PHONY: help demo test test-mutations table check lint bench compare docs docs-figures pictures test-browser browser-dependencies package package-desk package-aarch64 test-machine test-soak test-powercut test-python test-python-long constraints fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
 	@echo 'make build         the whole program: target/release/wingd'
 	@echo 'make build-board   the program of the on-board package: target/board/wingd'
 	@echo 'make test          formatting, lints, every test (Debian 12: installs what it lacks)'
+	@echo 'make test-python   lints and tests of wingd for Python; make test-python-long: notebooks, fleet'
 	@echo 'make test-mutations  10,000 mutated installations, frames, measurements, configurations'
 	@echo 'make table TABLE=name  a table of the pages that takes minutes to hours: tests/validation/tables'
 	@echo 'make check         format, lints, unit tests and layers: what usually breaks, in a minute after a change'
@@ -37,7 +40,7 @@ help:
 	@echo 'make docs-figures  writes the figures of README and pages by their commands (OPTIONS=--check compares)'
 	@echo 'make compare BASE=revision  what detects otherwise than at that revision (QUICK=1, TOLERANCE; tests/compare)'
 	@echo 'make package       the on-board Debian package, in target/package'
-	@echo 'make package-desk  the desk'"'"'s: the whole program with upload, wingd-fleet; packaging/Containerfile makes an image of it'
+	@echo 'make package-desk  the workstation'"'"'s: the whole program and wingd for Python; packaging/Containerfile makes an image of it'
 	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
 	@echo 'make test-browser  each interaction of a report, marking by clicking, the live page through its faults, in Chromium (installs it)'
 	@echo 'make pictures      the screenshots of the pages: docs/images'
@@ -52,12 +55,13 @@ demo: dependencies
 	$(CARGO) build --release --locked --bin wingd $(DEMO_FEATURES)
 	target/release/wingd demo --output $(DEMO_OUTPUT)
 
-# Lints and tests of one build: .ci/linted.
+# Lints and tests of one build: .ci/linted. It has made the program, too.
 test: dependencies
 	@sh packaging/dependencies.sh $(TEST_PACKAGES)
 	$(CARGO) fmt --check
 	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/linted $(CARGO) test --release --locked --all-targets --no-run
 	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/linted $(CARGO) test --release --locked
+	$(MAKE) test-python PROGRAM=
 
 # In about half an hour; WINGD_MUTATIONS=400 for a look.
 test-mutations: dependencies
@@ -128,8 +132,9 @@ compare: dependencies
 package: build-board
 	sh packaging/build.sh $(BOARD)/wingd
 
-package-desk: $(FLEET)/wingd
-	sh packaging/desk.sh $(FLEET)/wingd
+package-desk: build
+	@sh packaging/dependencies.sh python3-venv
+	sh packaging/desk.sh target/release/wingd
 
 package-aarch64: machine-dependencies
 	bash packaging/aarch64.sh
@@ -150,35 +155,37 @@ test-powercut: build
 	bash tests/powercut/run.sh --cuts $(CUTS) --fs $(FS)
 	bash tests/powercut/run.sh --cuts 20 --fs $(FS) --without-fsync
 
-fleet-demo: $(FLEET)/installed-demo $(WINGD)
-	cd fleet && $(ALONE) $(FLEET)/venv/bin/python -m demo $(WINGD) $(FLEET)/demo
+test-python: $(PYTHON_VENV)/installed-test $(PROGRAM)
+	cd python && $(PYTHON_VENV)/bin/ruff format --check . && $(PYTHON_VENV)/bin/ruff check .
+	cd python && WINGD=$(WINGD) PATH="$(PYTHON_VENV)/bin:$$PATH" $(PYTHON_VENV)/bin/python -m pytest
 
-# FLEET_SLOW_LINK=1: 100 MB over 2 Mbit/s too, ten minutes more.
-fleet-test: $(FLEET)/installed-test $(WINGD)
-	$(CARGO) clippy --release --locked --all-targets --features upload -- -D warnings
-	$(CARGO) test --release --locked --features upload --lib -- upload
-	cd fleet && $(FLEET)/venv/bin/ruff format --check . && $(FLEET)/venv/bin/ruff check .
-	cd fleet && WINGD=$(WINGD) $(ALONE) $(FLEET)/venv/bin/python -m pytest
+# Notebooks and the fleet: upload broken off, workers killed, engines, schema. FLEET_SLOW_LINK=1: 100 MB over 2 Mbit/s too, ten
+# minutes more.
+test-python-long: $(PYTHON_VENV)/installed-fleet-test $(PROGRAM)
+	cd python && WINGD=$(WINGD) PATH="$(PYTHON_VENV)/bin:$$PATH" $(ALONE) $(PYTHON_VENV)/bin/python -m pytest -m long
+
+fleet-test: $(PYTHON_VENV)/installed-fleet-test $(PROGRAM)
+	cd python && WINGD=$(WINGD) PATH="$(PYTHON_VENV)/bin:$$PATH" $(ALONE) $(PYTHON_VENV)/bin/python -m pytest -m long tests/fleet
+
+fleet-demo: $(PYTHON_VENV)/installed-demo $(PROGRAM)
+	cd python && $(ALONE) $(PYTHON_VENV)/bin/python -m demo $(WINGD) $(FLEET)/demo
 
 # 20, 200 and 2,000 synthetic flights: some minutes and 1 GB to make them.
-fleet-growth: $(FLEET)/installed-test $(WINGD)
-	cd fleet && $(FLEET)/venv/bin/python -m demo.growth $(WINGD) $(FLEET)/growth
+fleet-growth: $(PYTHON_VENV)/installed-fleet-test $(PROGRAM)
+	cd python && PATH="$(PYTHON_VENV)/bin:$$PATH" $(PYTHON_VENV)/bin/python -m demo.growth $(WINGD) $(FLEET)/growth
 
-# installed-demo: 400 MB with the S3 server, 480 MB with wingd and what the demonstration makes; installed-test: 1.2 GB, Ray and other
-# engines among it.
-$(FLEET)/installed-%: fleet/pyproject.toml
+$(PYTHON_VENV)/installed-%: python/pyproject.toml python/constraints.txt
 	@sh packaging/dependencies.sh python3-venv
-	mkdir -p $(FLEET)
-	python3 -m venv $(FLEET)/venv
-	$(FLEET)/venv/bin/pip install --quiet --disable-pip-version-check --editable 'fleet[$*]'
-	$(if $(filter demo,$*),$(FLEET)/venv/bin/python -m pip uninstall --yes --quiet setuptools pip)
+	[ -e $(PYTHON_VENV)/bin/pip ] || python3 -m venv $(PYTHON_VENV)
+	$(PYTHON_VENV)/bin/pip install --quiet --disable-pip-version-check --constraint python/constraints.txt --editable 'python[$*]'
 	touch $@
 
-.PHONY: $(FLEET)/wingd
-$(FLEET)/wingd: dependencies
-	$(CARGO) build --release --locked --bins --features upload
-	mkdir -p $(FLEET)
-	strip -o $@ target/release/wingd
+# Writes python/constraints.txt from the newest versions that pyproject.toml permits.
+constraints:
+	rm -rf target/constraints
+	python3 -m venv target/constraints
+	target/constraints/bin/pip install --quiet --disable-pip-version-check './python[fleet-test,desk]'
+	target/constraints/bin/pip freeze --exclude wingd > python/constraints.txt
 
 # Installs the Debian packages that are missing, as root or through sudo; elsewhere says which.
 dependencies:

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
+use super::camera_shots::{ShotArgs, take_shots};
 use super::workstation;
 use crate::camera::section::CameraSection;
 use crate::config::{self, Config};
@@ -33,6 +34,8 @@ pub struct CheckArgs {
     /// Do not open the camera
     #[arg(long)]
     no_camera: bool,
+    #[command(flatten)]
+    camera: ShotArgs,
     /// Print one JSON object: ok, found, faults
     #[arg(long)]
     json: bool,
@@ -43,6 +46,9 @@ type Finding = (&'static str, String);
 
 /// Checks a configuration, the installation and the store, and prints faults and remarks.
 pub(super) fn run(args: &CheckArgs) -> TaskResult<Completion> {
+    if let Some(shots) = args.camera.shots {
+        return take_shots(&args.camera, shots, args.config.as_deref());
+    }
     let mut findings = Findings::default();
     let (file, directory) = select_subjects(args)?;
     if let Some(directory) = &directory {
@@ -149,7 +155,7 @@ fn advisory_findings(setup: &Setup) -> Vec<Finding> {
     if setup.markers.iter().all(|m| !m.fixed) {
         let how = "none: camera rotation and shift since the ground frame can only be estimated from the wing itself; \
                    `wingd plan` shows the gain from fixed targets";
-        all.push(("fixed marks", how.to_owned()));
+        all.push(("fixed targets", how.to_owned()));
     }
     let small_priors = workstation::describe_small_priors(setup);
     all.extend(small_priors.into_iter().map(|how| ("prior sigma", how)));

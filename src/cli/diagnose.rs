@@ -27,7 +27,7 @@ pub struct DiagnoseArgs {
     installation: Option<PathBuf>,
     /// The images show the wing in flight, and the installation has an orientation
     #[arg(long)]
-    flight: bool,
+    joint: bool,
     /// Manual marks in the images (id,u_px,v_px,sigma_px; for several images also image)
     #[arg(long, value_name = "FILE.csv")]
     observations: Option<PathBuf>,
@@ -37,7 +37,7 @@ pub struct DiagnoseArgs {
     /// Images processed in parallel [default: number of cores]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     jobs: usize,
-    /// Ground frames, or with --flight frames in flight
+    /// Ground frames, or with --joint frames in flight
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
 }
@@ -45,7 +45,7 @@ pub struct DiagnoseArgs {
 /// Diagnoses images and prints the causes.
 pub(super) fn run(args: &DiagnoseArgs) -> Result<Completion, Failure> {
     let installation = load_installation(&resolve_installation(args.installation.as_deref())?)?;
-    let outcomes = if args.flight {
+    let outcomes = if args.joint {
         diagnose_flights(args, &installation)?
     } else {
         diagnose_ground(args, &installation)?

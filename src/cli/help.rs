@@ -1,209 +1,31 @@
 //! `wingd help` groups the commands by purpose and shows examples of each.
 
 use clap::Command;
+use wingd_base::listed_command::{Group, ListedCommand};
 
-/// Command groups in the order of a campaign; each visible command is in exactly one.
-const COMMAND_GROUPS: [(&str, &[&str]); 5] = [
-    (
-        "Prepare an aircraft",
-        &[
-            "init",
-            "plan",
-            "calibrate",
-            "convert",
-            "orient",
-            "diagnose",
-            "mount-check",
-            "check",
-            "camera-test",
-            "time-check",
-        ],
-    ),
-    ("Record in flight", &["run", "status", "trigger"]),
-    (
-        "Evaluate",
-        &[
-            "import",
-            "detect",
-            "mark",
-            "solve",
-            "learn",
-            "compare",
-            "mean",
-            "difference",
-            "report",
-            "export",
-            "deform",
-            "aircraft-data",
-            "stress",
-        ],
-    ),
-    (
-        "Store and transfer",
-        &["verify", "copy", "fetch", "serve", "upload", "prune"],
-    ),
-    (
-        "Demo and utilities",
-        &["demo", "simulate", "completions", "man"],
-    ),
-];
+use super::board::BoardCommand;
+use super::workstation;
 
-/// Commands of the desk, which the on-board build lacks.
-pub const DESK_COMMANDS: [&str; 19] = [
-    "aircraft-data",
-    "calibrate",
-    "compare",
-    "convert",
-    "deform",
-    "demo",
-    "difference",
-    "export",
-    "fetch",
-    "import",
-    "learn",
-    "mark",
-    "mean",
-    "plan",
-    "report",
-    "simulate",
-    "stress",
-    "time-check",
-    "upload",
-];
+/// Typical order of the commands for a new aircraft.
+const TYPICAL_ORDER: &str =
+    "Typical order: init, calibrate, check, plan, orient, run or import, solve, report.";
 
-/// Examples by command. A test runs them in the folder that the tutorial creates (docs/tutorial.md).
-pub const EXAMPLES: &[(&str, &[&str])] = &[
-    (
-        "init",
-        &["wingd init aircraft --side left --root-offset 0.7"],
-    ),
-    (
-        "plan",
-        &[
-            "wingd plan --span 33 --height 2.5 --chord 4 --focal 12 --sensor 4000x3000x1.54 --markers 20 --fixed 2 --frames 10 --want 5mm",
-            "wingd plan --installation installation --tip-deflection 2.5 --figure plan.svg",
-        ],
-    ),
-    (
-        "calibrate",
-        &[
-            "wingd calibrate --board board.toml --output camera.toml --report calibration.html board/*.jpg",
-        ],
-    ),
-    (
-        "convert",
-        &["wingd convert installation/camera.toml wing.cameramodel"],
-    ),
-    (
-        "orient",
-        &["wingd orient --installation installation frames/ground.jpg"],
-    ),
-    (
-        "diagnose",
-        &["wingd diagnose --installation installation frames/ground.jpg"],
-    ),
-    (
-        "mount-check",
-        &["wingd mount-check --installation installation frames/ground.jpg frames/ground.jpg"],
-    ),
-    (
-        "check",
-        &[
-            "wingd check --config wingd.toml",
-            "wingd check --installation installation",
-        ],
-    ),
-    (
-        "camera-test",
-        &["wingd camera-test --config wingd.toml --shots 2 --output look"],
-    ),
-    (
-        "time-check",
-        &[
-            "wingd time-check --page clock.html",
-            "wingd time-check store --series s000001",
-        ],
-    ),
-    ("run", &["wingd run --config wingd.toml"]),
-    ("status", &["wingd status --config wingd.toml --json"]),
-    ("trigger", &["wingd trigger --config wingd.toml"]),
-    (
-        "detect",
-        &["wingd detect --installation installation --overlay drawn frames/ground.jpg"],
-    ),
-    (
-        "import",
-        &["wingd import frames --store card --installation installation"],
-    ),
-    (
-        "solve",
-        &[
-            "wingd solve --installation installation --report report.html frames/flight-1.jpg frames/flight-2.jpg",
-            "wingd solve --installation installation frames/flight-1.jpg",
-            "wingd solve --installation installation --flight --json frames/flight-*.jpg",
-            "wingd solve store --sigma prior",
-        ],
-    ),
-    (
-        "mark",
-        &[
-            "wingd mark store",
-            "wingd mark --installation installation frames/flight-1.jpg",
-        ],
-    ),
-    ("learn", &["wingd learn store --installation installation"]),
-    ("compare", &["wingd compare store"]),
-    (
-        "mean",
-        &["wingd mean store:f0001/s000001/0001.jpg --eta 0.5,1"],
-    ),
-    (
-        "difference",
-        &["wingd difference store:f0001/s000001/0001.jpg --against fem.csv"],
-    ),
-    ("report", &["wingd report store --output report.html"]),
-    (
-        "export",
-        &[
-            "wingd export store --format csv --table span --output span.csv",
-            "wingd export store --format parquet --output markers.parquet",
-            "wingd export store --format netcdf --output shape.nc",
-        ],
-    ),
-    (
-        "deform",
-        &["wingd deform store --frame s000001/0001.jpg --surface nodes.csv --output deformed"],
-    ),
-    (
-        "aircraft-data",
-        &[
-            "wingd aircraft-data demo-flight/store qar.csv --mapping mapping.toml --flight f0001",
-            "wingd aircraft-data store --flight f0001 --list",
-        ],
-    ),
-    ("stress", &["wingd stress store --structure structure.csv"]),
-    ("verify", &["wingd verify store"]),
-    ("copy", &["wingd copy store copy"]),
-    ("fetch", &["wingd fetch http://127.0.0.1:8080 copy"]),
-    ("serve", &["wingd serve store"]),
-    (
-        "upload",
-        &["wingd upload store --to file:///srv/wings --aircraft D-ABCD"],
-    ),
-    (
-        "prune",
-        &["wingd prune store --verified-copy copy --dry-run"],
-    ),
-    ("demo", &["wingd demo --output demo"]),
-    (
-        "simulate",
-        &[
-            "wingd simulate --output practice --seed 4 --size 1600 1200 --focal 1400 --tip-deflections 2.4,1.8 --board board.toml",
-        ],
-    ),
-    ("completions", &["wingd completions bash > wingd.bash"]),
-    ("man", &["wingd man man1"]),
-];
+/// Lists all commands of this program.
+pub fn listed_commands() -> Vec<ListedCommand> {
+    let utility = |identifier, examples| ListedCommand {
+        identifier,
+        group: Group::Utility,
+        examples,
+    };
+    let mut all = BoardCommand::LISTED.to_vec();
+    all.extend(workstation::listed_commands());
+    all.push(utility(
+        "Completions",
+        &["wingd completions bash > wingd.bash"],
+    ));
+    all.push(utility("Man", &["wingd man man1"]));
+    all
+}
 
 /// Column at which the descriptions of the commands begin, characters.
 const DESCRIPTION_COLUMN: usize = 17;
@@ -211,32 +33,32 @@ const DESCRIPTION_COLUMN: usize = 17;
 /// Adds the grouped list of commands, and examples below the options of each command.
 pub fn with_groups_and_examples(mut command: Command) -> Command {
     let groups = command_listing(&command);
-    for (name, lines) in EXAMPLES {
-        let found = command
-            .find_subcommand(name)
-            .is_some_and(|c| !c.is_hide_set());
-        if found {
-            let heading = if lines.len() == 1 {
-                "Example:"
-            } else {
-                "Examples:"
-            };
-            let text = format!("{heading}\n  {}", lines.join("\n  "));
-            command = command.mut_subcommand(name, |c| c.after_help(text));
-        }
+    for listed in listed_commands() {
+        let heading = match listed.examples.len() {
+            0 => continue,
+            1 => "Example:",
+            _ => "Examples:",
+        };
+        let text = format!("{heading}\n  {}", listed.examples.join("\n  "));
+        command = command.mut_subcommand(listed.name(), |c| c.after_help(text));
     }
     command.help_template(format!(
-        "{{about}}\n\n{{usage-heading}} {{usage}}\n\n{groups}Options:\n{{options}}{{after-help}}"
+        "{{about}}\n\n{{usage-heading}} {{usage}}\n\n{groups}{TYPICAL_ORDER}\n\nOptions:\n{{options}}{{after-help}}"
     ))
 }
 
 fn command_listing(command: &Command) -> String {
     let mut text = String::new();
-    for (heading, names) in COMMAND_GROUPS {
+    let all = listed_commands();
+    for (group, heading) in Group::HEADINGS {
         text.push_str(&format!("{heading}:\n"));
-        for name in names {
+        for name in all
+            .iter()
+            .filter(|listed| listed.group == group)
+            .map(ListedCommand::name)
+        {
             let about = command
-                .find_subcommand(name)
+                .find_subcommand(&name)
                 .filter(|c| !c.is_hide_set())
                 .and_then(Command::get_about);
             if let Some(about) = about {
@@ -258,20 +80,15 @@ mod tests {
     use clap::CommandFactory;
 
     #[test]
-    fn every_command_is_in_one_group_has_an_example_and_fits_a_terminal() {
+    fn every_command_has_a_group_and_an_example_and_fits_a_terminal() {
         let command = super::super::Arguments::command();
+        let listed = listed_commands();
         for known in command.get_subcommands().filter(|c| !c.is_hide_set()) {
             let name = known.get_name();
-            let groups = COMMAND_GROUPS
-                .iter()
-                .flat_map(|(_, names)| names.iter())
-                .filter(|n| **n == name)
-                .count();
-            assert_eq!(groups, 1, "{name}");
+            let found = listed.iter().find(|listed| listed.name() == name);
+            let found = found.unwrap_or_else(|| panic!("{name} is not listed"));
             assert!(
-                EXAMPLES
-                    .iter()
-                    .any(|(n, lines)| *n == name && !lines.is_empty()),
+                found.group != Group::Hidden && !found.examples.is_empty(),
                 "{name}"
             );
         }
@@ -280,19 +97,6 @@ mod tests {
             text.lines().all(|line| line.chars().count() <= 80),
             "{text}"
         );
-        assert_eq!(
-            text.lines().filter(|line| line.starts_with("  ")).count(),
-            EXAMPLES.len()
-        );
-    }
-
-    #[test]
-    fn the_commands_of_the_desk_are_listed() {
-        use clap::Subcommand;
-        let all = wingd_desk::commands::DeskCommand::augment_subcommands(Command::new("desk"));
-        let mut names: Vec<&str> = all.get_subcommands().map(Command::get_name).collect();
-        names.sort_unstable();
-        assert_eq!(names, DESK_COMMANDS);
     }
 
     #[test]

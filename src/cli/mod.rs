@@ -3,11 +3,12 @@
 mod board;
 #[cfg(feature = "gphoto")]
 mod camera_child;
-mod camera_test;
+mod camera_shots;
 mod check;
 mod copy;
 mod detect;
 mod diagnose;
+pub mod external;
 pub mod help;
 mod init;
 mod mount_check;
@@ -30,7 +31,6 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use board::BoardCommand;
 use wingd_base::failure::{Completion, Failure};
-use wingd_store::layout;
 use workstation::{DeskCommand, REPORT_BUILDER};
 
 /// Measure the shape of a wing in flight with one camera at a cabin window.
@@ -66,8 +66,12 @@ enum CliCommand {
 
 /// Parses the arguments and runs the command; docs/reference/cli.md lists the exit statuses.
 pub fn main() -> ExitCode {
-    let matches = help::with_groups_and_examples(Arguments::command())
-        .get_matches_from(join_flight_option(std::env::args_os()));
+    let given: Vec<OsString> = std::env::args_os().collect();
+    if let Some(status) = external::run_external(&Arguments::command(), &given) {
+        return status;
+    }
+    let command = help::with_groups_and_examples(Arguments::command());
+    let matches = external::list_external(command, &given).get_matches_from(given);
     let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     let done = match &arguments.command {
         CliCommand::Board(command) => command.run(REPORT_BUILDER),
@@ -81,24 +85,6 @@ pub fn main() -> ExitCode {
         Ok(Completion::Faulty) => ExitCode::from(78),
         Err(failure) => report_failure(&failure),
     }
-}
-
-/// Joins `--flight f0001` into one argument: `--flight` alone, before images, takes no value.
-fn join_flight_option(arguments: impl Iterator<Item = OsString>) -> Vec<OsString> {
-    let mut all: Vec<OsString> = Vec::new();
-    for argument in arguments {
-        let flight = argument
-            .to_str()
-            .is_some_and(|text| layout::flight_number(text).is_some());
-        match all.last_mut() {
-            Some(last) if flight && last == "--flight" => {
-                last.push("=");
-                last.push(argument);
-            }
-            _ => all.push(argument),
-        }
-    }
-    all
 }
 
 fn report_failure(failure: &Failure) -> ExitCode {

@@ -15,6 +15,7 @@ use crate::camera::freshness::Freshness;
 use crate::config;
 use wingd_base::clock::SystemClock;
 use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_base::listed_command::ListedCommand;
 use wingd_desk::board_camera::BoardCamera;
 use wingd_desk::commands;
 use wingd_desk::download::Download;
@@ -28,18 +29,30 @@ pub const REPORT_BUILDER: Option<ReportBuilder> = Some(wingd_desk::report::REPOR
 
 // Only one value exists per run: its size does not matter.
 #[allow(clippy::large_enum_variant)]
+/// Commands of the workstation and the demonstration.
 #[derive(Subcommand)]
 pub enum DeskCommand {
-    /// Run a bundled flight through the real recorder
-    Demo(demo::DemoArgs),
+    #[command(flatten)]
+    Demo(DemoCommand),
     #[command(flatten)]
     Desk(commands::DeskCommand),
+}
+
+commands! {
+    DemoCommand()
+    /// Run a bundled flight through the real recorder
+    Demo(demo::DemoArgs) => demo::run, Utility ["wingd demo --output demo"];
+}
+
+/// Lists the commands of the workstation.
+pub fn listed_commands() -> Vec<ListedCommand> {
+    [commands::DeskCommand::LISTED, DemoCommand::LISTED].concat()
 }
 
 /// Runs a command of the workstation.
 pub fn run(command: &DeskCommand) -> TaskResult<Completion> {
     match command {
-        DeskCommand::Demo(args) => demo::run(args),
+        DeskCommand::Demo(command) => command.run(),
         DeskCommand::Desk(command) => command.run(open_camera),
     }
 }

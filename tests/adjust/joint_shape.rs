@@ -5,11 +5,12 @@ use super::aircraft::{NOISE_PX, SURVEY_M, SetUp, combined_effects};
 use crate::common::beam_truth::{
     Aircraft, Effects, Truth, WingState, normal, normal3, random_wing, remounted, rms, rng,
 };
+use crate::common::shape_difference::{CommonErrors, difference_from, minus};
 use nalgebra::{DMatrix, DVector, Rotation2, SymmetricEigen, Vector3};
 use rand::Rng;
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{
-    self, CommonErrors, FrameShape, JointShape, Observation, Options, SigmaKind, StationChoice,
+    self, FrameShape, JointShape, Observation, Options, SigmaKind, StationChoice,
 };
 use wingd::measure::setup::{Orientation, Setup, SetupUncertainty, SkinHeight, Width};
 
@@ -175,11 +176,11 @@ impl Drawn {
     fn tested(&self, shape: &JointShape, frame: usize, load: (f64, f64)) -> [f64; 2] {
         [false, true].map(|is_stiff| {
             let predicted = self.computation(shape, load, is_stiff);
-            let mean = shape.mean(&[frame]).first_functions(predicted.len());
+            let mean = shape.mean(&[frame]);
             let functions: Vec<usize> = (0..predicted.len())
                 .filter(|k| !predicted[*k].is_nan())
                 .collect();
-            mean.difference_from(&predicted).test(&functions).p
+            difference_from(&mean, &predicted).probability(&functions)
         })
     }
 }
@@ -434,9 +435,7 @@ fn differences_of_frames_and_of_flights_have_honest_standard_deviations() {
                      (other, second): (usize, usize),
                      common: CommonErrors| {
             let mean = |flight: usize, frame: usize| flights[flight].shape.mean(&[frame]);
-            let sigma = mean(flight, frame)
-                .minus(&mean(other, second), common)
-                .sigmas()[row];
+            let sigma = minus(&mean(flight, frame), &mean(other, second), common).sigmas()[row];
             (flights[flight].errors_m[frame][tip] - flights[other].errors_m[second][tip]) / sigma
         };
         within.push(error((0, 0), (0, 1), CommonErrors::Flight));

@@ -1,6 +1,6 @@
 //! Promise: live results of a vibrating wing are precise enough for its modes (docs/fleet/modes.md). Two modes of known
 //! frequency, damping and shape, randomly excited, ten frames per second, exact geometry, observations with the detector's
-//! noise, a drifting mounting. `fleet/tests/test_modes.py`
+//! noise, a drifting mounting. `python/tests/fleet/test_modes.py`
 //! estimates the modes from five minutes of such results, which `make table TABLE=modes` writes.
 
 use std::f64::consts::TAU;

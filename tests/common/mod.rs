@@ -14,6 +14,7 @@ pub mod drawn;
 pub mod fake_disk;
 pub mod random;
 pub mod report_store;
+pub mod shape_difference;
 pub mod statistics;
 pub mod store_work;
 pub mod synthetic;

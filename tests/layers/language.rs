@@ -96,7 +96,7 @@ fn the_dialect_does_not_return() {
     let texts = Texts::read(&sources());
     let mut all: Vec<(String, String)> = prose(&texts).cloned().collect();
     all.extend(collect("docs", &[".md", ".schema.json"]));
-    all.extend(collect("fleet", &[".py", ".sql"]));
+    all.extend(collect("python", &[".py", ".sql"]));
     all.extend(collect("src", &[".js"]));
     all.extend(collect("config", &[".toml"]));
     for page in ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"] {

@@ -6,7 +6,7 @@ usage: tests/live/modes.py [--binary target/release/wingd] [--modes wingd-fleet]
             --modes 1.3:0.03:0.10,3.7:0.02:0.006 --tip-deflections 2.0 --remount 1 --seed 56
 
 The set's frames are replayed once, ten a second. Exit status 1 where a frequency is off by more than 1 % or two of its standard
-deviations, or a shape's MAC is below 0.99. Needs Python 3.9, and the fleet's package with `[modes]`.
+deviations, or a shape's MAC is below 0.99. Needs wingd for Python with `[modes]`.
 """
 
 import argparse

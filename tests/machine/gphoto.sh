@@ -22,7 +22,7 @@ fresh() {
 }
 # shoot SHOTS ATTEMPTS: the series; its exit status.
 shoot() {
-    "$WINGD" camera-test --config "$work/cam/wingd.toml" --shots "$1" --attempts "$2" --deadline 2 \
+    "$WINGD" check --config "$work/cam/wingd.toml" --camera "$1" --attempts "$2" --deadline 2 \
         --output "$work/cam/out" >"$work/cam/lines" 2>"$work/cam/errors"
 }
 # Every stored file is a view, and every view that the camera shot whole is stored.

@@ -5,7 +5,7 @@ mapfile -t frames < <(find "$G_frames" -name 'flight*.jpg' | sort)
 say() { printf '%s\n' "$*"; }
 verdict() { if [ "$1" = 0 ]; then echo "passed: $2"; else echo "failed: $2"; tail -n 5 /mnt/feed.log /mnt/errors /mnt/lines /mnt/log 2>/dev/null | cut -c1-300 | sed 's/^/    /'; fi; }
 config() { printf '%s\n' '[camera]' "$@" >/mnt/wingd.toml; }
-shoot() { "$wingd" camera-test --config /mnt/wingd.toml --deadline "${DEADLINE:-8}" --output /mnt/out "$@" >/mnt/lines 2>/mnt/errors; }
+shoot() { "$wingd" check --camera "${SHOTS:-1}" --config /mnt/wingd.toml --deadline "${DEADLINE:-8}" --output /mnt/out "$@" >/mnt/lines 2>/mnt/errors; }
 # recorder_config SERIES_LINES CAMERA_LINES…: a whole recorder's; the store on the guest's own memory.
 recorder_config() {
     local series=$1; shift

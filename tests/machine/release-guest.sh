@@ -22,13 +22,13 @@ config "${press[@]}" 'kind = "folder"' 'path = "/mnt/card"' 'delete = true'
 fresh; camera to_card & sim_camera=$!
 status=0
 for k in 1 2 3 4 5; do
-    DEADLINE=5 shoot --shots 1 || status=1
+    DEADLINE=5 SHOTS=1 shoot || status=1
     picture $k /mnt/expected; cmp -s /mnt/out/shot-000 /mnt/expected || status=1
 done
 [ -z "$(ls /mnt/card)" ] || status=1
 verdict $status "release: 5 presses of a GPIO line, 5 frames from the watched folder, unchanged, then deleted there"
 kill $sim_camera; wait $sim_camera 2>/dev/null
-DEADLINE=1 shoot --shots 1; grep -q 'release was pressed and no frame came' /mnt/lines; verdict $? "release: a shot without a frame is named"
+DEADLINE=1 SHOTS=1 shoot; grep -q 'release was pressed and no frame came' /mnt/lines; verdict $? "release: a shot without a frame is named"
 
 # A video device that delivers a burst for each press. The loopback device's first buffers are no frames: it
 # mixes up its buffers when a reader comes.
@@ -37,7 +37,7 @@ start_feed MJPG "once 1000"
 show() { echo "once $1" >/mnt/control; }
 fresh; camera show & sim_camera=$!
 config "${press[@]}" 'kind = "v4l"' 'card = "wing"' 'format = "MJPG"' "width = $width" "height = $height" 'settle_frames = 3'
-DEADLINE=8 shoot --shots 6; status=$?
+DEADLINE=8 SHOTS=6 shoot; status=$?
 # What was shown before the first press must not be among them.
 mapfile -t got < <(find /mnt/out -name 'shot-*' | sort)
 [ ${#got[@]} = 6 ] && all_as_sent "${got[@]}" && ! grep -qxF "$(head -n 1 /mnt/sent)" <<<"$(sha256sum "${got[@]}" | cut -d' ' -f1)" || status=1
@@ -52,12 +52,12 @@ for i in 0 1 2 3 4; do cp "${frames[i]}" "/mnt/usb/shots/0$i.jpg"; done; cp "${f
 release_usb() { echo press >/mnt/usb/state/fault; }
 fresh; camera release_usb & sim_camera=$!
 config "${press[@]}" 'kind = "gphoto"' 'open_s = 20.0'
-DEADLINE=8 shoot --shots 5; status=$?
+DEADLINE=8 SHOTS=5 shoot; status=$?
 for k in 0 1 2 3 4; do cmp -s /mnt/out/shot-00$k "${frames[k]}" || status=1; done
 [ -z "$(find /mnt/usb/card/DCIM -name '*.JPG')" ] || status=1
 verdict $status "release: 5 presses of a GPIO line, 5 frames over USB (PTP), unchanged, then deleted on the card"
 kill $sim_camera; wait $sim_camera 2>/dev/null
-DEADLINE=2 shoot --shots 1; grep -q 'release was pressed and no frame came' /mnt/lines; verdict $? "release: a press that the camera on USB does not follow is named"
+DEADLINE=2 SHOTS=1 shoot; grep -q 'release was pressed and no frame came' /mnt/lines; verdict $? "release: a press that the camera on USB does not follow is named"
 
 # The line is held by somebody else, in the midst of a recording.
 fresh; camera to_card & sim_camera=$!
@@ -68,7 +68,7 @@ sed 's/^shots = .*/shots = 3/' -i /mnt/wingd.toml
 mkdir /mnt/other /mnt/held
 printf '%s\n' '[camera]' "${press[@]}" 'kind = "folder"' 'path = "/mnt/other"' >/mnt/holder.toml
 holder=
-hold_line() { kill -0 "$holder" 2>/dev/null || { "$wingd" camera-test --config /mnt/holder.toml --deadline 60 --attempts 100 --output /mnt/held >/dev/null 2>&1 & holder=$!; }; }
+hold_line() { kill -0 "$holder" 2>/dev/null || { "$wingd" check --camera 1 --config /mnt/holder.toml --deadline 60 --attempts 100 --output /mnt/held >/dev/null 2>&1 & holder=$!; }; }
 let_go() { kill $holder; wait $holder 2>/dev/null; holder=; }
 campaign release "a line that another program holds" hold_line let_go
 grep -q 'line release is held by' /mnt/log; verdict $? "release: the holder of the line is named"

@@ -29,7 +29,7 @@ flight MJPG
 
 # Without a camera: named, at once.
 config 'kind = "v4l"' 'serial = "no-such"' 'format = "GREY"' 'width = 64' 'height = 64'
-begin=$(now_ms); ! shoot --shots 1 && grep -q 'no camera with serial no-such.*connected: /dev/video0' /mnt/lines && [ $(($(now_ms) - begin)) -lt 3000 ]
+begin=$(now_ms); ! SHOTS=1 shoot && grep -q 'no camera with serial no-such.*connected: /dev/video0' /mnt/lines && [ $(($(now_ms) - begin)) -lt 3000 ]
 verdict $? "v4l: a missing camera is named, and what is there instead"
 
 # A camera that stalls or repeats itself, in the midst of a recording.
@@ -53,7 +53,7 @@ vivid() { config 'kind = "v4l"' "card = \"$card\"" "format = \"$1\"" 'width = 40
 for format in GREY YUYV BA81 RG10 RG12; do
     vivid $format 'brightness = 77' 'gain = 33' 'autogain = 0'
     rm -rf /mnt/out; mkdir /mnt/out
-    shoot --shots 1; status=$?
+    SHOTS=1 shoot; status=$?
     grep -q '"brightness":77' /mnt/lines && grep -q '"warnings":\[\]' /mnt/lines || status=1
     bytes=$(stat -c %s /mnt/out/shot-000 2>/dev/null || echo 0)
     case $format in GREY | BA81) want=12000000 ;; *) want=24000000 ;; esac
@@ -61,9 +61,9 @@ for format in GREY YUYV BA81 RG10 RG12; do
     verdict $status "v4l: vivid $format 4000 x 3000 px, $bytes bytes, controls set and read back"
 done
 vivid MJPG 'gain = 33'; rm -rf /mnt/out; mkdir /mnt/out
-! shoot --shots 1 && grep -q 'instead of MJPG' /mnt/lines; verdict $? "v4l: another format than asked for is refused, with what there is"
+! SHOTS=1 shoot && grep -q 'instead of MJPG' /mnt/lines; verdict $? "v4l: another format than asked for is refused, with what there is"
 vivid GREY 'focus_absolute = 3'; rm -rf /mnt/out; mkdir /mnt/out
-shoot --shots 1 && grep -q 'control focus_absolute cannot be' /mnt/lines; verdict $? "v4l: a control that the camera lacks is reported"
+SHOTS=1 shoot && grep -q 'control focus_absolute cannot be' /mnt/lines; verdict $? "v4l: a control that the camera lacks is reported"
 
 # Faults of the driver; the numbers are vivid's own controls.
 series='interval = "3s"\nshots = 40\ngap = "50ms"\nshot_deadline = "2s"\nretries = 10'

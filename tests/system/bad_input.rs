@@ -273,7 +273,7 @@ fn wrong_usage_is_refused() {
     expect(
         &run(&[
             "solve",
-            "--flight",
+            "--joint",
             "--method",
             "profile",
             "--installation",

@@ -142,7 +142,7 @@ fn a_frame_without_a_mounting_is_reported_before_solving() {
         "solve",
         "--installation",
         &dev(),
-        "--flight",
+        "--joint",
         "--mountings",
         file.to_str().unwrap(),
         "one.jpg",

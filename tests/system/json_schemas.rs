@@ -91,7 +91,7 @@ fn output_for_frames_and_an_installation_matches_its_schema() {
         "diagnose",
         &run(&[
             "diagnose",
-            "--flight",
+            "--joint",
             "--json",
             "--installation",
             &at,
@@ -132,15 +132,7 @@ fn output_for_frames_and_an_installation_matches_its_schema() {
     );
     assert_valid(
         "solve",
-        &run(&[
-            "solve",
-            "--flight",
-            "--json",
-            "--installation",
-            &at,
-            &flight,
-        ])
-        .stdout,
+        &run(&["solve", "--joint", "--json", "--installation", &at, &flight]).stdout,
     );
     assert_valid(
         "check",
@@ -183,31 +175,6 @@ fn output_for_a_store_matches_its_schema() {
         &copy,
     ];
     assert_valid("prune", &run(&prune).stdout);
-}
-
-/// `make fleet-test` builds the program with `upload`.
-#[cfg(feature = "upload")]
-#[test]
-fn output_for_an_upload_matches_its_schema() {
-    let store = store_with(&[&[solved(2.9, 0.006)]]);
-    let (place, lake) = (
-        store.path().display().to_string(),
-        tempfile::tempdir().unwrap(),
-    );
-    let to = format!("file://{}", lake.path().display());
-    assert_valid(
-        "upload",
-        &run(&[
-            "upload",
-            "--json",
-            &place,
-            "--to",
-            &to,
-            "--aircraft",
-            "D-ABCD",
-        ])
-        .stdout,
-    );
 }
 
 /// Each command with `--json` has a schema; three share one.

@@ -141,7 +141,7 @@ fn the_flight_prior_helps_a_later_frame_and_no_flight_counts_twice() {
         remarks(&own)
     );
     assert!(remarks(&own).contains("its own contribution is excluded here"));
-    let flight = stdout(&["solve", "--json", "--together", "--installation", &at, &b]);
+    let flight = stdout(&["solve", "--json", "--joint", "--installation", &at, &b]);
     assert!(flight.contains("its own contribution is excluded here"));
 
     let before = std::fs::read(folder.path().join("installation/flight_prior.json")).unwrap();

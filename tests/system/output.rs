@@ -190,7 +190,7 @@ fn an_address_may_be_a_name() {
 
 /// Results of a test of the camera alone are results too.
 #[test]
-fn the_camera_test_reports_the_cause() {
+fn shots_of_a_check_report_the_cause() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("frames")).unwrap();
     std::fs::copy(
@@ -203,7 +203,7 @@ fn the_camera_test_reports_the_cause() {
         std::fs::write(&config, text).unwrap();
         let mut command = wingd();
         command
-            .args(["camera-test", "--config"])
+            .args(["check", "--camera", "1", "--config"])
             .arg(&config)
             .arg("--output")
             .arg(folder.path());
@@ -232,22 +232,4 @@ fn the_camera_test_reports_the_cause() {
         "{}",
         stderr(&output)
     );
-}
-
-/// The program on the recorder has no upload; it names the build option.
-#[cfg(not(feature = "upload"))]
-#[test]
-fn upload_is_reported_as_missing_if_it_is_not_built_in() {
-    for arguments in [
-        &["upload"][..],
-        &["upload", "store", "--to", "s3://bucket/prefix", "--json"],
-    ] {
-        let output = wingd().args(arguments).output().unwrap();
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
-        assert!(
-            super::program::all_output(&output).contains("--features upload"),
-            "{}",
-            super::program::all_output(&output)
-        );
-    }
 }

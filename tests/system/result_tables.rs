@@ -9,15 +9,16 @@ use serde_json::ser::{PrettyFormatter, Serializer};
 use serde_json::{Map, Value};
 use wingd::aircraft::Quantity;
 use wingd::quantities::{
-    LiveForm, QuantitySection, ResultQuantity, ResultTable, SECTIONS, Subject, TableColumn,
-    ValueGetter, unit_suffix,
+    FIRST_VERSION, LiveForm, QuantitySection, ResultQuantity, ResultTable, SECTIONS, Subject,
+    TableColumn, ValueGetter, unit_suffix,
 };
 use wingd::store::ValueKind;
 
-const FRAME_TABLES: [(ResultTable, &str); 4] = [
+const FRAME_TABLES: [(ResultTable, &str); 5] = [
     (ResultTable::Shots, "shots"),
     (ResultTable::Markers, "markers"),
     (ResultTable::Span, "span"),
+    (ResultTable::Moments, "moments"),
     (ResultTable::Parameters, "parameters"),
 ];
 
@@ -59,7 +60,9 @@ fn tables_of(section: &QuantitySection, quantity: &ResultQuantity) -> Vec<&'stat
         section.subject,
         Subject::Row | Subject::Pair | Subject::Aircraft
     );
-    let live = (plain && !matches!(quantity.live, LiveForm::Absent)).then_some("live");
+    let is_exported =
+        !matches!(quantity.live, LiveForm::Absent) && !FIRST_VERSION.contains(&quantity.name);
+    let live = (plain && is_exported).then_some("live");
     frames.map(|(_, name)| *name).chain(live).collect()
 }
 
@@ -118,11 +121,13 @@ fn the_page_of_the_tables_lists_the_quantities() {
         let label = match section.subject {
             Subject::Marker => "ID",
             Subject::Station => "sNN",
+            Subject::Section => "bNN",
             Subject::CurvatureTerm | Subject::CurvatureTermPair => "N",
             Subject::Row | Subject::Pair | Subject::Aircraft => "",
         };
         let stored = section.quantities.iter().filter(move |quantity| {
-            let arc_length = section.subject == Subject::Station && quantity.name == "arc_length";
+            let is_place = matches!(section.subject, Subject::Station | Subject::Section);
+            let arc_length = is_place && quantity.name == "arc_length";
             !label.is_empty() && (arc_length || quantity.stored_form().is_some())
         });
         stored.map(move |quantity| {
@@ -173,7 +178,7 @@ fn stored_columns(subject: Subject) -> Vec<(String, &'static str)> {
 
 #[test]
 fn the_schema_of_the_fleet_has_every_column_with_its_type() {
-    let path = file("fleet/wingd_fleet/schema/v3.json");
+    let path = file("python/wingd/fleet/schema/v3.json");
     let text = std::fs::read_to_string(&path).unwrap();
     let mut schema: Map<String, Value> = serde_json::from_str(&text).unwrap();
     let mut add = |table: &str, columns: Vec<(String, &'static str)>| {
@@ -200,10 +205,15 @@ fn the_schema_of_the_fleet_has_every_column_with_its_type() {
             .map(move |column| (column.name, arrow_type(column.quantity, live)))
             .collect::<Vec<_>>()
     };
-    for (table, name) in FRAME_TABLES {
+    // The fleet has no table of moments.
+    for (table, name) in FRAME_TABLES
+        .into_iter()
+        .filter(|(_, name)| *name != "moments")
+    {
         add(name, typed(TableColumn::of_frames(table, &[]), false));
         add(name, aircraft.clone());
     }
+    add("shape", aircraft.clone());
     add("live", typed(TableColumn::of_live(true), true));
     add("live", stored_columns(Subject::Row));
     add("live", typed(TableColumn::of_live(false), true));

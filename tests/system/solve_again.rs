@@ -39,7 +39,7 @@ fn the_demo_store_is_solved_again_and_its_result_sets_are_distinguished_and_comp
         .current_dir(dir.path())
         .status();
     assert!(alone.unwrap().success());
-    let same = wingd(&["solve", "store"], dir.path());
+    let same = wingd(&["solve", "store", "--single"], dir.path());
     assert!(
         same.status.success() && text(&same).contains("already has a result from these inputs"),
         "{}",
@@ -70,7 +70,7 @@ fn the_demo_store_is_solved_again_and_its_result_sets_are_distinguished_and_comp
         "{:?}",
         report.notes
     );
-    let together = wingd(&["solve", "store", "--together"], dir.path());
+    let together = wingd(&["solve", "store"], dir.path());
     assert!(
         together.status.success() && text(&together).contains("results of 3 inputs"),
         "{}",

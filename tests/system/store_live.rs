@@ -213,7 +213,7 @@ fn a_copy_and_a_fetched_flight_contain_the_live_results() {
     let url = format!("http://{}", server.address);
     for flight in ["f0001", "f0002"] {
         let (status, printed) = outcome(&[
-            "fetch",
+            "copy",
             &url,
             fetched.path().to_str().unwrap(),
             "--flight",

@@ -56,7 +56,7 @@ def flights():
         with tempfile.TemporaryDirectory() as place:
             installation = shutil.copytree(directory / "installation", Path(place) / "installation")
             answers(WINGD, "orient", "--installation", installation, directory / "frames" / ground[0]["image"])
-            for label, options in (("one frame", []), ("flight", ["--flight"])):
+            for label, options in (("one frame", []), ("flight", ["--joint"])):
                 across, up, over = solved(WINGD, installation, image, flight, bool(options))
                 found = answers(WINGD, "solve", "--json", *options, "--installation", installation, *image)
                 sigma = statistics.median(1e3 * f["tip"][key(f["tip"])] for f in found)

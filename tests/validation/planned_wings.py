@@ -61,7 +61,7 @@ def aircraft(program, layout, folder, seed, deflections):
     ground = folder / "frames/ground.jpg"
     wingd(program, "orient", "--installation", folder / "installation", ground)
     frames = sorted((folder / "frames").glob("flight-*.jpg"))
-    said = wingd(program, "solve", "--installation", folder / "installation", "--flight", "--json", "--sigma", "prior", *frames)
+    said = wingd(program, "solve", "--installation", folder / "installation", "--joint", "--json", "--sigma", "prior", *frames)
     truth = {f["image"]: {m["id"]: m["deflection_m"] for m in f["markers"]} for f in json.loads((folder / "truth.json").read_text())["frames"]}
     found = []
     for result in map(json.loads, said.splitlines()):

@@ -87,7 +87,7 @@ class Tally:
 
 def solved(wingd, installation, frames, truth, flight):
     """Positions across and up, mm rms, and deflection errors over their standard deviations, rms."""
-    options = ["--flight"] if flight else []
+    options = ["--joint"] if flight else []
     across, up, deflection = [], [], []
     found = answers(wingd, "solve", "--json", *options, "--installation", installation, *frames)
     for frame, answer in zip(truth, found, strict=True):

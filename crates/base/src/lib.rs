@@ -11,23 +11,33 @@ macro_rules! eprintln {
     };
 }
 
-/// Declares commands: the words of the list, the arguments, and the function that runs them. `[name]` after a function names
-/// a value that all commands are given and this one takes.
+/// Declares commands: the words of the list, the arguments, the function that runs them, the group, and examples. `[name]`
+/// after a function names a value that all commands are given and this one takes. Their names are written here alone.
 #[macro_export]
 macro_rules! commands {
     (
         $list:ident($($value:ident: $kind:ty)?)
         $($(#[doc = $about:literal])+ $(#[cfg($built:meta)])? $(#[command($hidden:ident = true)])?
-        $name:ident($args:ty) => $run:path $([$given:ident])?,)+
+        $name:ident($args:ty) => $run:path $([$given:ident])?, $group:ident [$($example:literal),* $(,)?];)+
     ) => {
         // Only one value exists per run: its size does not matter.
         #[allow(clippy::large_enum_variant)]
         #[derive(clap::Subcommand)]
+        /// Commands, each with its arguments.
         pub enum $list {
             $($(#[doc = $about])+ $(#[cfg($built)])? $(#[command($hidden = true)])? $name($args),)+
         }
 
         impl $list {
+            /// Commands by group, with their examples.
+            pub const LISTED: &'static [$crate::listed_command::ListedCommand] = &[
+                $($(#[cfg($built)])? $crate::listed_command::ListedCommand {
+                    identifier: stringify!($name),
+                    group: $crate::listed_command::Group::$group,
+                    examples: &[$($example),*],
+                },)+
+            ];
+
             /// Runs the command.
             pub fn run(&self $(, $value: $kind)?) -> $crate::failure::TaskResult<$crate::failure::Completion> {
                 match self {
@@ -41,6 +51,7 @@ macro_rules! commands {
 pub mod clock;
 pub mod failure;
 pub mod fault;
+pub mod listed_command;
 pub mod logging;
 pub mod output;
 pub mod pending_file;

@@ -20,6 +20,3 @@ pub mod learning;
 pub mod mark;
 pub mod plan;
 pub mod report;
-pub mod stress;
-#[cfg(feature = "upload")]
-pub mod upload;

@@ -128,6 +128,9 @@ pub struct ImageRecord {
     /// Deflection and twist along the span.
     #[serde(default)]
     pub curve: Vec<CurveRecord>,
+    /// Bending moments at the sections of `[structure]`; empty without one.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub moments: Vec<MomentRecord>,
     /// Correlations, variance components, refraction and the like.
     #[serde(default, skip_serializing_if = "Quality::is_empty")]
     pub quality: Quality,
@@ -248,6 +251,18 @@ pub struct CurveRecord {
     pub sigma_twist_deg: Option<f64>,
     #[serde(flatten)]
     pub incidence: IncidenceRecord,
+}
+
+/// Bending moment at a section, as the change relative to the ground; positive if it bends the tip up.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MomentRecord {
+    /// Arc length from the bending root, m.
+    pub arc_length_m: f64,
+    /// Moment, N m; `None` if the curvature has no standard deviation.
+    pub bending_moment_nm: Option<f64>,
+    pub sigma_bending_moment_nm: Option<f64>,
+    /// Part of the standard deviation due to the stiffness, N m; common to all frames.
+    pub sigma_stiffness_nm: Option<f64>,
 }
 
 /// Rotations of a section against the survey; `None` with the profile method and in results of older programs.

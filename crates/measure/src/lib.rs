@@ -5,6 +5,7 @@
 pub mod adjust;
 pub mod calibrate;
 pub mod detect;
+mod dispatch;
 pub mod environment;
 pub mod estimation;
 pub mod geometry;

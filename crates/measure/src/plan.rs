@@ -6,6 +6,7 @@ mod fixed_targets;
 mod measurable;
 mod narrow_widths;
 mod optics;
+mod precision;
 mod prediction;
 mod requirement;
 mod resolution;
@@ -15,9 +16,8 @@ mod view;
 pub use draft::{DraftVariant, LayoutDraft, best_layout, even_layout, predict_variants};
 pub use narrow_widths::{NarrowWidth, find_narrow_widths};
 pub use optics::{Optics, OpticsPlan};
-pub use prediction::{
-    AlternativeLayout, LayoutChange, LayoutPrecision, LayoutPrediction, MarkerSigma, TipSigma,
-};
+pub use precision::{LayoutPrecision, MarkerSigma, TipSigma};
+pub use prediction::{AlternativeLayout, LayoutChange, LayoutPrediction};
 pub use requirement::{
     Remedy, Requirement, RequirementResult, VarianceFraction, assumed_attitude, check_requirement,
     predict_precision,

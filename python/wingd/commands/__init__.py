@@ -36,7 +36,8 @@ def run_command(body: Callable[[], int | None]) -> int:
     except BrokenPipeError:
         return 1
     except (WingdError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        # One line, also if a library's message in it has several.
+        print("error: " + " ".join(str(error).split()), file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 130

@@ -20,10 +20,8 @@ use wingd_measure::setup::Orientation;
 
 pub(super) fn solve_images(args: &SolveArgs, report: Option<ReportFile>) -> TaskResult<Completion> {
     let directory = resolve_installation(args.installation.as_deref())?;
-    if args.images.is_empty()
-        && (args.adjusts_jointly() || args.mountings.is_some() || args.report.is_some())
-    {
-        let what = "--flight, --mountings and --report need images in addition to --observations";
+    if args.images.is_empty() && (args.joint || args.mountings.is_some() || args.report.is_some()) {
+        let what = "--joint, --mountings and --report need images in addition to --observations";
         return Err(Failure::Usage(what.into()));
     }
     let files = batch::expand_folders(&args.images)?;
@@ -111,7 +109,7 @@ fn solve_files(
             ..processed
         }
     };
-    if args.adjusts_jointly() {
+    if args.joint {
         let mut processed_frames = Vec::with_capacity(files.len());
         batch::for_each_image(
             files,

@@ -27,7 +27,7 @@ pub(super) fn solve_store(
     report: Option<ReportFile>,
 ) -> TaskResult<Completion> {
     // Checked first, because opening would create a missing store.
-    let flights = stored_flights::select_flights(root, args.flight_name())?;
+    let flights = stored_flights::select_flights(root, args.flight.as_deref())?;
     let (store, recovery) = stored_flights::open_store(root)?;
     print_notes(&recovery.remarks);
     let mut output = ResultOutput::new(args, false);
@@ -41,7 +41,7 @@ pub(super) fn solve_store(
         report::write_store_report(
             page,
             &store,
-            args.flight_name(),
+            args.flight.as_deref(),
             args.installation.as_deref(),
         )?;
     }
@@ -71,7 +71,8 @@ fn solve_flight(
         false => FlightMarks::read(store.disk(), store.root(), flight, &installation.setup)?,
     };
     print_notes(&marks.notes);
-    let mountings = match args.adjusts_jointly() {
+    let jointly = adjusts_jointly(args, store, flight)?;
+    let mountings = match jointly {
         true => stored_frames::frame_mountings(store.disk(), flight)?,
         false => BTreeMap::new(),
     };
@@ -89,7 +90,7 @@ fn solve_flight(
         job: &job,
         known,
     };
-    if args.adjusts_jointly() {
+    if jointly {
         work.solve_jointly(output)
     } else {
         work.solve_frames_singly(output)
@@ -99,6 +100,24 @@ fn solve_flight(
             .mixed_inputs_warning(&flight.id, None),
     );
     Ok(())
+}
+
+/// Maximum number of frames of a joint adjustment: its time and memory grow with their number.
+const MAX_JOINT_FRAMES: usize = 1000;
+
+/// Returns whether the frames of a flight are adjusted jointly, and prints a note if there are too many.
+fn adjusts_jointly(args: &SolveArgs, store: &Store, flight: &FlightRef) -> TaskResult<bool> {
+    if args.single || !args.is_spatial() {
+        return Ok(false);
+    }
+    let frames = stored_flights::flight_frames(store.disk(), flight, None)?.len();
+    if frames > MAX_JOINT_FRAMES {
+        eprintln!(
+            "wingd: {}: {frames} frames are adjusted one by one; a joint adjustment takes at most {MAX_JOINT_FRAMES}",
+            flight.id
+        );
+    }
+    Ok(frames <= MAX_JOINT_FRAMES)
 }
 
 struct FlightSolver<'a> {

@@ -73,6 +73,7 @@ impl RowLayout {
             let width = match subject {
                 Subject::Marker => record.markers.len(),
                 Subject::Station => record.curve.len(),
+                Subject::Section => record.moments.len(),
                 Subject::Pair => record.torsion.len(),
                 Subject::CurvatureTerm => terms,
                 Subject::CurvatureTermPair => terms * (terms + 1) / 2,
@@ -117,6 +118,11 @@ impl RowLayout {
                 .curve
                 .iter()
                 .map(|station| station.arc_length_m.into())
+                .collect(),
+            sections: record
+                .moments
+                .iter()
+                .map(|moment| moment.arc_length_m.into())
                 .collect(),
             torsion: record
                 .torsion

@@ -9,18 +9,14 @@ use super::running::{Running, copied, free_port, shell, wait};
 use super::{Block, ROOT, blocks, pages};
 
 /// Tests that run the `sh` blocks of a page that needs more than this program; that file reads the page.
-const BY_OTHERS: [(&str, &str); 1] = [("docs/fleet.md", "fleet/tests/test_page.py")];
+const BY_OTHERS: [(&str, &str); 1] = [("docs/fleet.md", "python/tests/fleet/test_page.py")];
 
 /// First words of a line of a `console` block, and its test. No other line may occur in one.
-const CONSOLE: [(&str, &str); 13] = [
+const CONSOLE: [(&str, &str); 12] = [
     ("make ", "a target of the Makefile, checked by `named`"),
     (
         "cargo test ",
         "a test that `make test` runs, checked by `named`",
-    ),
-    (
-        "cargo build --release --locked --features upload",
-        "make fleet-test builds so",
     ),
     (
         "wingd mark ",
@@ -38,7 +34,7 @@ const CONSOLE: [(&str, &str); 13] = [
         "wingd time-check store ",
         "photographs of a clock: tests/detect/time_code.rs, tests/validation/time_check.py",
     ),
-    ("wingd-fleet modes ", "fleet/tests/test_modes.py"),
+    ("wingd-fleet modes ", "python/tests/fleet/test_modes.py"),
     ("rclone ", "not run: needs a remote of one's own"),
     (
         "python3 tests/validation/rendered_sets.py ",
@@ -157,16 +153,14 @@ fn run_all<'a>(lines: impl Iterator<Item = &'a str>, folder: &Path, port: u16) {
 }
 
 fn examples(wanted: impl Fn(&str) -> bool) -> impl Iterator<Item = &'static str> {
-    let of = wingd::cli::help::EXAMPLES
-        .iter()
-        .filter(move |(name, _)| wanted(name));
-    of.flat_map(|(_, lines)| lines.iter().copied())
+    let listed = wingd::cli::help::listed_commands().into_iter();
+    let of = listed.filter(move |command| wanted(&command.name()));
+    of.flat_map(|command| command.examples.iter().copied())
 }
 
-/// Excluded commands: they ask the recorder or need a page; `upload` is in no program that `make test` builds (make fleet-test),
-/// `time-check` needs images of a clock (tests/validation/time_check.py), and `mark` serves until it is ended (marking).
+/// Excluded commands: they ask the recorder or need a page; `time-check` needs images of a clock (tests/validation/time_check.py), and `mark` serves until it is ended (marking).
 const RECORDER: [&str; 2] = ["status", "trigger"];
-const BESIDE: [&str; 4] = ["serve", "mark", "upload", "time-check"];
+const BESIDE: [&str; 3] = ["serve", "mark", "time-check"];
 
 /// The tutorial's recorder without its end, in live mode, with signatures.
 fn record(folder: &Path) {

@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
 
+use wingd::cli::external::PACKAGE_COMMANDS;
+
 use super::{ROOT, code, pages};
 
 /// Help text of a command; `None` if there is no such command.
@@ -17,9 +19,6 @@ fn help_of(command: &str) -> Option<String> {
         .success()
         .then(|| String::from_utf8(output.stdout).unwrap())
 }
-
-/// Commands of optional features.
-const OPTIONAL: [&str; 1] = ["upload"];
 
 #[test]
 fn commands_and_options_that_the_pages_name_exist() {
@@ -41,7 +40,7 @@ fn commands_and_options_that_the_pages_name_exist() {
                 continue;
             };
             // Code that ends in a space is no command line but the beginning of a text.
-            if OPTIONAL.contains(command)
+            if PACKAGE_COMMANDS.contains(command) && help_of(command).is_none()
                 || command.starts_with('-')
                 || *command == "help"
                 || line.ends_with(' ')

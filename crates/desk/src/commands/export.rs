@@ -33,14 +33,12 @@ enum FormatName {
     Csv,
     /// The same table with typed columns and times as UTC timestamps
     Parquet,
-    /// Shapes: a .vtp per frame, a .pvd per flight, the ground, a mean .vtu per series (ParaView)
+    /// Shapes: a .vtp per frame, a .pvd per flight, the ground (ParaView)
     Vtk,
     /// A JSON object per shot, with its complete record
     Jsonl,
     /// Arrays of the joint shape with its covariance (xarray, MATLAB)
     Netcdf,
-    /// The same arrays for NumPy
-    Npz,
 }
 
 /// Export a store's results for other tools.
@@ -52,7 +50,7 @@ pub struct ExportArgs {
     #[arg(long, value_enum)]
     format: FormatName,
     /// Rows of csv and parquet output
-    #[arg(long, value_enum, default_value = "markers", default_value_ifs = [("format", "csv", "summary"), ("format", "netcdf", "shape"), ("format", "npz", "shape")])]
+    #[arg(long, value_enum, default_value = "markers", default_value_ifs = [("format", "csv", "summary"), ("format", "netcdf", "shape")])]
     table: ResultTable,
     /// Stations of the shape, CSV with a column arc_length_m: from the bending root along the axis [default: those of the
     /// curves, and the tip]
@@ -66,6 +64,10 @@ pub struct ExportArgs {
         conflicts_with = "stations"
     )]
     eta: Option<Vec<f64>>,
+    /// Write the factors of the covariance with all sources, in double precision [default: the sources that carry 99.99 % of
+    /// the variance, in single precision]
+    #[arg(long)]
+    full_factors: bool,
     /// Flight, for example f0001 [default: all flights]
     #[arg(long)]
     flight: Option<String>,
@@ -92,7 +94,7 @@ impl ExportArgs {
 
 /// Exports results of a flight, of all flights or of live mode as a file of the chosen format.
 pub(super) fn run(args: &ExportArgs) -> TaskResult<Completion> {
-    let is_array = matches!(args.format, FormatName::Netcdf | FormatName::Npz);
+    let is_array = args.format == FormatName::Netcdf;
     let is_shape = matches!(args.table, ResultTable::Shape | ResultTable::Series);
     let is_possible = match args.table {
         ResultTable::Shape => is_array,
@@ -102,8 +104,8 @@ pub(super) fn run(args: &ExportArgs) -> TaskResult<Completion> {
         _ => !is_array,
     };
     if !is_possible {
-        let remedy = "--table shape needs --format netcdf or npz; --table series needs one of these, csv or parquet; netcdf \
-                      and npz have no other table";
+        let remedy = "--table shape needs --format netcdf; --table series needs netcdf, csv or parquet; netcdf has no other \
+                      table";
         return Err(Failure::Usage(remedy.into()));
     }
     if !is_shape && (args.stations.is_some() || args.eta.is_some()) {
@@ -111,8 +113,12 @@ pub(super) fn run(args: &ExportArgs) -> TaskResult<Completion> {
             "--stations and --eta are for --table shape and series".into(),
         ));
     }
+    if !is_array && args.full_factors {
+        let remedy = "--full-factors is for --format netcdf; omit it";
+        return Err(Failure::Usage(remedy.into()));
+    }
     let data = match args.format {
-        FormatName::Netcdf | FormatName::Npz => return export_shapes(args),
+        FormatName::Netcdf => return export_shapes(args),
         _ if is_shape => return export_shapes(args),
         _ if args.table == ResultTable::Live => return live::export_live_results(args),
         FormatName::Csv | FormatName::Parquet => export_rows(args)?,
@@ -129,7 +135,7 @@ use shape::export_shapes;
 #[cfg(not(feature = "shapes"))]
 fn export_shapes(_: &ExportArgs) -> TaskResult<Completion> {
     Err(Failure::Usage(
-        "this wingd was built without NetCDF and NumPy; use --format csv --table span".into(),
+        "this wingd was built without NetCDF; use --format csv --table span".into(),
     ))
 }
 
@@ -290,11 +296,6 @@ fn export_vtk_flight(
             );
             return Ok(());
         }
-        let name = format!("{}-{}", series.flight, series.name);
-        write_file(
-            &folder.join(format!("{name}.vtu")),
-            &export::series_shape(&series, &ground).to_vtu(),
-        )?;
         for record in summary::solved_records(&series) {
             let Some(stamp) = series.shot_for_record(record).and_then(|s| s.stamp.clone()) else {
                 continue;

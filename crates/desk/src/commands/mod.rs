@@ -4,17 +4,12 @@ mod aircraft_data;
 #[cfg(feature = "boards")]
 mod calibrate;
 mod compare;
-mod difference;
 mod export;
 mod import;
 mod learn;
 mod mark;
-mod mean;
 mod plan;
 mod report;
-mod stress;
-#[cfg(feature = "upload")]
-mod upload;
 
 use wingd_simulate::command as simulate;
 
@@ -24,32 +19,48 @@ commands! {
     DeskCommand(cameras: OpenCamera)
     /// Estimate the interior orientation from images of a board
     #[cfg(feature = "boards")]
-    Calibrate(calibrate::CalibrateArgs) => calibrate::run [cameras],
+    Calibrate(calibrate::CalibrateArgs) => calibrate::run [cameras], Prepare [
+        "wingd calibrate --board board.toml --output camera.toml --report calibration.html board/*.jpg",
+    ];
     /// Predict resolution and standard deviations
-    Plan(plan::PlanArgs) => plan::run,
+    Plan(plan::PlanArgs) => plan::run, Prepare [
+        "wingd plan --reach 33 --height 2.5 --chord 4 --focal 12 --sensor 4000x3000x1.54 --markers 20 --fixed 2 --frames 10 --want 5mm",
+        "wingd plan --installation installation --tip-deflection 2.5 --figure plan.svg",
+    ];
     /// Import the images of a camera's card into a store
-    Import(import::ImportArgs) => import::run,
+    Import(import::ImportArgs) => import::run, Evaluate [
+        "wingd import frames --store card --installation installation",
+    ];
     /// Mark undetected markers manually in a browser
-    Mark(mark::MarkArgs) => mark::run,
+    Mark(mark::MarkArgs) => mark::run, Evaluate [
+        "wingd mark store",
+        "wingd mark --installation installation frames/flight-1.jpg",
+    ];
     /// Estimate flight-invariant parameters from several flights
-    Learn(learn::LearnArgs) => learn::run,
+    Learn(learn::LearnArgs) => learn::run, Evaluate [
+        "wingd learn store --installation installation",
+    ];
     /// Write a flight's figures and tables as one HTML file
-    Report(report::ReportArgs) => report::run,
+    Report(report::ReportArgs) => report::run, Evaluate [
+        "wingd report store --output report.html",
+    ];
     /// Compare two solves of a store, or two stores
-    Compare(compare::CompareArgs) => compare::run,
-    /// Upload flights to an object store (not in the on-board build)
-    #[cfg(feature = "upload")]
-    Upload(upload::UploadArgs) => upload::run,
-    /// Average measured shapes, also by conditions of the flight
-    Mean(mean::MeanArgs) => mean::run,
-    /// Compare measured shapes with each other or with a computation
-    Difference(difference::DifferenceArgs) => difference::run,
-    /// Export results as tables, VTK, JSON lines, NetCDF or NumPy
-    Export(export::ExportArgs) => export::run,
+    Compare(compare::CompareArgs) => compare::run, Evaluate [
+        "wingd compare store",
+    ];
+    /// Export results as tables, JSON lines or NetCDF
+    Export(export::ExportArgs) => export::run, Evaluate [
+        "wingd export store --format csv --table span --output span.csv",
+        "wingd export store --format parquet --output markers.parquet",
+        "wingd export store --format netcdf --output shape.nc",
+    ];
     /// Add a table of the aircraft's own data to a flight
-    AircraftData(aircraft_data::AircraftDataArgs) => aircraft_data::run,
-    /// Compute bending moments: extremes, load cycles, damage
-    Stress(stress::StressArgs) => stress::run,
+    AircraftData(aircraft_data::AircraftDataArgs) => aircraft_data::run, Evaluate [
+        "wingd aircraft-data demo-flight/store qar.csv --mapping mapping.toml --flight f0001",
+        "wingd aircraft-data store --flight f0001 --list",
+    ];
     /// Render frames of a wing, or images of a board
-    Simulate(simulate::SimulateArgs) => simulate::run,
+    Simulate(simulate::SimulateArgs) => simulate::run, Utility [
+        "wingd simulate --output practice --seed 4 --size 1600 1200 --focal 1400 --tip-deflections 2.4,1.8 --board board.toml",
+    ];
 }

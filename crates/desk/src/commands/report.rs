@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-use super::difference::compare_with_computation;
 use crate::report as html;
 use wingd_base::failure::{Completion, TaskResult};
 use wingd_base::output::{print_line, print_notes, show_busy, write_output};
@@ -37,12 +36,6 @@ pub struct ReportArgs {
     /// Text in the head of the page, for example --field author="A. Engineer"; can be given several times
     #[arg(long, value_name = "NAME=TEXT", value_parser = parse_field, conflicts_with = "all_flights")]
     field: Vec<(String, String)>,
-    /// Computation to compare the shape with, CSV as for `wingd difference --against`
-    #[arg(long, value_name = "FILE", conflicts_with = "all_flights")]
-    against: Option<PathBuf>,
-    /// Series or frame to compare with the computation [default: the mean of the flight's frames]
-    #[arg(long, value_name = "SERIES[/FRAME]", requires = "against")]
-    against_frames: Option<String>,
     /// Show all columns of the table [default: those that fit 80 characters]
     #[arg(long)]
     wide: bool,
@@ -64,17 +57,6 @@ pub(super) fn run(args: &ReportArgs) -> TaskResult<Completion> {
         source::read_flight_with_pictures(&args.store, choice, setup.as_ref(), args.pictures)
     })?;
     data.fields.clone_from(&args.field);
-    if let Some(file) = &args.against {
-        let flight = data.series.first().map_or("", |series| &series.flight);
-        let within = args
-            .against_frames
-            .as_ref()
-            .map_or(String::new(), |within| format!("/{within}"));
-        let frames = format!("{}:{flight}{within}", args.store.display());
-        let (comparison, notes) = compare_with_computation(&frames, args.inputs.as_deref(), file)?;
-        data.comparison = Some(comparison);
-        data.warnings.extend(notes);
-    }
     print_notes(data.warnings.iter().chain(&data.notes));
     write_output(&args.output, html::report_page(&data), OTHER_OUTPUT)?;
     print_line(table::series_text(&summary::summarise_series(&data.series), args.wide).trim_end())?;

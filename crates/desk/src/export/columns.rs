@@ -27,6 +27,15 @@ pub enum ColumnValues {
 }
 
 impl ColumnValues {
+    /// Creates numbers of a type; a time before any clock was set is missing.
+    pub fn from_numbers(kind: NumberType, mut numbers: Vec<f64>) -> Self {
+        if kind == NumberType::Time {
+            let unset = numbers.iter_mut().filter(|us| **us < FIRST_KNOWN_US as f64);
+            unset.for_each(|us| *us = f64::NAN);
+        }
+        Self::Numbers(kind, numbers)
+    }
+
     /// Returns the number of rows.
     pub fn len(&self) -> usize {
         match self {
@@ -80,6 +89,15 @@ impl ColumnValues {
     }
 }
 
+/// Begin of the times that a clock may show, microseconds since 1970: 1 January 1980, before any digital camera. Recorders
+/// and cameras whose clock was not set count from 1970.
+const FIRST_KNOWN_US: i64 = 315_532_800_000_000;
+
+/// Returns whether a time is known: a clock that was not set shows an earlier one.
+pub fn is_known_time(time: jiff::Timestamp) -> bool {
+    time.as_microsecond() >= FIRST_KNOWN_US
+}
+
 /// Formats a time with microseconds, RFC 3339 in UTC.
 pub fn time_text(time: jiff::Timestamp) -> String {
     format!("{time:.6}")
@@ -116,7 +134,7 @@ impl ExportColumn {
             .collect();
         Self {
             name: column.name.clone(),
-            values: ColumnValues::Numbers(kind, numbers),
+            values: ColumnValues::from_numbers(kind, numbers),
         }
     }
 }
@@ -217,6 +235,7 @@ fn image_rows<'a>(table: ResultTable, row: ResultRow<'a>, terms: &'a [Term]) -> 
     };
     let count = match table {
         ResultTable::Span => image.curve.len(),
+        ResultTable::Moments => image.moments.len(),
         ResultTable::Parameters => {
             return terms
                 .iter()
@@ -235,4 +254,24 @@ fn image_rows<'a>(table: ResultTable, row: ResultRow<'a>, terms: &'a [Term]) -> 
             ..row
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_time_before_any_clock_was_set_is_missing() {
+        let times = vec![3e7, 315_532_799e6, 315_532_800e6, 1.78e15, f64::NAN];
+        let column = ColumnValues::from_numbers(NumberType::Time, times);
+        let texts: Vec<String> = (0..column.len())
+            .map(|row| column.value_text(row))
+            .collect();
+        let known = ["1980-01-01T00:00:00.000000Z", "2026-05-28T20:26:40.000000Z"];
+        assert_eq!(texts, ["", "", known[0], known[1], ""]);
+        assert!(!is_known_time(jiff::Timestamp::UNIX_EPOCH));
+        // Only times are: a count may be small.
+        let counts = ColumnValues::from_numbers(NumberType::Count, vec![3.0]);
+        assert_eq!(counts.value_text(0), "3");
+    }
 }

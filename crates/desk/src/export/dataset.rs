@@ -1,16 +1,17 @@
-//! Named arrays with units, written as NetCDF (classic, 64-bit offsets) or as an archive of NumPy arrays (npz).
+//! Named arrays with units, written as NetCDF (classic, 64-bit offsets) with the CF conventions.
 
 use std::fs::File;
-use std::io::{self, Seek, Write};
+use std::io;
 
 use netcdf3::{DataSet, FileWriter, InvalidDataSet, Version, WriteError};
-use zip::write::{SimpleFileOptions, ZipWriter};
 
 /// Values of an array, in row-major order.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ArrayValues {
     /// A missing value is NaN.
     Numbers(Vec<f64>),
+    /// Numbers in single precision.
+    Singles(Vec<f32>),
     /// 0 or 1.
     Flags(Vec<bool>),
     Texts(Vec<String>),
@@ -22,11 +23,19 @@ pub struct NamedArray {
     pub name: String,
     /// Names of the dimensions, the slowest first.
     pub dimensions: Vec<&'static str>,
-    /// Unit, empty for a number without one.
+    /// Unit, empty for a text.
     pub unit: &'static str,
     /// Meaning, a phrase.
     pub meaning: String,
     pub values: ArrayValues,
+}
+
+/// Attribute of a dataset.
+#[derive(Clone, Debug, PartialEq)]
+pub enum AttributeValue {
+    Text(String),
+    Numbers(Vec<f64>),
+    Count(i32),
 }
 
 /// Arrays over common dimensions, with attributes that hold for all of them.
@@ -35,13 +44,10 @@ pub struct ArrayDataset {
     /// Names and sizes of the dimensions.
     pub dimensions: Vec<(&'static str, usize)>,
     pub arrays: Vec<NamedArray>,
-    pub attributes: Vec<(String, String)>,
+    /// Names of arrays that are coordinates of the arrays with their dimensions.
+    pub coordinates: Vec<&'static str>,
+    pub attributes: Vec<(String, AttributeValue)>,
 }
-
-/// Name of an array in the archive that holds attributes, units and dimensions as JSON.
-const DESCRIPTION: &str = "description";
-/// Alignment of the data in a NumPy file, bytes.
-const NPY_ALIGNMENT: usize = 64;
 
 impl ArrayDataset {
     fn size_of(&self, dimension: &str) -> usize {
@@ -56,54 +62,16 @@ impl ArrayDataset {
     /// # Errors
     /// Returns an error of the file system, or of the format if a name or a size is not possible in it.
     pub fn write_netcdf(&self, file: File) -> io::Result<()> {
-        let mut set = DataSet::new();
-        for (name, size) in self.dimensions.iter().filter(|(_, size)| *size > 0) {
-            set.add_fixed_dim(name, *size).map_err(definition_error)?;
-        }
-        for (name, text) in &self.attributes {
-            set.add_global_attr_string(name, text)
-                .map_err(definition_error)?;
-        }
-        let present = || {
-            self.arrays
-                .iter()
-                .filter(|a| a.dimensions.iter().all(|d| self.size_of(d) > 0))
-        };
-        for array in present() {
-            let (name, mut dimensions) = (
-                &array.name,
-                array
-                    .dimensions
-                    .iter()
-                    .map(|d| (*d).to_owned())
-                    .collect::<Vec<_>>(),
-            );
-            match &array.values {
-                ArrayValues::Numbers(_) => set.add_var_f64(name, &dimensions),
-                ArrayValues::Flags(_) => set.add_var_i8(name, &dimensions),
-                ArrayValues::Texts(texts) => {
-                    let length = format!("{name}_length");
-                    set.add_fixed_dim(&length, text_width(texts))
-                        .map_err(definition_error)?;
-                    dimensions.push(length);
-                    set.add_var_u8(name, &dimensions)
-                }
-            }
-            .map_err(definition_error)?;
-            for (attribute, text) in [("units", array.unit), ("long_name", array.meaning.as_str())]
-            {
-                set.add_var_attr_string(name, attribute, text)
-                    .map_err(definition_error)?;
-            }
-        }
+        let set = self.define().map_err(definition_error)?;
         let mut writer = FileWriter::open_seek_write("", Box::new(file)).map_err(write_error)?;
         writer
             .set_def(&set, Version::Offset64Bit, 0)
             .map_err(write_error)?;
-        for array in present() {
+        for array in self.present() {
             let name = &array.name;
             match &array.values {
                 ArrayValues::Numbers(numbers) => writer.write_var_f64(name, numbers),
+                ArrayValues::Singles(numbers) => writer.write_var_f32(name, numbers),
                 ArrayValues::Flags(flags) => writer.write_var_i8(
                     name,
                     &flags.iter().map(|f| i8::from(*f)).collect::<Vec<_>>(),
@@ -115,85 +83,85 @@ impl ArrayDataset {
         writer.close().map_err(write_error)
     }
 
-    /// Writes an archive of NumPy arrays; the array `description` holds attributes, dimensions, units and meanings as JSON.
-    ///
-    /// # Errors
-    /// Returns an error of the file system.
-    pub fn write_npz(&self, file: impl Write + Seek) -> io::Result<()> {
-        let mut archive = ZipWriter::new(file);
-        for NamedArray {
-            name,
-            dimensions,
-            values,
-            ..
-        } in &self.arrays
-        {
-            let shape: Vec<usize> = dimensions.iter().map(|d| self.size_of(d)).collect();
-            let (kind, bytes) = match values {
-                ArrayValues::Numbers(numbers) => (
-                    "<f8".into(),
-                    numbers.iter().flat_map(|v| v.to_le_bytes()).collect(),
-                ),
-                ArrayValues::Flags(flags) => {
-                    ("|b1".into(), flags.iter().map(|f| u8::from(*f)).collect())
+    fn present(&self) -> impl Iterator<Item = &NamedArray> {
+        self.arrays
+            .iter()
+            .filter(|a| a.dimensions.iter().all(|d| self.size_of(d) > 0))
+    }
+
+    /// Defines dimensions, arrays and attributes.
+    fn define(&self) -> Result<DataSet, InvalidDataSet> {
+        let mut set = DataSet::new();
+        for (name, size) in self.dimensions.iter().filter(|(_, size)| *size > 0) {
+            set.add_fixed_dim(name, *size)?;
+        }
+        for (name, value) in &self.attributes {
+            match value {
+                AttributeValue::Text(text) => set.add_global_attr_string(name, text)?,
+                AttributeValue::Numbers(numbers) => {
+                    set.add_global_attr_f64(name, numbers.clone())?
                 }
+                AttributeValue::Count(count) => set.add_global_attr_i32(name, vec![*count])?,
+            };
+        }
+        let mut widths = vec![];
+        for array in self.present() {
+            let name = &array.name;
+            let mut dimensions: Vec<String> =
+                array.dimensions.iter().map(|d| (*d).to_owned()).collect();
+            match &array.values {
+                ArrayValues::Numbers(_) => set.add_var_f64(name, &dimensions)?,
+                ArrayValues::Singles(_) => set.add_var_f32(name, &dimensions)?,
+                ArrayValues::Flags(_) => set.add_var_i8(name, &dimensions)?,
                 ArrayValues::Texts(texts) => {
-                    (format!("|S{}", text_width(texts)), fixed_width(texts))
+                    let width = text_width(texts);
+                    let length = format!("string{width}");
+                    if !widths.contains(&width) {
+                        set.add_fixed_dim(&length, width)?;
+                        widths.push(width);
+                    }
+                    dimensions.push(length);
+                    set.add_var_u8(name, &dimensions)?
                 }
             };
-            add_npy(&mut archive, name, &kind, &shape, &bytes)?;
+            // Readers return texts as such instead of bytes.
+            if matches!(array.values, ArrayValues::Texts(_)) {
+                set.add_var_attr_string(name, "_Encoding", "utf-8")?;
+            }
+            if !array.unit.is_empty() {
+                set.add_var_attr_string(name, "units", array.unit)?;
+            }
+            set.add_var_attr_string(name, "long_name", &array.meaning)?;
+            let coordinates = self.coordinates_of(array).join(" ");
+            if !coordinates.is_empty() {
+                set.add_var_attr_string(name, "coordinates", coordinates)?;
+            }
         }
-        let text = self.description().to_string();
-        add_npy(
-            &mut archive,
-            DESCRIPTION,
-            &format!("|S{}", text.len()),
-            &[],
-            text.as_bytes(),
-        )?;
-        archive.finish()?.flush()
+        Ok(set)
     }
 
-    fn description(&self) -> serde_json::Value {
-        let arrays = self.arrays.iter().map(|a| {
-            (a.name.clone(), serde_json::json!({"dimensions": a.dimensions, "unit": a.unit, "meaning": a.meaning}))
-        });
-        let attributes = self
-            .attributes
-            .iter()
-            .map(|(name, text)| (name.clone(), text.clone().into()));
-        let (arrays, attributes): (serde_json::Map<_, _>, serde_json::Map<_, _>) =
-            (arrays.collect(), attributes.collect());
-        serde_json::json!({"attributes": attributes, "arrays": arrays})
+    /// Returns the coordinates of an array other than the indices of its dimensions.
+    fn coordinates_of(&self, array: &NamedArray) -> Vec<&str> {
+        let is_coordinate = |name: &str| self.coordinates.contains(&name);
+        let belongs = |other: &&NamedArray| {
+            let is_index = other.dimensions == [other.name.as_str()];
+            is_coordinate(&other.name)
+                && !is_index
+                && other
+                    .dimensions
+                    .iter()
+                    .all(|d| array.dimensions.contains(d))
+        };
+        let is_index = array.dimensions == [array.name.as_str()];
+        match is_coordinate(&array.name) || is_index {
+            true => vec![],
+            false => self
+                .present()
+                .filter(belongs)
+                .map(|other| other.name.as_str())
+                .collect(),
+        }
     }
-}
-
-/// Adds a file of one array (format 1.0: magic number, length of the header, header, data).
-fn add_npy<W: Write + Seek>(
-    archive: &mut ZipWriter<W>,
-    name: &str,
-    kind: &str,
-    shape: &[usize],
-    bytes: &[u8],
-) -> io::Result<()> {
-    archive.start_file(
-        format!("{name}.npy"),
-        SimpleFileOptions::default().large_file(true),
-    )?;
-    let shape: String = shape.iter().map(|size| format!("{size}, ")).collect();
-    let mut header = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({shape}), }}");
-    let before = b"\x93NUMPY\x01\x00".len() + 2;
-    let length = (before + header.len() + 1).next_multiple_of(NPY_ALIGNMENT) - before;
-    header.extend(std::iter::repeat_n(' ', length - header.len() - 1));
-    archive.write_all(b"\x93NUMPY\x01\x00")?;
-    archive.write_all(
-        &u16::try_from(length)
-            .map_err(io::Error::other)?
-            .to_le_bytes(),
-    )?;
-    archive.write_all(header.as_bytes())?;
-    archive.write_all(b"\n")?;
-    archive.write_all(bytes)
 }
 
 /// Length of the longest text, at least 1 byte.
@@ -214,7 +182,7 @@ fn fixed_width(texts: &[String]) -> Vec<u8> {
 }
 
 /// Reason for a name, a size or a value that NetCDF does not have.
-const NOT_POSSIBLE: &str = "NetCDF cannot hold these arrays; use --format npz";
+const NOT_POSSIBLE: &str = "NetCDF cannot hold these arrays; export fewer flights with --flight";
 
 fn definition_error(_: InvalidDataSet) -> io::Error {
     io::Error::other(NOT_POSSIBLE)

@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use serde_json::json;
 
-use super::columns::time_text;
+use super::columns::{is_known_time, time_text};
 use wingd_evaluation::aircraft::state_to_json;
 use wingd_evaluation::quantities::SCHEMA_VERSION;
 use wingd_evaluation::results::SeriesData;
@@ -20,7 +20,7 @@ pub fn write_json_lines(
         let stamp = shot.stamp.as_ref();
         let mut exposure = json!(shot.exposure);
         if let (Some(known), Some(time)) = (&shot.exposure, exposure.get_mut("exposure_time")) {
-            *time = time_text(known.exposure_time).into();
+            *time = json!(known_time_text(known.exposure_time));
         }
         let line = json!({
             "schema_version": SCHEMA_VERSION,
@@ -31,7 +31,7 @@ pub fn write_json_lines(
             "shot": shot.number,
             "image": shot.image,
             "image_sha256": shot.sha256,
-            "utc": stamp.map(|s| time_text(s.utc)),
+            "utc": stamp.and_then(|s| known_time_text(s.utc)),
             "utc_synchronised": stamp.map(|s| s.utc_synchronised),
             "boot_id": stamp.map(|s| &s.boot_id),
             "since_boot_s": stamp.map(|s| s.since_boot_s),
@@ -45,4 +45,9 @@ pub fn write_json_lines(
         output.write_all(b"\n")?;
     }
     Ok(())
+}
+
+/// Formats a time; `None` if it is not known.
+fn known_time_text(time: jiff::Timestamp) -> Option<String> {
+    is_known_time(time).then(|| time_text(time))
 }

@@ -9,8 +9,9 @@ use wingd_base::clock::Stamp;
 use wingd_base::clock::exposure::Exposure;
 use wingd_evaluation::aircraft::{AircraftState, AircraftTrack};
 use wingd_evaluation::quantities::{
-    CLOCK_SIGMA, EXPOSURE_SIGMA, GLOBAL_TEST_PASSED, LiveSource, ResultInputs, ResultRow, SOLVED,
-    StoredTimes, Subject, TIP_SIGMAS, TableColumn, finite_value, stored_quantities, unit_suffix,
+    CLOCK_SIGMA, EXPOSURE_SIGMA, FIRST_VERSION, GLOBAL_TEST_PASSED, LiveSource, ResultInputs,
+    ResultRow, SOLVED, StoredTimes, Subject, TIP_SIGMAS, TableColumn, finite_value,
+    stored_quantities, unit_suffix,
 };
 use wingd_evaluation::record::{ImageRecord, RecordStatus, Tip, json_text};
 use wingd_measure::estimation::quality::GlobalTest;
@@ -47,7 +48,9 @@ impl LiveColumns {
     ) -> Self {
         let once = stored_quantities()
             .into_iter()
-            .filter(|(subject, ..)| *subject == Subject::Row);
+            .filter(|(subject, _, quantity)| {
+                *subject == Subject::Row && !FIRST_VERSION.contains(&quantity.name)
+            });
         let mut stored: Vec<LiveColumnSource> = once
             .map(|(_, form, quantity)| LiveColumnSource {
                 name: quantity.column_name(),
@@ -253,7 +256,7 @@ impl LiveColumnSource {
                 .map(json_text)
         };
         let values = match self.kind {
-            Some(kind) => ColumnValues::Numbers(kind, numbers),
+            Some(kind) => ColumnValues::from_numbers(kind, numbers),
             None => ColumnValues::Texts(numbers.iter().map(word).collect()),
         };
         ExportColumn {
@@ -264,22 +267,24 @@ impl LiveColumnSource {
 }
 
 /// Lists the columns of a table. `markers.deflection` in m becomes `deflection_M01_m`, `stations.deflection` becomes
-/// `deflection_s01_m` with `arc_length_s01_m`, and `torsion.twist` becomes `torsion_tip_twist_deg`, as for frames. Values
+/// `deflection_s01_m` with `arc_length_s01_m`, `sections.bending_moment` becomes `bending_moment_b01_nm`, and `torsion.twist` becomes `torsion_tip_twist_deg`, as for frames. Values
 /// without a label are numbered.
 fn column_sources(table: &LiveTable) -> Vec<LiveColumnSource> {
-    let arcs = table.source.get(STATIONS).and_then(Value::as_array);
-    let arc_length = |(index, arc): (usize, &Value)| LiveColumnSource {
-        name: format!("arc_length_{}_m", station_label(index)),
-        kind: Some(NumberType::Double),
-        origin: ValueOrigin::Constant(arc.as_f64().unwrap_or(f64::NAN)),
-    };
-    let mut all: Vec<_> = arcs
-        .into_iter()
-        .flatten()
-        .enumerate()
-        .map(arc_length)
-        .collect();
+    let mut all = vec![];
+    for (list, prefix) in PLACES {
+        let arcs = table.source.get(list).and_then(Value::as_array);
+        for (index, arc) in arcs.into_iter().flatten().enumerate() {
+            all.push(LiveColumnSource {
+                name: format!("arc_length_{}_m", place_label(prefix, index)),
+                kind: Some(NumberType::Double),
+                origin: ValueOrigin::Constant(arc.as_f64().unwrap_or(f64::NAN)),
+            });
+        }
+    }
     for (index, column) in table.columns.iter().enumerate() {
+        if FIRST_VERSION.contains(&&*column.name) {
+            continue;
+        }
         let (list, rest) = column
             .name
             .split_once('.')
@@ -291,10 +296,14 @@ fn column_sources(table: &LiveTable) -> Vec<LiveColumnSource> {
         } else {
             unit_suffix(&column.unit)
         };
+        let place = PLACES.iter().find(|(place, _)| list == Some(place));
         for value in 0..column.width {
             let label = labels.and_then(|labels| labels.get(value)).map(json_text);
             let name = match (list, label) {
-                (Some(STATIONS), _) => format!("{rest}_{}{unit}", station_label(value)),
+                _ if place.is_some() => {
+                    let prefix = place.map_or("", |(_, prefix)| prefix);
+                    format!("{rest}_{}{unit}", place_label(prefix, value))
+                }
                 (Some(TORSION), Some(label)) => format!("{TORSION}_{label}_{rest}{unit}"),
                 (_, Some(label)) => format!("{rest}_{label}{unit}"),
                 _ if column.width == 1 => format!("{rest}{unit}"),
@@ -311,13 +320,14 @@ fn column_sources(table: &LiveTable) -> Vec<LiveColumnSource> {
     all
 }
 
-/// Lists whose labels are not a suffix of the column's name: the part of a stored name before the dot.
-const STATIONS: &str = "stations";
+/// Lists of places along the span, with the letter before their number: the part of a stored name before the dot.
+const PLACES: [(&str, &str); 2] = [("stations", "s"), ("sections", "b")];
+/// List whose labels are not a suffix of the column's name.
 const TORSION: &str = "torsion";
 
-/// Returns the name of a station, numbered from 1 at the root.
-fn station_label(index: usize) -> String {
-    format!("s{:02}", index + 1)
+/// Returns the name of a place, numbered from 1 at the root.
+fn place_label(prefix: &str, index: usize) -> String {
+    format!("{prefix}{:02}", index + 1)
 }
 
 /// Writes rows as one JSON object each; missing and infinite values are `null`.

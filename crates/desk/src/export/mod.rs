@@ -15,14 +15,18 @@ use std::io::Write;
 
 use wingd_base::text::text_cell;
 
-pub use columns::{ColumnValues, ExportColumn, ExportContext, NumberType, table_columns};
+pub use columns::{
+    ColumnValues, ExportColumn, ExportContext, NumberType, is_known_time, table_columns,
+};
+#[cfg(feature = "shapes")]
+pub use dataset::{ArrayDataset, AttributeValue};
 pub use lines::write_json_lines;
 pub use live::{LiveColumns, write_json_rows};
 #[cfg(feature = "parquet")]
 pub use parquet_file::ParquetFile;
 #[cfg(feature = "shapes")]
-pub use shape::{DatedShape, shape_dataset};
-pub use vtk::{VtkShape, frame_shape, ground_shape, series_shape, time_collection};
+pub use shape::{DatedShape, SOURCES, ShapeExport};
+pub use vtk::{VtkShape, frame_shape, ground_shape, time_collection};
 
 /// Writer of a table as CSV; a missing value is an empty field.
 pub struct CsvWriter<W: Write>(csv::Writer<W>);

@@ -1,4 +1,4 @@
-//! VTK XML files of shapes: `.vtp` per frame, `.pvd` over time, the ground shape, a mean `.vtu` per series, and surfaces.
+//! VTK XML files of shapes: `.vtp` per frame, `.pvd` over time, and the ground shape.
 //!
 //! Arrays are base64 with a 64-bit length prefix: an unknown number is NaN, which the text form cannot represent.
 
@@ -8,36 +8,18 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 use wingd_evaluation::record::{ImageRecord, MarkerRecord};
-use wingd_evaluation::results::summary::{Mean, solved_records};
-use wingd_evaluation::results::{GroundMarker, SeriesData, distinct_values};
+use wingd_evaluation::results::GroundMarker;
 
-/// Points with their data arrays, marker ids and facets.
+/// Points with their data arrays and marker ids.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct VtkShape {
     points_m: Vec<[f64; 3]>,
-    /// Points of all facets, and the end of each facet in them; without facets the points are shown.
-    corners: Vec<usize>,
-    ends: Vec<usize>,
     /// Data arrays: name, number of components, values.
     arrays: Vec<(&'static str, usize, Vec<f64>)>,
     ids: Vec<String>,
 }
 
 impl VtkShape {
-    /// Creates the shape of a surface from its points, the indices of the corners of all facets, and the end of each facet.
-    pub fn from_surface(
-        points_m: impl Iterator<Item = [f64; 3]>,
-        corners: &[usize],
-        ends: &[usize],
-    ) -> Self {
-        Self {
-            points_m: points_m.collect(),
-            corners: corners.into(),
-            ends: ends.into(),
-            ..Self::default()
-        }
-    }
-
     /// Adds a vector of each point.
     pub fn add_vector(&mut self, name: &'static str, values: Vec<[f64; 3]>) {
         self.arrays
@@ -51,37 +33,16 @@ impl VtkShape {
 
     /// Returns the shape as PolyData (`.vtp`); `time_s` is written to its field data.
     pub fn to_vtp(&self, time_s: Option<f64>) -> String {
-        let (n, facets) = (self.points_m.len(), self.ends.len());
-        let (kind, vertices, indices) = if facets == 0 {
-            ("Verts", n, single_points(n))
-        } else {
-            (
-                "Polys",
-                0,
-                index_arrays(self.corners.iter().copied(), self.ends.iter().copied()),
-            )
-        };
-        let head = format!(
-            "<Piece NumberOfPoints=\"{n}\" NumberOfVerts=\"{vertices}\" NumberOfLines=\"0\" NumberOfStrips=\"0\" NumberOfPolys=\"{facets}\">"
-        );
-        self.to_xml(
-            "PolyData",
-            &head,
-            &format!("<{kind}>{indices}</{kind}>"),
-            time_s,
-        )
-    }
-
-    /// Returns the shape as an unstructured grid of single points (`.vtu`), for readers without PolyData.
-    pub fn to_vtu(&self) -> String {
         let n = self.points_m.len();
-        let types = data_array("UInt8", "types", 1, &vec![1; n]);
-        let cells = format!("<Cells>{}{types}</Cells>", single_points(n));
-        let head = format!("<Piece NumberOfPoints=\"{n}\" NumberOfCells=\"{n}\">");
-        self.to_xml("UnstructuredGrid", &head, &cells, None)
+        let head = format!(
+            "<Piece NumberOfPoints=\"{n}\" NumberOfVerts=\"{n}\" NumberOfLines=\"0\" NumberOfStrips=\"0\" NumberOfPolys=\"0\">"
+        );
+        let cells = format!("<Verts>{}</Verts>", single_points(n));
+        self.to_xml(&head, &cells, time_s)
     }
 
-    fn to_xml(&self, kind: &str, piece: &str, cells: &str, time_s: Option<f64>) -> String {
+    fn to_xml(&self, piece: &str, cells: &str, time_s: Option<f64>) -> String {
+        let kind = "PolyData";
         let mut out = format!(
             "<?xml version=\"1.0\"?>\n<VTKFile type=\"{kind}\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n<{kind}>\n"
         );
@@ -105,14 +66,12 @@ impl VtkShape {
             .flat_map(|id| id.bytes().chain([0]))
             .collect();
         let codes: Vec<String> = letters.iter().map(u8::to_string).collect();
-        if kind == "PolyData" && self.ends.is_empty() {
-            let _ = writeln!(
-                out,
-                "<Array type=\"String\" Name=\"marker\" NumberOfTuples=\"{}\" format=\"ascii\">{}</Array>",
-                self.ids.len(),
-                codes.join(" ")
-            );
-        }
+        let _ = writeln!(
+            out,
+            "<Array type=\"String\" Name=\"marker\" NumberOfTuples=\"{}\" format=\"ascii\">{}</Array>",
+            self.ids.len(),
+            codes.join(" ")
+        );
         let flat: Vec<f64> = self.points_m.iter().flatten().copied().collect();
         let points = data_array("Float64", "Points", 3, &little_endian_bytes(&flat));
         let _ = writeln!(
@@ -221,85 +180,7 @@ pub fn ground_shape(ground: &[GroundMarker]) -> VtkShape {
     }
 }
 
-/// Means of a marker over the solved frames of a series.
-struct MarkerMean {
-    id: String,
-    position_m: [f64; 3],
-    sigma_m: [Option<f64>; 3],
-    deflection_m: Option<Mean>,
-    frames: usize,
-}
-
-impl MarkerMean {
-    /// Averages a marker; `None` if it has a position in no frame.
-    fn from_records(records: &[&ImageRecord], id: &str) -> Option<Self> {
-        let markers = records
-            .iter()
-            .filter_map(|r| r.markers.iter().find(|m| m.id == id));
-        let placed: Vec<&MarkerRecord> = markers.filter(|m| m.position_m.is_some()).collect();
-        let axis = |k: usize| {
-            let value =
-                |m: &&MarkerRecord| Some((m.position_m?[k], m.sigma_position_m.map(|s| s[k])));
-            Mean::from_values(&placed.iter().filter_map(value).collect::<Vec<_>>())
-        };
-        let deflections: Vec<_> = placed
-            .iter()
-            .filter_map(|m| Some((m.deflection_m?, m.sigma_deflection_m)))
-            .collect();
-        let axes = [axis(0)?, axis(1)?, axis(2)?];
-        Some(Self {
-            id: id.to_owned(),
-            position_m: axes.map(|mean| mean.value),
-            sigma_m: axes.map(|mean| mean.sigma),
-            deflection_m: Mean::from_values(&deflections),
-            frames: axes[0].count,
-        })
-    }
-}
-
-/// Returns the means over the solved frames of a series.
-pub fn series_shape(series: &SeriesData, ground: &[GroundMarker]) -> VtkShape {
-    let records = solved_records(series);
-    let ids = distinct_values(
-        records
-            .iter()
-            .flat_map(|r| &r.markers)
-            .map(|m| m.id.as_str()),
-    );
-    let points: Vec<MarkerMean> = ids
-        .iter()
-        .filter_map(|id| MarkerMean::from_records(&records, id))
-        .collect();
-    let mut shape = VtkShape {
-        points_m: points.iter().map(|p| p.position_m).collect(),
-        ids: points.iter().map(|p| p.id.clone()).collect(),
-        ..VtkShape::default()
-    };
-    let deflection = |of: fn(Mean) -> Option<f64>| {
-        points
-            .iter()
-            .map(|p| p.deflection_m.and_then(of).unwrap_or(f64::NAN))
-            .collect::<Vec<f64>>()
-    };
-    shape.add_vector(
-        "displacement_m",
-        points
-            .iter()
-            .map(|p| displacement_from_ground(ground, &p.id, p.position_m))
-            .collect(),
-    );
-    let sigmas = points
-        .iter()
-        .map(|p| p.sigma_m.map(|sigma| sigma.unwrap_or(f64::NAN)))
-        .collect();
-    shape.add_vector("sigma_position_m", sigmas);
-    shape.add_scalar("deflection_m", deflection(|m| Some(m.value)));
-    shape.add_scalar("sigma_deflection_m", deflection(|m| m.sigma));
-    shape.add_scalar("frames", points.iter().map(|p| p.frames as f64).collect());
-    shape
-}
-
-/// Returns a `.pvd` collection of files with their times, s.
+/// Returns a `.pvd` file of frames with their times, s.
 pub fn time_collection(files: &[(f64, String)]) -> String {
     let mut out = String::from(
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\" byte_order=\"LittleEndian\">\n<Collection>\n",
@@ -357,26 +238,5 @@ mod tests {
             "{way:?}"
         );
         assert!(time_collection(&[(0.0, "a.vtp".into())]).contains("timestep=\"0\""));
-    }
-
-    #[test]
-    fn the_means_of_a_series_have_their_sigma_and_number_of_frames() {
-        let mut series = sample::series("s000001", 0, &[2.9, 3.1]);
-        let mean = series_shape(&series, &[]).to_vtu();
-        assert_eq!(numbers(&mean, "Points")[6..], [1.0, 36.0, 6.0]);
-        assert!((numbers(&mean, "deflection_m")[2] - 3.0).abs() < 1e-12);
-        let sigma = numbers(&mean, "sigma_position_m");
-        assert!(
-            sigma[6..]
-                .iter()
-                .zip([0.002, 0.004, 0.006])
-                .all(|(a, b)| (a - b).abs() < 1e-12)
-        );
-        assert_eq!(numbers(&mean, "frames"), [2.0, 2.0, 2.0]);
-        series.records = vec![sample::failed("x.jpg", "dark")];
-        assert!(
-            series_shape(&series, &[]).points_m.is_empty(),
-            "no positions, no points"
-        );
     }
 }

@@ -4,7 +4,6 @@ mod aircraft;
 mod budget;
 #[cfg(feature = "boards")]
 pub mod calibration;
-mod comparison;
 mod figures;
 mod flights;
 mod frames;
@@ -73,10 +72,9 @@ pub fn report_page(data: &ReportData) -> String {
     let named = shown.map(|(series, record)| (frame_name(data, series, record), record));
     let main = html! {
         (report_header(data, &summaries))
-        (contents_links(data.comparison.is_some()))
+        (contents_links())
         (warnings_section(data))
         (deflection_section(&summaries, shown.map(|(_, record)| record)))
-        (comparison::comparison_section(data.comparison.as_ref()))
         (time_section(data, &summaries))
         (aircraft::aircraft_section(data))
         (tables::series_section(&summaries))
@@ -243,8 +241,7 @@ fn recording_period(data: &ReportData) -> String {
     }
 }
 
-fn contents_links(is_compared: bool) -> Markup {
-    let comparison = is_compared.then_some(("comparison", "Comparison"));
+fn contents_links() -> Markup {
     let parts = [
         ("deflection", "Deflection along the span"),
         ("time", "Deflection and torsion over time"),
@@ -256,7 +253,7 @@ fn contents_links(is_compared: bool) -> Markup {
         ("results", "Results"),
         ("provenance", "Provenance"),
     ];
-    html! { nav aria-label="Contents" { @for (id, text) in parts.into_iter().chain(comparison) { a href={ "#" (id) } { (text) } " " } } }
+    html! { nav aria-label="Contents" { @for (id, text) in parts { a href={ "#" (id) } { (text) } " " } } }
 }
 
 fn warnings_section(data: &ReportData) -> Markup {

@@ -12,7 +12,6 @@
 //! | `air` | state | air on both sides of the window, temperature of the wing |
 
 mod air;
-mod condition;
 mod icartt;
 mod interpolate;
 mod iwg1;
@@ -26,7 +25,6 @@ mod times;
 mod units;
 
 pub use air::{flight_conditions, pressure_contradiction};
-pub use condition::FlightCondition;
 pub use interpolate::MAX_NEAREST_S;
 pub use join::{
     AircraftState, AircraftTrack, JoinedValue, ReceivedLine, UnusedLines, state_to_json,
@@ -304,36 +302,6 @@ impl Quantity {
     /// Returns the name used in files.
     pub fn name(self) -> &'static str {
         self.traits().name
-    }
-
-    /// Parses a name, with the unit of our files or another one: `weight_t`, `pressure_altitude_ft`. Returns the scale and
-    /// offset of values in that unit.
-    ///
-    /// # Errors
-    /// Returns a sentence with the known names.
-    pub fn parse_with_unit(name: &str) -> Result<(Self, (f64, f64)), String> {
-        let other_unit = |quantity: Self| {
-            let (base, unit) = name.rsplit_once('_')?;
-            let (known, _) = quantity
-                .name()
-                .rsplit_once('_')
-                .filter(|(known, _)| *known == base)?;
-            (!known.is_empty())
-                .then(|| units::find_unit(quantity, unit).conversion())
-                .flatten()
-        };
-        let matches = |quantity: Self| {
-            let conversion = if quantity.name() == name {
-                Some((1.0, 0.0))
-            } else {
-                other_unit(quantity)
-            };
-            Some((quantity, conversion?))
-        };
-        Self::ALL.into_iter().find_map(matches).ok_or_else(|| {
-            let known = Self::ALL.map(Self::name).join(", ");
-            format!("there is no quantity \"{name}\"; known are {known}")
-        })
     }
 
     fn dimension(self) -> Dimension {

@@ -62,7 +62,7 @@ pub use orientation::write_orientation;
 pub(crate) use reader::Reader;
 pub use rows::{Row, RowsError, parse_rows, separator_line};
 pub(crate) use rows::{TableLine, read_table};
-pub use stations::{PREDICTED_COUNT, PredictedStation, STATION_COLUMNS, read_stations};
+pub use stations::read_stations;
 pub use structure::{Structure, read_stiffness};
 pub use tables::OpticsTable;
 pub use ties::{CAD_ALPHA, CadModel};

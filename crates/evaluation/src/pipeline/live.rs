@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use super::stages::{ProcessedFrame, StageTime};
@@ -138,7 +139,7 @@ pub struct CurvatureEstimate {
 
 impl CurvatureEstimate {
     /// Extracts the curvature of a solution; `None` if a coefficient has no standard deviation.
-    fn from_solution(solution: &Solution) -> Option<Self> {
+    pub(super) fn from_solution(solution: &Solution) -> Option<Self> {
         let before = |p: &&Parameter| p.name != "curvature_per_m";
         let first: usize = solution
             .parameters
@@ -160,6 +161,17 @@ impl CurvatureEstimate {
             per_m: own.iter().map(|e| e.value).collect(),
             covariance,
         })
+    }
+
+    /// Returns the covariance of the coefficients, 1/m².
+    pub(super) fn covariance_matrix(&self) -> DMatrix<f64> {
+        let (terms, mut entries) = (self.per_m.len(), self.covariance.iter());
+        let mut matrix = DMatrix::zeros(terms, terms);
+        for (i, j) in (0..terms).flat_map(|i| (i..terms).map(move |j| (i, j))) {
+            let entry = entries.next().copied().unwrap_or(f64::NAN);
+            (matrix[(i, j)], matrix[(j, i)]) = (entry, entry);
+        }
+        matrix
     }
 }
 

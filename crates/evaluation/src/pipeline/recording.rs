@@ -4,12 +4,13 @@ use std::collections::HashMap;
 
 use nalgebra::Matrix3;
 
+use super::live::CurvatureEstimate;
 use super::{ProcessedFrame, SolveJob, StageTime, provenance};
 use crate::aircraft;
 use crate::installation::{CAD_ALPHA, Installation};
 use crate::record::{
-    CadFit, Correlation, CurveRecord, ImageRecord, IncidenceRecord, MarkerRecord, Model, Panes,
-    Provenance, Quality, Reason, RecordStatus, Timing, Tip, TorsionRecord,
+    CadFit, Correlation, CurveRecord, ImageRecord, IncidenceRecord, MarkerRecord, Model,
+    MomentRecord, Panes, Provenance, Quality, Reason, RecordStatus, Timing, Tip, TorsionRecord,
 };
 use wingd_measure::adjust::{
     AdjustmentMethod, CurvePoint, MarkerSolution, PairTorsion, Parameter, Solution,
@@ -19,7 +20,8 @@ use wingd_measure::environment::RefractionReport;
 use wingd_measure::estimation::quality::{GlobalTest, SigmaKind};
 use wingd_measure::geometry::Similarity;
 use wingd_measure::identify::plausible_deflections_m;
-use wingd_measure::setup::{Setup, SurveyMarker};
+use wingd_measure::setup::{Setup, StiffnessSection, SurveyMarker, Width};
+use wingd_measure::stress::{BendingCurvature, DEFAULT_STEPS};
 use wingd_measure::view::Work;
 
 /// Rounds milliseconds to 0.001.
@@ -155,6 +157,7 @@ fn add_solution(
         .map_or(vec![], |budget| budget.shares.clone());
     record.torsion = s.torsion.iter().map(torsion_record).collect();
     record.curve = s.curve.iter().map(curve_record).collect();
+    record.moments = moment_records(installation, s);
     record.remarks = s.remarks.clone();
     if installation.setup.side().is_none() && !s.curve.is_empty() {
         record.remarks.push(SIDE_UNKNOWN.into());
@@ -490,6 +493,30 @@ fn curve_record(p: &CurvePoint) -> CurveRecord {
         sigma_twist_deg: p.twist_rad.and_then(|t| t.sigma).map(f64::to_degrees),
         incidence: incidence_record(p.slope_rad, p.streamwise_twist_rad),
     }
+}
+
+fn moment_records(installation: &Installation, s: &Solution) -> Vec<MomentRecord> {
+    let sections = installation.structure.as_ref().map(|of| &of.sections);
+    let estimate = CurvatureEstimate::from_solution(s);
+    let curvature = estimate.map(|estimate| BendingCurvature {
+        covariance: estimate.covariance_matrix(),
+        coefficients_per_m: estimate.per_m.into(),
+        length_m: s.axis_length_m,
+        root_sigma_m: installation.setup.uncertainty[Width::RootOffset],
+        steps: DEFAULT_STEPS,
+    });
+    let record = |section: &StiffnessSection| {
+        let is_on_wing = section.s_m <= s.axis_length_m;
+        let moment = curvature.as_ref().filter(|_| is_on_wing);
+        let moment = moment.map(|curvature| curvature.bending_moment(section));
+        MomentRecord {
+            arc_length_m: section.s_m,
+            bending_moment_nm: moment.map(|m| m.value),
+            sigma_bending_moment_nm: moment.map(|m| m.sigma),
+            sigma_stiffness_nm: moment.map(|m| m.sigma_by_stiffness),
+        }
+    };
+    sections.into_iter().flatten().map(record).collect()
 }
 
 fn quality_record(installation: &Installation, s: &Solution) -> Quality {

@@ -12,8 +12,8 @@ mod row;
 mod stored;
 
 pub use registry::{
-    CLOCK_SIGMA, CURVATURE, CURVATURE_COVARIANCE, EXPOSURE_SIGMA, GLOBAL_TEST_PASSED, NUMBER,
-    REASON, SECTIONS, SINCE_BOOT, SOLVED, SUMMARY, TIP_SIGMAS, UTC,
+    CLOCK_SIGMA, CURVATURE, CURVATURE_COVARIANCE, EXPOSURE_SIGMA, FIRST_VERSION,
+    GLOBAL_TEST_PASSED, NUMBER, REASON, SECTIONS, SINCE_BOOT, SOLVED, SUMMARY, TIP_SIGMAS, UTC,
 };
 pub use row::{ResultInputs, ResultRow};
 pub use stored::{LiveSource, StoredForm, StoredTimes, finite_value, stored_quantities};
@@ -37,15 +37,17 @@ pub enum ResultTable {
     Markers,
     /// Row per point of the span curve and image
     Span,
+    /// Row per section of the stiffness and image: bending moments
+    Moments,
     /// Row per model parameter and image
     Parameters,
     /// Row per shot, including shots without a frame
     Shots,
     /// Row per result of live mode; also as jsonl
     Live,
-    /// Joint shape of stations and markers with its covariance; as netcdf or npz
+    /// Joint shape of stations and markers with its covariance; as netcdf
     Shape,
-    /// Mean shape of each series, by the model; as csv, parquet, netcdf or npz
+    /// Mean shape of each series, by the model; as csv, parquet or netcdf
     Series,
 }
 
@@ -58,6 +60,8 @@ pub enum Subject {
     Marker,
     /// Point of the curve along the span.
     Station,
+    /// Section of known stiffness.
+    Section,
     /// Torsion pair.
     Pair,
     /// Coefficient of the curvature.

@@ -1,7 +1,7 @@
 //! The quantities, in the order of the tables' columns. To add one, see `docs/recipes.md`.
 
 use super::LiveForm::{Derived, Identity};
-use super::ResultTable::{Markers, Parameters, Shots, Span};
+use super::ResultTable::{Markers, Moments, Parameters, Shots, Span};
 use super::{
     QuantitySection, ResultQuantity, ResultRow, SCHEMA_VERSION, Subject, ValueGetter, quantity,
 };
@@ -11,6 +11,9 @@ use wingd_measure::adjust::DeflectionReference;
 use wingd_measure::estimation::quality::{GlobalTest, SigmaKind};
 use wingd_measure::view::SearchMode;
 use wingd_store::columns::ValueKind::{F32, F64, U8, U32, U64};
+
+/// Addition to the format of live results with which the bending moments came.
+const MOMENTS_ADDITION: u8 = 4;
 
 type Number = fn(&ResultRow) -> Option<f64>;
 type Text = fn(&ResultRow) -> Option<String>;
@@ -141,6 +144,14 @@ pub const TIP_SIGMAS: [ResultQuantity; 3] = [
     .stored(F32)
     .only_live(),
 ];
+/// Columns of the first version of the live format: other columns hold their values, and exports omit them.
+pub const FIRST_VERSION: [&str; 5] = [
+    SOLVED.name,
+    GLOBAL_TEST_PASSED.name,
+    TIP_SIGMAS[0].name,
+    TIP_SIGMAS[1].name,
+    TIP_SIGMAS[2].name,
+];
 /// Coefficients of the curvature of the bending line, 1/m.
 pub const CURVATURE: ResultQuantity =
     number("curvature", "1/m", "coefficients of the curvature", |r| {
@@ -180,10 +191,10 @@ pub const SUMMARY: [&str; 19] = [
 ];
 
 /// All quantities.
-pub static SECTIONS: [QuantitySection; 13] = [
+pub static SECTIONS: [QuantitySection; 14] = [
     QuantitySection {
         subject: Subject::Row,
-        tables: &[Shots, Markers, Span, Parameters],
+        tables: &[Shots, Markers, Span, Moments, Parameters],
         quantities: &[
             text("recorder_id", "random id of the store", |r| {
                 r.recorder_id.map(str::to_owned)
@@ -268,7 +279,7 @@ pub static SECTIONS: [QuantitySection; 13] = [
     },
     QuantitySection {
         subject: Subject::Row,
-        tables: &[Shots, Markers, Span],
+        tables: &[Shots, Markers, Span, Moments],
         quantities: &[
             text("method", "`profile`, `spatial`, `live`", |r| {
                 r.method
@@ -540,6 +551,33 @@ pub static SECTIONS: [QuantitySection; 13] = [
         ],
     },
     QuantitySection {
+        subject: Subject::Section,
+        tables: &[Moments],
+        quantities: &[
+            number("arc_length", "m", "arc length from the bending root", |r| {
+                Some(r.section()?.arc_length_m)
+            }),
+            number(
+                "bending_moment",
+                "nm",
+                "N m, change relative to the ground, tip up",
+                |r| r.section()?.bending_moment_nm,
+            )
+            .stored_since(MOMENTS_ADDITION, F32),
+            sigma("sigma_bending_moment", "nm", |r| {
+                r.section()?.sigma_bending_moment_nm
+            })
+            .stored_since(MOMENTS_ADDITION, F32),
+            number(
+                "sigma_stiffness",
+                "nm",
+                "part of the stiffness, common to all frames",
+                |r| r.section()?.sigma_stiffness_nm,
+            )
+            .stored_since(MOMENTS_ADDITION, F32),
+        ],
+    },
+    QuantitySection {
         subject: Subject::Row,
         tables: &[Parameters],
         quantities: &[
@@ -567,7 +605,7 @@ pub static SECTIONS: [QuantitySection; 13] = [
     },
     QuantitySection {
         subject: Subject::Aircraft,
-        tables: &[Shots, Markers, Span],
+        tables: &[Shots, Markers, Span, Moments],
         quantities: &[
             number(
                 "",
@@ -593,7 +631,7 @@ pub static SECTIONS: [QuantitySection; 13] = [
     },
     QuantitySection {
         subject: Subject::Row,
-        tables: &[Shots, Markers, Span, Parameters],
+        tables: &[Shots, Markers, Span, Moments, Parameters],
         quantities: &[
             text("program", "name and version of the program", |r| {
                 r.inputs?.program.clone()

@@ -5,7 +5,8 @@ use serde_json::{Map, Value};
 use crate::aircraft::{AircraftState, JoinedValue, Quantity};
 use crate::pipeline::live::{CurvatureEstimate, LiveResult};
 use crate::record::{
-    CurveRecord, ImageRecord, MarkerRecord, Term, TorsionRecord, json_text, variant_name,
+    CurveRecord, ImageRecord, MarkerRecord, MomentRecord, Term, TorsionRecord, json_text,
+    variant_name,
 };
 use wingd_base::clock::Stamp;
 use wingd_base::clock::exposure::Exposure;
@@ -54,6 +55,10 @@ impl<'a> ResultRow<'a> {
 
     pub(super) fn station(&self) -> Option<&'a CurveRecord> {
         self.image?.curve.get(self.index?)
+    }
+
+    pub(super) fn section(&self) -> Option<&'a MomentRecord> {
+        self.image?.moments.get(self.index?)
     }
 
     pub(super) fn pair(&self) -> Option<&'a TorsionRecord> {

@@ -40,6 +40,7 @@ impl Subject {
         match self {
             Self::Marker => Some("markers"),
             Self::Station => Some("stations"),
+            Self::Section => Some("sections"),
             Self::Pair => Some("torsion"),
             _ => None,
         }
@@ -128,6 +129,8 @@ pub struct LiveSource {
     pub markers: Vec<Value>,
     /// Arc lengths of the stations from the bending root, m.
     pub stations: Vec<Value>,
+    /// Arc lengths of the sections of known stiffness, m.
+    pub sections: Vec<Value>,
     /// Names of the torsion pairs.
     pub torsion: Vec<Value>,
     /// Id of the outermost marker.

@@ -187,41 +187,6 @@ pub struct FullRecord {
     pub record: ImageRecord,
 }
 
-/// Comparison of a measured shape with a computation.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ShapeComparison {
-    /// Measured frames, a phrase.
-    pub measured: String,
-    /// Computation, a phrase.
-    pub computed: String,
-    /// Test of the difference with its verdict, one sentence.
-    pub verdict: String,
-    /// Combinations that say most, a phrase each.
-    pub combinations: Vec<String>,
-    pub quantities: Vec<ShapeQuantity>,
-}
-
-/// Quantity of a shape along the span.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ShapeQuantity {
-    /// Name with the unit.
-    pub label: String,
-    pub stations: Vec<ComparedStation>,
-}
-
-/// Measured and computed value at a station.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ComparedStation {
-    /// Arc length from the bending root on the ground, m.
-    pub arc_length_m: f64,
-    pub measured: f64,
-    /// Standard deviation of the measured value.
-    pub sigma: Option<f64>,
-    pub computed: f64,
-    /// Standard deviation of the computed value.
-    pub computed_sigma: Option<f64>,
-}
-
 /// Data of a report.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReportData {
@@ -237,8 +202,6 @@ pub struct ReportData {
     pub feed: Option<(UnusedLines, usize)>,
     /// Names and texts that the user adds to the head, such as aircraft and author.
     pub fields: Vec<(String, String)>,
-    /// Comparison of the shape with a computation, if one was asked for.
-    pub comparison: Option<ShapeComparison>,
     /// Unreadable files and refused series.
     pub notes: Vec<String>,
     /// Warnings about the results shown, such as results from other inputs.

@@ -7,6 +7,8 @@
 //!
 //! `P_k`: Legendre's polynomials; `m`: the reference curvature ([`super::shapes`]), mean 1.
 
+use std::sync::LazyLock;
+
 use nalgebra::Vector3;
 
 use super::ground::{BendingAxis, GroundShape};
@@ -42,6 +44,13 @@ pub const COMPLIANCES: usize = 2 + JOINTS.len();
 /// Number of functions of bending: the curvature terms, then the compliances.
 pub const BENDING_FUNCTIONS: usize = MAX_CURVATURE_TERMS + COMPLIANCES;
 
+/// Curvature of the root per unit of the leading coefficient.
+static ROOT_CURVATURE: LazyLock<f64> = LazyLock::new(|| curvature_basis(0.0)[0]);
+
+/// Twists at the positions of the torques, arbitrary units.
+static TORQUE_COMPLIANCES: LazyLock<[f64; 4]> =
+    LazyLock::new(|| TORQUE_POSITIONS.map(torsional_compliance));
+
 type RaiseCoefficients = [f64; RAISE_TERMS];
 type BendingValues = [f64; BENDING_FUNCTIONS];
 type TwistValues = [f64; TWIST_FUNCTIONS];
@@ -67,8 +76,13 @@ pub fn twist_basis(axis: &BendingAxis, arc_m: f64) -> TwistValues {
     terms.copy_from_slice(
         &legendre_polynomials::<MAX_TWIST_TERMS>(2.0 * eta - 1.0).map(|p| p * eta),
     );
-    for (value, position) in torques.iter_mut().zip(TORQUE_POSITIONS) {
-        *value = torsional_compliance(eta.min(position)) / torsional_compliance(position);
+    let positions = TORQUE_POSITIONS.into_iter().zip(*TORQUE_COMPLIANCES);
+    for (value, (position, whole)) in torques.iter_mut().zip(positions) {
+        *value = if eta < position {
+            torsional_compliance(eta) / whole
+        } else {
+            1.0
+        };
     }
     basis
 }
@@ -120,7 +134,8 @@ fn torsional_compliance(eta: f64) -> f64 {
 struct QuadratureNode {
     /// Quadrature weight, m.
     weight_m: f64,
-    slope_rad: f64,
+    /// Sine and cosine of the slope on the ground.
+    slope: (f64, f64),
     bending_slopes: BendingValues,
     /// Slopes of the axis height corrections, 1/m.
     raise_slopes: RaiseCoefficients,
@@ -146,8 +161,8 @@ pub struct BeamGrid {
     nose: f64,
     nodes: Vec<QuadratureNode>,
     points: Vec<GridPoint>,
-    /// Index in the caller's order, for each point from root to tip.
-    order: Vec<usize>,
+    /// Index from root to tip, for each point in the caller's order.
+    ranks: Vec<usize>,
 }
 
 /// State of the axis at one grid point in flight, with derivatives.
@@ -231,7 +246,7 @@ impl Bending<'_> {
     fn root_curvature_per_m(&self) -> f64 {
         self.curvature_per_m
             .first()
-            .map_or(0.0, |leading| leading * curvature_basis(0.0)[0])
+            .map_or(0.0, |leading| leading * *ROOT_CURVATURE)
     }
 }
 
@@ -255,11 +270,12 @@ impl BeamGrid {
             nose: ground.nose,
             nodes: vec![],
             points: vec![],
-            order: vec![],
+            ranks: vec![0; order.len()],
         };
         let mut from = 0.0;
-        for &index in &order {
+        for (rank, &index) in order.iter().enumerate() {
             let to = arcs_m[index];
+            grid.ranks[index] = rank;
             // No panel contains a break or a joint.
             let breaks = axis.breaks.iter().map(|one| one.arc_m).chain(joints);
             let mut ends: Vec<f64> = breaks.filter(|at| (from..to).contains(at)).collect();
@@ -272,7 +288,7 @@ impl BeamGrid {
                     let arc = from + panel_m * (panel as f64 + at);
                     let node = QuadratureNode {
                         weight_m: weight * panel_m,
-                        slope_rad: axis.slope_rad(arc),
+                        slope: axis.slope_rad(arc).sin_cos(),
                         bending_slopes: slopes(arc),
                         raise_slopes: raise_slopes(arc),
                     };
@@ -290,7 +306,6 @@ impl BeamGrid {
                 raises: raises(to),
             });
         }
-        grid.order = order;
         grid
     }
 
@@ -298,15 +313,18 @@ impl BeamGrid {
     pub fn bend(&self, bending: &Bending) -> Vec<BeamSection> {
         let mut at = AxisIntegrator::new(self.root_m, bending);
         let mut done = 0;
-        let mut sections: Vec<Option<BeamSection>> = vec![None; self.points.len()];
-        for (stop, &index) in self.points.iter().zip(&self.order) {
+        let section = |stop: &GridPoint| {
             self.nodes[done..stop.nodes]
                 .iter()
                 .for_each(|node| at.step(node));
             done = stop.nodes;
-            sections[index] = Some(at.section_at(stop));
-        }
-        sections.into_iter().flatten().collect()
+            at.section_at(stop)
+        };
+        let sections: Vec<BeamSection> = self.points.iter().map(section).collect();
+        self.ranks
+            .iter()
+            .map(|&rank| sections[rank].clone())
+            .collect()
     }
 
     /// Bending root: the point at which bending starts, wing frame, m.
@@ -336,7 +354,7 @@ where
 {
     let (terms, compliances) = by.split_at_mut(MAX_CURVATURE_TERMS);
     for (by, value) in compliances.iter_mut().zip(bending.compliances) {
-        terms[0] += *by * (value * curvature_basis(0.0)[0]);
+        terms[0] += *by * (value * *ROOT_CURVATURE);
         *by = *by * bending.root_curvature_per_m();
     }
 }
@@ -375,8 +393,10 @@ impl<'a> AxisIntegrator<'a> {
     fn step(&mut self, node: &QuadratureNode) {
         let (bending, length) = (self.bending, self.bending.scale * node.weight_m);
         let bent = dot_product(&self.values, &node.bending_slopes);
-        let (sin, cos) = (node.slope_rad + bent).sin_cos();
         let (bent_sin, bent_cos) = bent.sin_cos();
+        let (ground_sin, ground_cos) = node.slope;
+        let sin = ground_sin * bent_cos + ground_cos * bent_sin;
+        let cos = ground_cos * bent_cos - ground_sin * bent_sin;
         let raised = dot_product(&bending.raise_m, &node.raise_slopes);
         let (dx, dy) = (
             length * (cos - raised * bent_sin),

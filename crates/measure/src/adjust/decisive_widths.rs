@@ -50,7 +50,6 @@ fn tip_variance(
         group,
         ..
     } = outcome.solved;
-    let gradient = outcome.deflection_gradient(budget.marker, budget.reference);
     let (mut tip, mut more) = (0.0, None);
     for prior in problem
         .priors
@@ -58,6 +57,7 @@ fn tip_variance(
         .filter(|prior| prior.name.unknown == unknown.name())
     {
         let increase = width.increase_to_default(unknown, &prior.covariance)?;
+        let gradient = outcome.deflection_gradient(budget.marker, budget.reference);
         let covariance = fit.function_covariance(group, &gradient.with_parameters(&prior.columns));
         let n = prior.columns.len();
         // The weight that the default takes from the prior, inverted.

@@ -9,6 +9,8 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen, Vector3};
 use super::curve::AxisCurve;
 use super::outcome::{FrameOutcome, MovedSection, MovedSections, SectionFunction};
 use super::{AdjustError, AdjustResult, Solution};
+use crate::estimation::Gradient;
+use crate::widths::Unknown;
 
 /// Functions of each station, in order: displacement of the bending axis in the survey frame, changes of slope and incidence
 /// (tip up and nose up positive), and the rotation vector of the section in the survey frame.
@@ -51,12 +53,15 @@ pub struct JointShape {
     pub ground_m: Vec<Vector3<f64>>,
     /// Indices in the survey of the markers on the wing, in order.
     pub markers: Vec<usize>,
+    /// Number of coefficients of the curvature.
+    pub curvature_terms: usize,
     /// Frames, in order.
     pub frames: Vec<FrameShape>,
 }
 
-/// Shape in one frame. Functions are ordered by [`JointShape::station_function`] and [`JointShape::marker_function`]; a
-/// value that does not exist is NaN, and its rows of the factors are 0.
+/// Shape in one frame. Functions are those of stations, displacements and deflections of markers, coefficients of the
+/// curvature, and the thermal scale, by the methods of [`JointShape`]; a value that does not exist is NaN, and its rows of the
+/// factors are 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameShape {
     /// Values of the functions.
@@ -80,6 +85,21 @@ impl JointShape {
     /// Returns the index of the first of the three components of a marker's displacement, survey frame, m.
     pub fn marker_function(&self, marker: usize) -> usize {
         STATION_FUNCTIONS.len() * self.arcs_m.len() + 3 * marker
+    }
+
+    /// Returns the index of the first of the three deflections of a marker, by [`super::DeflectionReference`], m.
+    pub fn deflection_function(&self, marker: usize) -> usize {
+        self.marker_function(self.markers.len() + marker)
+    }
+
+    /// Returns the index of the first coefficient of the curvature, 1/m.
+    pub fn curvature_function(&self) -> usize {
+        self.deflection_function(self.markers.len())
+    }
+
+    /// Returns the index of the thermal scale, the length in flight over the length on the ground.
+    pub fn scale_function(&self) -> usize {
+        self.curvature_function() + self.curvature_terms
     }
 }
 
@@ -142,6 +162,7 @@ pub(super) fn empty_shape(
         reach_m,
         ground_m,
         markers,
+        curvature_terms: outcome.layout.curvature_terms,
         frames: vec![],
     })
 }
@@ -176,18 +197,30 @@ impl FrameOutcome<'_> {
                 sections.iter().map(of_section).collect()
             })
             .collect();
-        let count = functions.len() * sections.len() + 3 * shape.markers.len();
+        let count = shape.scale_function() + 1;
         let mut gradient = self.empty_gradient(count, &shape.markers);
         self.add_section_functions(&mut gradient, &moved, &functions);
         let mut values: Vec<f64> = functions.iter().flatten().map(|f| f.value).collect();
-        for &marker in &shape.markers {
+        let mut deflections = Vec::with_capacity(3 * shape.markers.len());
+        for (k, &marker) in shape.markers.iter().enumerate() {
             let (ground, state) = self.ground_position_and_flight_state(marker);
+            let moved = state.carried.position_m - ground;
+            let first = shape.deflection_function(k);
             let mut directions = vec![Vector3::zeros(); count];
             directions[values.len()..values.len() + 3].copy_from_slice(&axes);
+            directions[first..first + 3].fill(Vector3::y());
             let on_ground: Vec<_> = directions.iter().map(|d| -d).collect();
             self.add_position(&mut gradient, &state, &directions, &on_ground);
-            values.extend(axes.map(|axis| axis.dot(&(state.carried.position_m - ground))));
+            let references = [first, first + 1, first + 2];
+            self.add_reference_derivatives(&mut gradient, &state, &moved, references);
+            values.extend(axes.map(|axis| axis.dot(&moved)));
+            let of_marker = self.marker_deflections(&state, &ground);
+            deflections.extend(of_marker.unwrap_or([f64::NAN; 3]));
         }
+        values.extend(deflections);
+        values.extend(&self.values.curvature_per_m[..shape.curvature_terms]);
+        values.push(self.values.scale);
+        self.add_parameter_derivatives(&mut gradient, shape);
         let (by_global, own) = self
             .solved
             .fit
@@ -199,16 +232,40 @@ impl FrameOutcome<'_> {
             own: own * scale,
         }
     }
+
+    /// Adds the derivatives of the curvature's coefficients and of the thermal scale.
+    fn add_parameter_derivatives(&self, gradient: &mut Gradient, shape: &JointShape) {
+        let layout = self.layout;
+        for k in 0..shape.curvature_terms {
+            let function = shape.curvature_function() + k;
+            layout.add_derivative(gradient, layout.curvature, k, function, 1.0);
+        }
+        for (placed, k) in layout.unknowns() {
+            if placed.term.unknown == Unknown::ThermalScale {
+                layout.add_derivative(gradient, placed.scope, k, shape.scale_function(), 1.0);
+            }
+        }
+    }
 }
 
 /// Reduces factors of several frames with common sources to fewer common sources.
 pub(super) fn reduce_factors(factors: Vec<DMatrix<f64>>) -> Vec<DMatrix<f64>> {
-    let sources = factors.first().map_or(0, DMatrix::ncols);
-    if sources == 0 {
+    if factors.first().is_none_or(|factor| factor.ncols() == 0) {
         return factors;
     }
+    let basis = principal_sources(&factors, LOST_VARIANCE);
+    factors.into_iter().map(|factor| factor * &basis).collect()
+}
+
+/// Returns a basis of the common sources of factors (sources x reduced sources, orthonormal columns), so that the factors in
+/// it lose at most `lost` of the variances of their rows, each counted as 1.
+pub fn principal_sources(factors: &[DMatrix<f64>], lost: f64) -> DMatrix<f64> {
+    let sources = factors.first().map_or(0, DMatrix::ncols);
+    if sources == 0 {
+        return DMatrix::zeros(0, 0);
+    }
     let mut normal = DMatrix::zeros(sources, sources);
-    for factor in &factors {
+    for factor in factors {
         let mut scaled = factor.clone();
         for mut row in scaled.row_iter_mut() {
             let sigma = row.norm();
@@ -222,12 +279,11 @@ pub(super) fn reduce_factors(factors: Vec<DMatrix<f64>>) -> Vec<DMatrix<f64>> {
     } = SymmetricEigen::new(normal);
     let mut order: Vec<usize> = (0..sources).collect();
     order.sort_by(|a, b| eigenvalues[*a].total_cmp(&eigenvalues[*b]));
-    let mut lost = 0.0;
+    let mut sum = 0.0;
     order.retain(|k| {
-        lost += eigenvalues[*k].max(0.0);
-        lost > LOST_VARIANCE
+        sum += eigenvalues[*k].max(0.0);
+        sum > lost
     });
     order.reverse();
-    let basis = eigenvectors.select_columns(&order);
-    factors.into_iter().map(|factor| factor * &basis).collect()
+    eigenvectors.select_columns(&order)
 }

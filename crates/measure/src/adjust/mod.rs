@@ -9,6 +9,7 @@ mod curve;
 mod decisive_widths;
 mod estimated_dimensions;
 #[cfg(test)]
+#[path = "tests/example.rs"]
 mod example;
 mod flight;
 pub mod flight_prior;
@@ -22,7 +23,7 @@ mod outcome;
 mod prior_scales;
 pub mod profile;
 mod scene;
-mod shape_comparison;
+mod shape_mean;
 mod shape_solving;
 mod shapes;
 mod snooping;
@@ -35,11 +36,11 @@ mod values;
 pub use super::estimation::{GlobalTest, SigmaKind, VarianceComponent};
 pub use super::observation::{Estimate, Observation};
 pub use flight::{LiveAdjustment, learn_from_flight, solve_flight};
-pub use joint_shape::{FrameShape, JointShape, STATION_FUNCTIONS, StationChoice};
-pub use profile::solve_profile;
-pub use shape_comparison::{
-    CommonErrors, ShapeDifference, ShapeMean, ShapeTest, TestedCombination,
+pub use joint_shape::{
+    FrameShape, JointShape, STATION_FUNCTIONS, StationChoice, principal_sources,
 };
+pub use profile::solve_profile;
+pub use shape_mean::ShapeMean;
 pub use shape_solving::{solve_flight_shape, solve_frame_shape};
 pub use spatial::solve_spatial;
 
@@ -308,6 +309,8 @@ pub struct Solution {
     pub torsion: Vec<PairTorsion>,
     /// Curves along the span, from root to tip.
     pub curve: Vec<CurvePoint>,
+    /// Length of the bending axis from the root to the tip of the model, m; 0 with the profile method.
+    pub axis_length_m: f64,
     /// Variance budget of the tip deflection; `None` if no used marker has a deflection.
     pub budget: Option<VarianceBudget>,
     /// Variance components, if requested.

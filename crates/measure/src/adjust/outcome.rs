@@ -28,7 +28,8 @@ pub struct FrameOutcome<'a> {
     pub solved: SolvedGroup<'a>,
     /// Columns of the unknowns.
     pub layout: &'a ParameterLayout,
-    values: UnknownValues,
+    /// Values of the unknowns.
+    pub values: UnknownValues,
     bent: BentWing,
     global_test: Option<GlobalTest>,
     posterior: bool,
@@ -102,6 +103,7 @@ impl<'a> FrameOutcome<'a> {
             markers,
             torsion: self.torsions(),
             curve,
+            axis_length_m: self.solved.input.scene.ground.axis.length_m,
             budget,
             variance_components: vec![],
             remarks,
@@ -265,37 +267,28 @@ impl<'a> FrameOutcome<'a> {
         self.add_reference_derivatives(&mut gradient, &state, &(position - ground), [4, 5, 6]);
         let deflections = self.marker_deflections(&state, &ground);
         let covariance = self.function_covariance(&gradient);
-        let survey_from_wing = self
-            .solved
-            .input
-            .scene
-            .ground
-            .frame
-            .wing_from_survey
-            .inverse();
+        let frame = &self.solved.input.scene.ground.frame;
+        let survey_from_wing = frame.wing_from_survey.inverse();
         let in_wing = covariance.fixed_view::<3, 3>(0, 0).into_owned();
         let sigma = |k: usize| Some(covariance[(k, k)].max(0.0).sqrt());
+        let deflection = |k: usize| {
+            deflections.map(|all| Estimate {
+                value: all[k],
+                sigma: sigma(4 + k),
+            })
+        };
         let solution = MarkerSolution {
             distance_m: Some(Estimate {
                 value: distance,
                 sigma: sigma(3),
             }),
-            position_m: Some(self.solved.input.scene.ground.frame.survey_point(&position)),
+            position_m: Some(frame.survey_point(&position)),
             covariance_m2: Some(
                 survey_from_wing.matrix() * in_wing * survey_from_wing.matrix().transpose(),
             ),
-            deflection_m: deflections.map(|deflections| Estimate {
-                value: deflections[0],
-                sigma: sigma(4),
-            }),
-            deflection_ground_m: deflections.map(|deflections| Estimate {
-                value: deflections[1],
-                sigma: sigma(5),
-            }),
-            deflection_root_m: deflections.map(|deflections| Estimate {
-                value: deflections[2],
-                sigma: sigma(6),
-            }),
+            deflection_m: deflection(0),
+            deflection_ground_m: deflection(1),
+            deflection_root_m: deflection(2),
             ..unused
         };
         measured.map_or(solution.clone(), |block| {
@@ -399,13 +392,11 @@ impl<'a> FrameOutcome<'a> {
         let count = n + t + 4;
         // An additional row for pitch, which is not a parameter of the results.
         let mut gradient = self.empty_gradient(count + 1, &[]);
-        for k in 0..n {
-            self.layout
-                .add_derivative(&mut gradient, self.layout.curvature, k, k, 1.0);
-        }
-        for k in 0..t {
-            self.layout
-                .add_derivative(&mut gradient, self.layout.twist, k, n + k, 1.0);
+        for (scope, first, size) in [(self.layout.curvature, 0, n), (self.layout.twist, n, t)] {
+            for k in 0..size {
+                self.layout
+                    .add_derivative(&mut gradient, scope, k, first + k, 1.0);
+            }
         }
         let pitch_axis = self.solved.input.scene.camera_from_wing * Vector3::z();
         for (scope, k) in self

@@ -70,7 +70,7 @@ impl<'a> ProfileAdjustment<'a> {
             geometry.linearise(at, blocks)
         })?;
         let response = LinearResponse::new(&problem, &fit);
-        let reliability = marker_reliabilities(&problem, &fit, alpha);
+        let reliability = snooping::marker_reliabilities(&problem, &fit, alpha);
         Ok(Self {
             geometry,
             observations,
@@ -104,7 +104,7 @@ impl<'a> ProfileAdjustment<'a> {
         (self.fit, self.components, self.component_remarks) =
             (found.fit, found.components, found.remarks);
         self.response = LinearResponse::new(&self.problem, &self.fit);
-        self.reliability = marker_reliabilities(&self.problem, &self.fit, alpha);
+        self.reliability = snooping::marker_reliabilities(&self.problem, &self.fit, alpha);
         Ok(self)
     }
 
@@ -329,6 +329,7 @@ impl ProfileAdjustment<'_> {
             markers,
             torsion: self.torsions(&placed, scale),
             curve: self.deflection_curve(scale),
+            axis_length_m: 0.0,
             budget,
             variance_components: self.components.clone(),
             remarks: self.build_remarks(outliers),
@@ -457,7 +458,7 @@ impl ProfileAdjustment<'_> {
                 all[PIXEL].redundancy,
                 all[PIXEL + 1].redundancy,
             )),
-            w_test: largest_statistic(&all[PIXEL..]).and_then(|r| r.w),
+            w_test: snooping::largest_statistic(&all[PIXEL..]).and_then(|r| r.w),
             minimal_detectable_bias_px: Some(Vector2::new(bias(PIXEL), bias(PIXEL + 1))),
             // The method has no chordwise coordinate.
             minimal_detectable_bias_m: Some(Vector3::new(
@@ -476,10 +477,10 @@ impl ProfileAdjustment<'_> {
         let shift = quality::detectable_shift(options.snooping_alpha);
         let suspects = (0..self.observations.len()).filter_map(|index| {
             let all = &self.reliability[index];
-            let image = largest_statistic(&all[PIXEL..])?;
+            let image = snooping::largest_statistic(&all[PIXEL..])?;
             Some((
                 index,
-                largest_statistic(all)?.w?.abs(),
+                snooping::largest_statistic(all)?.w?.abs(),
                 image.w? * image.minimal_detectable_bias? / shift,
             ))
         });
@@ -495,16 +496,4 @@ impl ProfileAdjustment<'_> {
             (index, remark)
         })
     }
-}
-
-fn marker_reliabilities(problem: &Problem, fit: &Fit, alpha: f64) -> Vec<Vec<Reliability>> {
-    (0..problem.groups.len())
-        .map(|index| quality::observation_reliability(problem, fit, index, 0, alpha))
-        .collect()
-}
-
-/// Element with the largest absolute test statistic.
-fn largest_statistic(all: &[Reliability]) -> Option<&Reliability> {
-    let w = |r: &Reliability| r.w.map_or(-1.0, f64::abs);
-    all.iter().reduce(|a, b| if w(b) > w(a) { b } else { a })
 }

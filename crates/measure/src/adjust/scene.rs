@@ -352,7 +352,7 @@ impl WingScene {
     }
 
     /// Computes a marker's state on the nominal wing.
-    fn marker_on_beam(
+    pub fn marker_on_beam(
         &self,
         index: usize,
         section: &BeamSection,

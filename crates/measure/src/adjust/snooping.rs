@@ -347,3 +347,20 @@ pub(super) fn root_variance_factor(fit: &Fit, w: f64, options: &Options) -> f64 
         .sqrt()
         .max(1.0)
 }
+
+/// Returns the reliability of the observations of each group's first block.
+pub(super) fn marker_reliabilities(
+    problem: &Problem,
+    fit: &Fit,
+    alpha: f64,
+) -> Vec<Vec<Reliability>> {
+    (0..problem.groups.len())
+        .map(|index| quality::observation_reliability(problem, fit, index, 0, alpha))
+        .collect()
+}
+
+/// Element with the largest absolute test statistic.
+pub(super) fn largest_statistic(all: &[Reliability]) -> Option<&Reliability> {
+    let w = |r: &Reliability| r.w.map_or(-1.0, f64::abs);
+    all.iter().reduce(|a, b| if w(b) > w(a) { b } else { a })
+}

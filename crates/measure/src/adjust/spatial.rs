@@ -24,10 +24,9 @@ use super::stated_widths::{
 use super::{
     AdjustError, AdjustResult, GlobalTest, Observation, Options, Solution, VarianceComponent,
 };
-use crate::estimation::{
-    EstimationError, Fit, SolveOptions, VarianceGroup, quality, variance_components,
-};
+use crate::estimation::{Fit, SolveOptions, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};
+use crate::widths::Unknown;
 
 /// Minimum number of wing markers in flight.
 const MIN_MARKERS: usize = 6;
@@ -55,24 +54,57 @@ struct SolvedFrame<'a> {
 impl<'a> SolvedFrame<'a> {
     /// Solves in several passes that also find the amplitude with which the shape ratios are weighted.
     fn new(single: &SingleFrame<'a>, before: Option<&SolvedFrame>) -> AdjustResult<Self> {
-        let mut amplitude = before.map_or(TYPICAL_CURVATURE_PER_M, |b| b.amplitude);
-        let mut solved: Option<Self> = None;
-        for _ in 0..AMPLITUDE_PASSES {
-            let last = solved.as_ref().or(before);
-            let (frame, fit) = solve_rough(single, amplitude, last)?;
-            let found = bounded_amplitude(fit.global[0]);
-            let settled = (found / amplitude).ln().abs() < AMPLITUDE_SETTLED;
-            solved = Some(Self {
-                frame,
-                fit,
-                amplitude: if settled { amplitude } else { found },
-            });
-            if settled {
+        let amplitude = before.map_or(TYPICAL_CURVATURE_PER_M, |b| b.amplitude);
+        let mut solved = Self::roughly(single, amplitude, before)?;
+        for pass in 1.. {
+            let found = bounded_amplitude(solved.fit.global[0]);
+            let ratio = found / solved.amplitude;
+            if ratio.ln().abs() < AMPLITUDE_SETTLED {
                 break;
             }
-            amplitude = found;
+            solved.amplitude = found;
+            if pass == AMPLITUDE_PASSES {
+                break;
+            }
+            for prior in &mut solved.frame.problem.priors {
+                if prior.name.unknown == Unknown::Shape.name() {
+                    prior.covariance *= ratio * ratio;
+                }
+            }
+            solved.solve_again(true)?;
         }
-        solved.ok_or(EstimationError::NoConvergence { iterations: 0 }.into())
+        Ok(solved)
+    }
+
+    /// Computes a rough solution, starting from an earlier one.
+    fn roughly(
+        single: &SingleFrame<'a>,
+        amplitude: f64,
+        last: Option<&SolvedFrame>,
+    ) -> AdjustResult<Self> {
+        let start = FrameStart {
+            amplitude_per_m: amplitude,
+            from: last.map(|s| (&s.frame.layout, &s.fit.global)),
+        };
+        let frame = FrameProblem::new(single, &start);
+        let fit = frame.solve(&SolveOptions {
+            rough: true,
+            residuals: last.map(|s| &s.fit),
+        })?;
+        Ok(Self {
+            frame,
+            fit,
+            amplitude,
+        })
+    }
+
+    fn solve_again(&mut self, rough: bool) -> AdjustResult<()> {
+        self.frame.problem.start = self.fit.global.clone();
+        self.fit = self.frame.solve(&SolveOptions {
+            rough,
+            residuals: Some(&self.fit),
+        })?;
+        Ok(())
     }
 
     fn as_solved_group<'s>(&'s self, input: &'s AdjustmentInput) -> SolvedGroup<'s> {
@@ -86,16 +118,6 @@ impl<'a> SolvedFrame<'a> {
             group: 0,
             members,
         }
-    }
-
-    /// Iterates a rough solution to convergence.
-    fn converge(&mut self) -> AdjustResult<()> {
-        self.frame.problem.start = self.fit.global.clone();
-        self.fit = self.frame.solve(&SolveOptions {
-            rough: false,
-            residuals: Some(&self.fit),
-        })?;
-        Ok(())
     }
 
     /// Twice the negative logarithm of the evidence for this number of terms, without contributions common to all
@@ -135,27 +157,6 @@ impl<'a> SolvedFrame<'a> {
         (self.fit, self.frame.problem) = (found.fit, problem);
         Ok((found.components, found.remarks))
     }
-}
-
-/// Computes a rough solution, starting from an earlier one.
-fn solve_rough<'a>(
-    single: &SingleFrame<'a>,
-    amplitude_per_m: f64,
-    last: Option<&SolvedFrame>,
-) -> AdjustResult<(FrameProblem<'a>, Fit)> {
-    let from = last.map(|s| (&s.frame.layout, &s.fit.global));
-    let frame = FrameProblem::new(
-        single,
-        &FrameStart {
-            amplitude_per_m,
-            from,
-        },
-    );
-    let fit = frame.solve(&SolveOptions {
-        rough: true,
-        residuals: last.map(|s| &s.fit),
-    })?;
-    Ok((frame, fit))
 }
 
 impl<'a> SnoopingModel for SingleFrame<'a> {
@@ -223,7 +224,7 @@ fn remove_outliers_and_widen(single: SingleFrame) -> AdjustResult<SnoopingResult
             ..clean.model.clone()
         });
         let Ok(mut wider) = wider else { break };
-        if wider.solved.converge().is_err() {
+        if wider.solved.solve_again(false).is_err() {
             break;
         }
         clean = wider;
@@ -259,27 +260,44 @@ fn choose_curvature_order<'a>(
     single: &SingleFrame<'a>,
     default: SolvedFrame<'a>,
 ) -> AdjustResult<SolvedFrame<'a>> {
-    let amplitude = default.amplitude;
     let mut best = default;
     for terms in CANDIDATE_ORDERS.into_iter().filter(|&t| t != DEFAULT_ORDER) {
-        let (frame, fit) = solve_rough(
-            &SingleFrame {
-                terms,
-                ..single.clone()
-            },
-            amplitude,
-            Some(&best),
-        )?;
-        let other = SolvedFrame {
-            frame,
-            fit,
-            amplitude,
+        let candidate = SingleFrame {
+            terms,
+            ..single.clone()
         };
+        let other = SolvedFrame::roughly(&candidate, best.amplitude, Some(&best))?;
         if other.negative_log_evidence() < best.negative_log_evidence() {
             best = other;
         }
     }
     Ok(best)
+}
+
+/// Remarks on priors, number of terms and separability.
+fn model_remarks(single: &SingleFrame, outcome: &FrameOutcome, solution: &Solution) -> Vec<String> {
+    let AdjustmentInput { setup, options, .. } = *outcome.solved.input;
+    let (layout, fit) = (outcome.layout, outcome.solved.fit);
+    let (budget, widened) = (solution.budget.as_ref(), &single.widened);
+    let stayed = options.keeps_ground_mounting();
+    let mut remarks = decisive_width_remarks(outcome, budget, stayed, widened);
+    let solved = (outcome.solved.problem, fit);
+    remarks.extend(contradiction_remark(setup, stayed, solved, widened));
+    remarks.extend(snooping::fixed_target_remark(
+        single.prior_scales.fixed_targets,
+    ));
+    let displacement = single.common_displacement.as_ref();
+    remarks.extend(displacement.map(|one| one.remark(fit.global[layout.mounting.first])));
+    if options.curvature_terms.is_none() {
+        let terms = layout.curvature_terms;
+        remarks.push(format!("curvature of {terms} terms, chosen by test"));
+    }
+    let is_weak = solution
+        .pitch_bending_correlation
+        .is_some_and(|c| c.abs() > 0.9);
+    let remark = is_weak && !single.input.scene.has_ground_observations();
+    remarks.extend(remark.then(|| SEPARATION_REMARK.into()));
+    remarks
 }
 
 /// Adjusts one frame with the rigid-section beam.
@@ -348,7 +366,7 @@ pub fn solve_spatial_with<T>(
     if options.curvature_terms.is_none() {
         solved = choose_curvature_order(&single, solved)?;
     }
-    solved.converge()?;
+    solved.solve_again(false)?;
     let (components, mut remarks) = if options.variance_components {
         solved.estimate_variance_components()?
     } else {
@@ -365,39 +383,8 @@ pub fn solve_spatial_with<T>(
         outcome.solution(removed.iter(), sources)
     });
     let derived = derive(&outcome);
-    remarks.extend(solution.remarks);
-    let stayed = options.keeps_ground_mounting();
-    remarks.extend(decisive_width_remarks(
-        &outcome,
-        solution.budget.as_ref(),
-        stayed,
-        &single.widened,
-    ));
-    remarks.extend(contradiction_remark(
-        setup,
-        stayed,
-        (&frame.problem, fit),
-        &single.widened,
-    ));
-    remarks.extend(snooping::fixed_target_remark(
-        single.prior_scales.fixed_targets,
-    ));
-    remarks.extend(
-        single
-            .common_displacement
-            .as_ref()
-            .map(|displacement| displacement.remark(fit.global[frame.layout.mounting.first])),
-    );
-    if options.curvature_terms.is_none() {
-        remarks.push(format!(
-            "curvature of {} terms, chosen by test",
-            frame.layout.curvature_terms
-        ));
-    }
-    let is_weak = solution
-        .pitch_bending_correlation
-        .is_some_and(|c| c.abs() > 0.9);
-    remarks.extend((is_weak && !scene.has_ground_observations()).then(|| SEPARATION_REMARK.into()));
+    remarks.extend_from_slice(&solution.remarks);
+    remarks.extend(model_remarks(&single, &outcome, &solution));
     Ok((
         Solution {
             variance_components: components,

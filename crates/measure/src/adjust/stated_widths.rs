@@ -385,6 +385,9 @@ pub fn contradiction_remark(
     (problem, fit): (&Problem, &Fit),
     widened: &WidenedPriors,
 ) -> Option<String> {
+    if widened.is_empty() {
+        return None;
+    }
     let contradicted =
         all_evidence(problem, fit, widened).filter(|(_, evidence)| evidence.current > 0.0);
     let (unknown, evidence) =

@@ -324,4 +324,14 @@ impl ColumnAllocator {
             scope,
         }
     }
+    /// Allocates the columns of terms, in their order.
+    pub fn allocate_terms(
+        &mut self,
+        terms: impl IntoIterator<Item = ParameterTerm>,
+    ) -> Vec<PlacedTerm> {
+        terms
+            .into_iter()
+            .map(|term| self.allocate_term(term))
+            .collect()
+    }
 }

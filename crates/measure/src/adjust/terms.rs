@@ -49,11 +49,7 @@ pub fn allocate_shared_terms(
         scene.bow_sigma().filter(|s| *s > 0.0).map(camera::pane_bow),
         wing::thermal_scale(setup.thermal.as_ref()),
     ];
-    let mut placed: Vec<_> = before
-        .into_iter()
-        .flatten()
-        .map(|term| columns.allocate_term(term))
-        .collect();
+    let mut placed = columns.allocate_terms(before.into_iter().flatten());
     let height = columns.allocate_term(wing::axis_height(&scene.ground));
     let axis_height = height.scope;
     placed.push(height);
@@ -62,13 +58,8 @@ pub fn allocate_shared_terms(
         .lens
         .iter()
         .map(camera::interior_orientation);
-    placed.extend(
-        lens.chain(wing::dimension_terms(setup))
-            .map(|term| columns.allocate_term(term)),
-    );
-    let root: Vec<_> = motion::root_motion(&setup.uncertainty)
-        .map(|term| columns.allocate_term(term))
-        .collect();
+    placed.extend(columns.allocate_terms(lens.chain(wing::dimension_terms(setup))));
+    let root = columns.allocate_terms(wing::root_motion(&setup.uncertainty));
     placed.extend(root.iter().cloned());
     let others = motion::ground_state(input)
         .chain(wing::compliance_terms(
@@ -76,7 +67,7 @@ pub fn allocate_shared_terms(
             scene.ground.axis.length_m,
         ))
         .chain(camera::flight_changes(&setup.uncertainty));
-    placed.extend(others.map(|term| columns.allocate_term(term)));
+    placed.extend(columns.allocate_terms(others));
     SharedTerms {
         placed,
         axis_height,

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-use super::linear::{add_scaled, dot_product};
+use super::linear::{add_products, dot_product};
 use super::problem::{InformationPrior, Linearised};
 
 /// Solution of one block.
@@ -187,11 +187,7 @@ impl Fit {
                     by.global[(at, f)] -= lin.global.column(k).dot(&answer.column(f));
                 }
             }
-            for k in 0..lin.local.ncols() {
-                for f in 0..functions {
-                    by.local[(k, f)] -= lin.local.column(k).dot(&answer.column(f));
-                }
-            }
+            by.local -= small_product(&lin.local, &answer);
             own += small_product(derivative, &small_product(&block.conditional, derivative));
         }
         (Cow::Owned(by), own)
@@ -247,11 +243,10 @@ impl Fit {
     /// Returns the covariance of functions of one group.
     pub fn function_covariance(&self, group: usize, gradient: &Gradient) -> DMatrix<f64> {
         let (by, mut covariance) = self.eliminate_observations(group, gradient);
-        let mut common = SharedCovariance::new(self, group, &by);
+        let common = FunctionCovariance::new(self, group, &by);
         for f in 0..by.function_count() {
-            common.set_function(f);
             for g in 0..=f {
-                let both = common.covariance_with(g);
+                let both = common.entry(f, g);
                 covariance[(f, g)] += both;
                 if g < f {
                     covariance[(g, f)] += both;
@@ -264,26 +259,24 @@ impl Fit {
     /// Returns the variances of functions of one group.
     pub fn function_variances(&self, group: usize, gradient: &Gradient) -> Vec<f64> {
         let (by, own) = self.eliminate_observations(group, gradient);
-        let mut common = SharedCovariance::new(self, group, &by);
-        let one = |f: usize| {
-            common.set_function(f);
-            own[(f, f)] + common.covariance_with(f)
-        };
-        (0..by.function_count()).map(one).collect()
+        let common = FunctionCovariance::new(self, group, &by);
+        (0..by.function_count())
+            .map(|f| own[(f, f)] + common.entry(f, f))
+            .collect()
     }
 
     /// Returns the covariance of a block's adjusted observations, a priori.
     pub fn adjusted_covariance(&self, group: usize, block: usize) -> DMatrix<f64> {
         let block = &self.groups[group].blocks[block];
         let lin = &block.linearised;
-        let gain = block.gain.transpose();
-        let by = Gradient {
+        let conditions = Gradient {
             columns: lin.columns.clone(),
-            global: small_product(&lin.global, &gain),
-            local: small_product(&lin.local, &gain),
+            global: lin.global.transpose(),
+            local: lin.local.transpose(),
             observed: vec![],
         };
-        self.function_covariance(group, &by) + &block.conditional
+        let covariance = self.function_covariance(group, &conditions);
+        &block.gain * covariance * block.gain.transpose() + &block.conditional
     }
 }
 
@@ -302,75 +295,41 @@ pub fn symmetric_root(matrix: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 /// Covariance of functions through the parameters that they share.
-struct SharedCovariance<'a> {
+struct FunctionCovariance<'a> {
     by: &'a Gradient,
-    /// Covariance of the gradient's global columns.
-    shared: Vec<f64>,
-    /// Covariance of the local parameters with the global columns.
-    cross: Vec<f64>,
-    local: &'a [f64],
-    /// Covariance of the current function with the global columns.
-    with_global: Vec<f64>,
-    with_local: Vec<f64>,
+    /// Covariance of the gradient's global columns with the functions.
+    with_global: DMatrix<f64>,
+    /// Covariance of the local parameters with the functions.
+    with_local: DMatrix<f64>,
 }
 
-impl<'a> SharedCovariance<'a> {
-    fn new(fit: &'a Fit, group: usize, by: &'a Gradient) -> Self {
-        let (q, p, n) = (by.local.nrows(), fit.global.len(), by.columns.len());
+impl<'a> FunctionCovariance<'a> {
+    fn new(fit: &Fit, group: usize, by: &'a Gradient) -> Self {
+        let (q, n) = (by.local.nrows(), by.columns.len());
         let group = &fit.groups[group];
         let mut shared = Vec::with_capacity(n * n);
-        let mut cross = Vec::with_capacity(n * q);
         for &column in &by.columns {
-            let covariance = &fit.covariance.as_slice()[column * p..(column + 1) * p];
+            let covariance = fit.covariance.column(column);
             shared.extend(by.columns.iter().map(|&c| covariance[c]));
-            cross.extend_from_slice(&group.cross.as_slice()[column * q..(column + 1) * q]);
         }
-        let local = if q > 0 {
-            group.covariance.as_slice()
-        } else {
-            &[]
-        };
+        let cross = group.cross.select_columns(&by.columns);
+        let mut with_global = small_product(&cross, &by.local);
+        let mut with_local = DMatrix::zeros(q, by.function_count());
+        let (global, local) = (with_global.as_mut_slice(), with_local.as_mut_slice());
+        add_products(global, &shared, n, by.global.as_slice());
+        add_products(local, cross.as_slice(), q, by.global.as_slice());
+        add_products(local, group.covariance.as_slice(), q, by.local.as_slice());
         Self {
             by,
-            shared,
-            cross,
-            local,
-            with_global: vec![0.0; n],
-            with_local: vec![0.0; q],
+            with_global,
+            with_local,
         }
     }
 
-    /// Selects a function and computes its covariance with the parameters.
-    fn set_function(&mut self, f: usize) {
-        let (n, q) = (self.with_global.len(), self.with_local.len());
-        self.with_global.fill(0.0);
-        self.with_local.fill(0.0);
-        let local = self.by.local.column(f);
-        for (k, &derivative) in self.by.global.column(f).iter().enumerate() {
-            let cross = &self.cross[k * q..(k + 1) * q];
-            self.with_global[k] += dot_product(cross, local.as_slice());
-            if derivative != 0.0 {
-                add_scaled(
-                    &mut self.with_global,
-                    derivative,
-                    &self.shared[k * n..(k + 1) * n],
-                );
-                add_scaled(&mut self.with_local, derivative, cross);
-            }
-        }
-        for (k, &derivative) in local.iter().enumerate().filter(|(_, d)| **d != 0.0) {
-            add_scaled(
-                &mut self.with_local,
-                derivative,
-                &self.local[k * q..(k + 1) * q],
-            );
-        }
-    }
-
-    /// Returns the covariance of the selected function with another one.
-    fn covariance_with(&self, g: usize) -> f64 {
-        dot_product(self.by.global.column(g).as_slice(), &self.with_global)
-            + dot_product(self.by.local.column(g).as_slice(), &self.with_local)
+    /// Returns the covariance of two functions.
+    fn entry(&self, f: usize, g: usize) -> f64 {
+        self.by.global.column(g).dot(&self.with_global.column(f))
+            + self.by.local.column(g).dot(&self.with_local.column(f))
     }
 }
 

@@ -1,8 +1,9 @@
 //! Small symmetric matrices: products, inverses, and a factorisation that names the undetermined parameter.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use nalgebra::{DMatrix, DVector};
 
 use super::error::{EstimationError, EstimationResult};
+use crate::dispatch::wide;
 
 /// Smallest accepted pivot of the normal matrix scaled to a unit diagonal.
 const MIN_PIVOT: f64 = 1e-13;
@@ -27,13 +28,11 @@ impl Whitener {
         }
         self.by.clone_from(by);
         congruence_product(by, covariance, &mut self.lower);
-        let regular = factor_in_place(&mut self.lower);
-        if regular {
-            invert_lower(&mut self.lower);
+        if !factor_in_place(&mut self.lower) {
+            return Err(singular_error("a condition has no observation of its own"));
         }
-        regular
-            .then_some(())
-            .ok_or_else(|| singular_error("a condition has no observation of its own"))
+        invert_lower(&mut self.lower);
+        Ok(())
     }
 
     /// Returns entry `i` of `W` times a vector.
@@ -89,21 +88,77 @@ fn congruence_product(b: &DMatrix<f64>, q: &DMatrix<f64>, out: &mut DMatrix<f64>
 /// Replaces the lower triangle by its Cholesky factor. Returns `false` if a pivot is lost in rounding.
 pub(super) fn factor_in_place(m: &mut DMatrix<f64>) -> bool {
     let n = m.nrows();
+    factor_columns(m.as_mut_slice(), n, 1e-15).is_none()
+}
+
+wide! {
+    /// Replaces the lower triangle of `n` columns by its Cholesky factor. Returns the first column, if any, whose pivot is below
+    /// a fraction of its diagonal.
+    fn factor_columns(m: &mut [f64], n: usize, least: f64) -> Option<usize> = factor_columns_generic
+}
+
+#[inline(always)]
+fn factor_columns_generic(m: &mut [f64], n: usize, least: f64) -> Option<usize> {
     for j in 0..n {
-        let all = m[(j, j)];
-        let (left, right) = m.as_mut_slice().split_at_mut(j * n);
+        let (left, right) = m.split_at_mut(j * n);
         let column = &mut right[j..n];
-        for done in left.chunks_exact(n) {
-            add_scaled(column, -done[j], &done[j..]);
-        }
+        let all = column[0];
+        add_columns(column, left, n, |k| -left[k * n + j]);
         let pivot = column[0];
-        if !(all > 0.0 && pivot > all * 1e-15) {
-            return false;
+        if !(all > 0.0 && pivot > all * least) {
+            return Some(j);
         }
         let inverse = 1.0 / pivot.sqrt();
         column.iter_mut().for_each(|v| *v *= inverse);
     }
-    true
+    None
+}
+
+wide! {
+    /// Adds to each column of `into` the `columns` times the factors in a column of `factors`.
+    pub(super) fn add_products(into: &mut [f64], columns: &[f64], height: usize, factors: &[f64]) = add_products_generic
+}
+
+#[inline(always)]
+fn add_products_generic(into: &mut [f64], columns: &[f64], height: usize, factors: &[f64]) {
+    let count = columns.len() / height.max(1);
+    let factors = factors.chunks_exact(count.max(1));
+    for (into, factors) in into.chunks_exact_mut(height.max(1)).zip(factors) {
+        add_columns(into, columns, height, |k| factors[k]);
+    }
+}
+
+wide! {
+    /// Adds to the lower triangle of `into` a factor times columns of `height` times their transposes.
+    pub(super) fn add_square(into: &mut [f64], factor: f64, columns: &[f64], height: usize) = add_square_generic
+}
+
+#[inline(always)]
+fn add_square_generic(into: &mut [f64], factor: f64, columns: &[f64], height: usize) {
+    for (j, into) in into.chunks_exact_mut(height).enumerate() {
+        let own = |k: usize| factor * columns[k * height + j];
+        add_columns(&mut into[j..], columns, height, own);
+    }
+}
+
+/// Adds the last rows of columns of `height`, each times its factor, four columns at a time.
+#[inline(always)]
+fn add_columns(into: &mut [f64], columns: &[f64], height: usize, factor: impl Fn(usize) -> f64) {
+    let from = height - into.len();
+    let mut fours = columns.chunks_exact(4 * height);
+    let mut k = 0;
+    for four in &mut fours {
+        let [a, b, c, d] = [0, 1, 2, 3].map(|i| &four[i * height + from..(i + 1) * height]);
+        let by = [0, 1, 2, 3].map(|i| factor(k + i));
+        let rows = a.iter().zip(b).zip(c.iter().zip(d));
+        for (target, ((a, b), (c, d))) in into.iter_mut().zip(rows) {
+            *target = *target + by[0] * a + by[1] * b + by[2] * c + by[3] * d;
+        }
+        k += 4;
+    }
+    for (i, column) in fours.remainder().chunks_exact(height).enumerate() {
+        add_scaled(into, factor(k + i), &column[from..]);
+    }
 }
 
 /// Inverts a lower triangular matrix in place and clears the part above the diagonal.
@@ -123,6 +178,7 @@ pub(super) fn invert_lower(m: &mut DMatrix<f64>) {
 }
 
 /// Adds `factor * column` to `into`.
+#[inline(always)]
 pub(super) fn add_scaled(into: &mut [f64], factor: f64, column: &[f64]) {
     for (target, value) in into.iter_mut().zip(column) {
         *target += factor * value;
@@ -140,51 +196,56 @@ pub(super) fn singular_error(missing: &str) -> EstimationError {
     }
 }
 
-/// Inverts a small symmetric positive definite matrix; 1 x 1 and 2 x 2 in closed form.
+/// Returns `W` with `W' W` the inverse of a small symmetric positive definite matrix.
+pub(super) fn whitening_matrix(m: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let mut lower = m.clone();
+    factor_in_place(&mut lower).then(|| {
+        invert_lower(&mut lower);
+        lower
+    })
+}
+
+/// Inverts a small symmetric positive definite matrix.
 pub(super) fn inverse_spd(m: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-    match m.nrows() {
-        1 => (m[(0, 0)] > 0.0).then(|| DMatrix::from_element(1, 1, 1.0 / m[(0, 0)])),
-        2 => {
-            let (a, b, d) = (m[(0, 0)], m[(1, 0)], m[(1, 1)]);
-            let det = a * d - b * b;
-            (a > 0.0 && det > a * d * 1e-15)
-                .then(|| DMatrix::from_row_slice(2, 2, &[d / det, -b / det, -b / det, a / det]))
-        }
-        _ => Cholesky::new(m.clone()).map(|c| c.inverse()),
-    }
+    whitening_matrix(m).map(|white| white.tr_mul(&white))
 }
 
 /// Cholesky factor of the normal matrix, scaled to a unit diagonal so that pivots are comparable.
 pub(super) struct NormalFactor {
     scale: DVector<f64>,
-    cholesky: Cholesky<f64, Dyn>,
+    lower: DMatrix<f64>,
 }
 
 impl NormalFactor {
     pub(super) fn solve(&self, right: &DVector<f64>) -> DVector<f64> {
-        self.cholesky
-            .solve(&right.component_mul(&self.scale))
-            .component_mul(&self.scale)
+        let mut solution = right.component_mul(&self.scale);
+        self.lower.solve_lower_triangular_mut(&mut solution);
+        self.lower.tr_solve_lower_triangular_mut(&mut solution);
+        solution.component_mul(&self.scale)
     }
 
     /// Computes `(L^-1 S)' (L^-1 S)`. Inverting the factor costs a sixth of solving for all columns, and a library does the
     /// product.
     pub(super) fn inverse(&self) -> DMatrix<f64> {
-        let lower = self.cholesky.l_dirty();
-        let n = lower.nrows();
         let mut root = DMatrix::from_diagonal(&self.scale);
-        for (j, column) in root.as_mut_slice().chunks_exact_mut(n.max(1)).enumerate() {
-            for k in j..n {
-                column[k] /= lower[(k, k)];
-                let value = column[k];
-                add_scaled(
-                    &mut column[k + 1..],
-                    -value,
-                    &lower.as_slice()[k * n + k + 1..(k + 1) * n],
-                );
-            }
-        }
+        solve_columns(self.lower.as_slice(), self.scale.len(), root.as_mut_slice());
         root.transpose() * &root
+    }
+}
+
+wide! {
+    /// Solves `L X = R` in place for the columns of a lower triangular matrix `R`.
+    fn solve_columns(lower: &[f64], n: usize, right: &mut [f64]) = solve_columns_generic
+}
+
+#[inline(always)]
+fn solve_columns_generic(lower: &[f64], n: usize, right: &mut [f64]) {
+    for (j, column) in right.chunks_exact_mut(n.max(1)).enumerate() {
+        for k in j..n {
+            let (done, rest) = column.split_at_mut(k + 1);
+            done[k] /= lower[k * n + k];
+            add_scaled(rest, -done[k], &lower[k * n + k + 1..(k + 1) * n]);
+        }
     }
 }
 
@@ -197,47 +258,25 @@ pub(super) fn factor_normal_matrix(
     missing: &[&'static str],
 ) -> EstimationResult<NormalFactor> {
     let n = normal.nrows();
-    if normal.as_slice().iter().any(|v| !v.is_finite()) {
-        return Err(EstimationError::Input(
-            "a number in the adjustment is not finite; check survey, camera and observations"
-                .into(),
-        ));
-    }
     let scale = normal
         .diagonal()
         .map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
-    let scaled = || {
-        let mut scaled = normal.clone();
-        for (mut column, by) in scaled.column_iter_mut().zip(scale.iter()) {
-            column.component_mul_assign(&scale);
-            column *= *by;
-        }
-        scaled
-    };
-    let undetermined = |column: usize| {
-        let text = missing
-            .get(column)
-            .copied()
-            .unwrap_or("a parameter has no observation");
-        singular_error(text)
-    };
-    if let Some(column) = scale.iter().position(|&s| s == 0.0) {
-        return Err(undetermined(column));
+    let mut lower = normal.clone();
+    for (mut column, by) in lower.column_iter_mut().zip(scale.iter()) {
+        column.component_mul_assign(&scale);
+        column *= *by;
     }
-    match Cholesky::new(scaled()) {
-        Some(cholesky) => {
-            let l = cholesky.l_dirty();
-            match (0..n).find(|&i| l[(i, i)] * l[(i, i)] < MIN_PIVOT) {
-                Some(column) => Err(undetermined(column)),
-                None => Ok(NormalFactor { scale, cholesky }),
-            }
-        }
-        None => Err(undetermined(failing_column(&scaled()))),
+    match factor_columns(lower.as_mut_slice(), n, MIN_PIVOT) {
+        None => Ok(NormalFactor { scale, lower }),
+        Some(_) if normal.iter().any(|v| !v.is_finite()) => Err(EstimationError::Input(
+            "a number in the adjustment is not finite; check survey, camera and observations"
+                .into(),
+        )),
+        Some(column) => Err(singular_error(
+            missing
+                .get(column)
+                .copied()
+                .unwrap_or("a parameter has no observation"),
+        )),
     }
-}
-
-/// Returns the index of the first leading minor that is not positive definite.
-fn failing_column(scaled: &DMatrix<f64>) -> usize {
-    let fails = |k: usize| Cholesky::new(scaled.view((0, 0), (k, k)).into_owned()).is_none();
-    (1..=scaled.nrows()).find(|&k| fails(k)).unwrap_or(1) - 1
 }

@@ -7,6 +7,7 @@ use nalgebra::DMatrix;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
 use super::fit::Fit;
+use super::linear::inverse_spd;
 use super::problem::Problem;
 
 /// Choice of the reported standard deviations.
@@ -113,11 +114,7 @@ pub fn observation_reliability(
     let data = &problem.groups[group].blocks[block];
     let residuals = &fit.groups[group].blocks[block].residuals;
     let n = residuals.len();
-    let weight = data
-        .covariance
-        .clone()
-        .cholesky()
-        .map_or_else(|| DMatrix::zeros(n, n), |c| c.inverse());
+    let weight = inverse_spd(&data.covariance).unwrap_or_else(|| DMatrix::zeros(n, n));
     let cofactor = &data.covariance - fit.adjusted_covariance(group, block);
     let weighted = &weight * residuals;
     let power = &weight * &cofactor * &weight;

@@ -324,7 +324,9 @@ impl Relaxation {
             let weighted = normal * &step;
             let (both, own) = (last.dot(&weighted), step.dot(&weighted));
             let before = last.dot(&(normal * last));
-            let repeated = both.abs() > Self::MIN_COSINE * (own * before).sqrt();
+            // Rounding has no direction.
+            let repeated =
+                before > f64::EPSILON && both.abs() > Self::MIN_COSINE * (own * before).sqrt();
             if repeated {
                 (factor / (1.0 - both / before)).clamp(Self::FACTOR_BOUNDS.0, Self::FACTOR_BOUNDS.1)
             } else {

@@ -1,18 +1,11 @@
 //! The blocks of a group, whitened and stacked, so that one matrix product covers the parameters on which most blocks
 //! depend. Parameters of few blocks (a marker's own position) are multiplied block by block.
 
-use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, DVector};
+use nalgebra::{DMatrix, DVector};
 
 use super::error::EstimationResult;
-use super::linear::{Whitener, add_scaled, dot_product};
+use super::linear::{Whitener, add_scaled, add_square, dot_product};
 use super::problem::{Block, Linearised};
-
-/// Number of multiplications below which a library call does not pay.
-const MIN_LIBRARY_PRODUCT: usize = 1500;
-/// Columns of the normal matrix that are subtracted at once: above the diagonal, only the panel's own part is computed.
-const PANEL_COLUMNS: usize = 48;
-/// Local parameters whose products are gathered before they are subtracted from the normal matrix.
-const MAX_GATHERED: usize = 128;
 
 /// Contribution of one block to the normal equations.
 #[derive(Default)]
@@ -39,13 +32,11 @@ pub(super) struct BlockStack {
 pub(super) struct Workspace {
     /// Stack, one condition after the other: local, shared, contradiction.
     rows: Vec<f64>,
-    transposed: Vec<f64>,
     /// Lower triangle of the stack's square.
     pub(super) product: Vec<f64>,
     own: Vec<f64>,
     /// Product of the stack with one of a block's own columns.
     with: Vec<f64>,
-    gathered: Vec<f64>,
 }
 
 /// Destination of a group's products, with indices of the global parameters.
@@ -126,7 +117,9 @@ impl BlockStack {
             }
             first += n;
         }
-        workspace.square_rows(width, conditions);
+        workspace.product.clear();
+        workspace.product.resize(width * width, 0.0);
+        add_square(&mut workspace.product, 1.0, &workspace.rows, width);
         Ok(unclosed)
     }
 }
@@ -235,81 +228,6 @@ impl BlockSystem {
         local
             .chain(global)
             .chain([(width - 1, self.contradiction.as_slice())])
-    }
-}
-
-impl Workspace {
-    /// Discards the gathered factors.
-    pub(super) fn clear_gathered(&mut self) {
-        self.gathered.clear();
-    }
-
-    /// Computes rows' times rows, at least its lower triangle.
-    fn square_rows(&mut self, width: usize, conditions: usize) {
-        self.product.clear();
-        self.product.resize(width * width, 0.0);
-        if width * width * conditions < MIN_LIBRARY_PRODUCT {
-            for row in self.rows.chunks_exact(width) {
-                for (j, column) in self.product.chunks_exact_mut(width).enumerate() {
-                    add_scaled(&mut column[j..], row[j], &row[j..]);
-                }
-            }
-            return;
-        }
-        // Transposed first: nalgebra's product is many times slower with a transpose in it.
-        transpose_columns(&self.rows, width, &mut self.transposed);
-        let rows = DMatrixView::from_slice(&self.rows, width, conditions);
-        let transposed = DMatrixView::from_slice(&self.transposed, conditions, width);
-        DMatrixViewMut::from_slice(&mut self.product, width, width).gemm(
-            1.0,
-            &rows,
-            &transposed,
-            0.0,
-        );
-    }
-
-    /// Stores `factor` (global x local), whose square will be subtracted from the normal matrix.
-    pub(super) fn gather_factor(&mut self, factor: &DMatrix<f64>, normal: &mut DMatrix<f64>) {
-        self.gathered.extend_from_slice(factor.as_slice());
-        if self.gathered.len() >= MAX_GATHERED * factor.nrows() {
-            self.subtract_gathered(normal);
-        }
-    }
-
-    /// Subtracts the gathered squares from the normal matrix' lower triangle.
-    pub(super) fn subtract_gathered(&mut self, normal: &mut DMatrix<f64>) {
-        let p = normal.nrows();
-        let k = self.gathered.len() / p.max(1);
-        if p * p * k < MIN_LIBRARY_PRODUCT {
-            for factor in self.gathered.chunks_exact(p.max(1)) {
-                for (j, mut column) in normal.column_iter_mut().enumerate() {
-                    add_scaled(&mut column.as_mut_slice()[j..], -factor[j], &factor[j..]);
-                }
-            }
-        } else {
-            transpose_columns(&self.gathered, p, &mut self.transposed);
-            let factors = DMatrixView::from_slice(&self.gathered, p, k);
-            let transposed = DMatrixView::from_slice(&self.transposed, k, p);
-            for first in (0..p).step_by(PANEL_COLUMNS) {
-                let n = PANEL_COLUMNS.min(p - first);
-                let (left, right) = (factors.rows(first, p - first), transposed.columns(first, n));
-                normal
-                    .view_mut((first, first), (p - first, n))
-                    .gemm(-1.0, &left, &right, 1.0);
-            }
-        }
-        self.gathered.clear();
-    }
-}
-
-/// Transposes a matrix stored column by column, `height` values each.
-fn transpose_columns(columns: &[f64], height: usize, into: &mut Vec<f64>) {
-    let count = columns.len() / height.max(1);
-    into.resize(columns.len(), 0.0);
-    for (j, column) in columns.chunks_exact(height.max(1)).enumerate() {
-        for (target, value) in into[j..].iter_mut().step_by(count).zip(column) {
-            *target = *value;
-        }
     }
 }
 

@@ -5,7 +5,8 @@ use nalgebra::{DMatrix, DVector};
 use super::error::EstimationResult;
 use super::fit::{BlockFit, Fit, GroupFit};
 use super::linear::{
-    add_scaled, dot_product, factor_in_place, factor_normal_matrix, invert_lower, singular_error,
+    add_scaled, add_square, dot_product, factor_in_place, factor_normal_matrix, invert_lower,
+    singular_error,
 };
 use super::prior::{add_prior, prior_weights};
 use super::problem::{Block, Group, GroupPoint, Linearised, Problem};
@@ -96,12 +97,10 @@ impl NormalEquations {
     ) -> EstimationResult<()> {
         self.normal.as_mut_slice().fill(0.0);
         self.right.as_mut_slice().fill(0.0);
-        self.workspace.clear_gathered();
         (self.omega, self.omega_priors, self.unclosed, self.unsettled) = (0.0, 0.0, 0.0, 0.0);
         for index in 0..problem.groups.len() {
             self.add_group(&problem.groups[index], state, index, linearise)?;
         }
-        self.workspace.subtract_gathered(&mut self.normal);
         self.normal.fill_upper_triangle_with_lower_triangle();
         for (prior, weight) in problem.priors.iter().zip(&self.weights) {
             self.omega_priors += add_prior(
@@ -196,8 +195,8 @@ impl NormalEquations {
             if self.several_own {
                 self.unsettled += part.right.norm_squared();
             }
-            self.workspace
-                .gather_factor(&part.coupling, &mut self.normal);
+            let coupling = part.coupling.as_slice();
+            add_square(self.normal.as_mut_slice(), -1.0, coupling, p);
         }
         Ok(())
     }
@@ -208,6 +207,9 @@ impl NormalEquations {
         problem: &Problem,
         damping: f64,
     ) -> EstimationResult<DVector<f64>> {
+        if damping == 0.0 {
+            return self.solve_right_side(problem, &self.right);
+        }
         let mut normal = self.normal.clone();
         for i in 0..normal.nrows() {
             normal[(i, i)] *= 1.0 + damping;
@@ -472,17 +474,5 @@ impl BlockSystem {
 /// their absolute values (Higham 2002, 3.1).
 fn rounding_bound(information: &DMatrix<f64>, off: &DVector<f64>) -> f64 {
     let absolute = off.abs();
-    let weighed = |column: &[f64]| -> f64 {
-        column
-            .iter()
-            .zip(absolute.iter())
-            .map(|(a, b)| a.abs() * b)
-            .sum()
-    };
-    let columns = information
-        .as_slice()
-        .chunks_exact(off.len().max(1))
-        .zip(absolute.iter());
-    let sum: f64 = columns.map(|(column, by)| by * weighed(column)).sum();
-    off.len() as f64 * f64::EPSILON * sum
+    off.len() as f64 * f64::EPSILON * absolute.dot(&(information.abs() * &absolute))
 }

@@ -10,7 +10,7 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DVector};
 
 use super::fit::{BlockFit, Fit, Gradient, GroupFit};
-use super::linear::{factor_in_place, inverse_spd, invert_lower};
+use super::linear::{inverse_spd, whitening_matrix};
 use super::problem::{Block, Group, Prior, Problem};
 
 /// A named range of a block's observations that is independent of the others.
@@ -304,8 +304,8 @@ impl<'a> VarianceSources<'a> {
     ) -> Vec<(&'static str, DMatrix<f64>)> {
         let mut all = vec![];
         for prior in &group.priors {
-            let rows = whitening_matrix(&prior.covariance)
-                * solved.sensitivity.select_rows(&prior.columns);
+            let rows =
+                weights_root(&prior.covariance) * solved.sensitivity.select_rows(&prior.columns);
             append_source_rows(&mut all, prior.name.source, &rows);
         }
         for (k, (block, fit)) in group.blocks.iter().zip(&solved.blocks).enumerate() {
@@ -329,7 +329,7 @@ impl<'a> VarianceSources<'a> {
                 append_source_rows(
                     &mut all,
                     source,
-                    &(whitening_matrix(&covariance) * gain * &by_global),
+                    &(weights_root(&covariance) * gain * &by_global),
                 );
             }
         }
@@ -424,13 +424,8 @@ fn add_block(
 }
 
 /// Returns `W` with `W' W` the inverse of a covariance; 0 if it has none.
-fn whitening_matrix(covariance: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut lower = covariance.clone();
-    if !factor_in_place(&mut lower) {
-        return DMatrix::zeros(covariance.nrows(), covariance.ncols());
-    }
-    invert_lower(&mut lower);
-    lower
+fn weights_root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
+    whitening_matrix(covariance).unwrap_or_else(|| covariance * 0.0)
 }
 
 type StackedRows = Vec<nalgebra::RowDVector<f64>>;

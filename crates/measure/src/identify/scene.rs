@@ -7,6 +7,7 @@ use super::outline::{DiscOutline, SkinDisc};
 use crate::detect::Detection;
 use crate::environment::Plate;
 use crate::geometry::cross_matrix;
+use crate::observation::Observation;
 use crate::setup::{Orientation, Setup, Shape};
 
 pub(super) type Matrix8 = SMatrix<f64, 8, 8>;
@@ -20,6 +21,10 @@ pub(super) const PIXEL_FLOOR_PX: f64 = 0.6;
 const MIN_TURN_PX: f64 = 20.0;
 /// Smallest standard deviation of the camera's rotation about its axis, rad: a mounting repeats it less well.
 const MIN_ROLL_RAD: f64 = 5e-3;
+/// Smallest share of the markers on the ground frames that the guided search must name, unless one is near the tip.
+const MIN_NAMED_SHARE: f64 = 2.0 / 3.0;
+/// Fraction of the span from which on a marker is near the tip, where only a state that is right along the wing names it.
+const NEAR_TIP: f64 = 0.75;
 /// Steps of the differences for the wing's part of the Jacobian: 1/m, rad.
 const STEPS: [f64; 5] = [1e-5, 1e-5, 1e-5, 1e-4, 1e-4];
 
@@ -232,16 +237,22 @@ impl<'a> WingView<'a> {
 
     /// Returns the number of markers with a decal that the ground frames show; of all, if their observations are not known.
     pub fn count_shown(&self) -> usize {
-        let has_decal = |k: usize| !self.setup.is_point(k);
+        let has_decal = |k: &usize| !self.setup.is_point(*k);
         let ground = &self.orientation.ground;
-        let shown = ground.iter().filter(|o| has_decal(o.marker)).count();
         if ground.is_empty() {
-            (0..self.setup.markers.len())
-                .filter(|k| has_decal(*k))
-                .count()
+            (0..self.setup.markers.len()).filter(has_decal).count()
         } else {
-            shown
+            ground.iter().map(|o| o.marker).filter(has_decal).count()
         }
+    }
+
+    /// Returns whether a guided search that named these markers followed the wing: they are most of those shown, or reach the
+    /// tip. Where it lost the wing, it names only markers inboard.
+    pub fn is_followed(&self, named: &[Observation]) -> bool {
+        let span_m = |marker: usize| self.beam.ground_m[marker].x;
+        let near_tip_m = NEAR_TIP * span_m(self.outermost_marker());
+        named.len() as f64 >= MIN_NAMED_SHARE * self.count_shown() as f64
+            || named.iter().any(|o| span_m(o.marker) >= near_tip_m)
     }
 
     /// Returns whether the ground frames show points only: nothing that the detector could find.

@@ -25,40 +25,60 @@ pub fn remove_stuffing(coded: &[u8], into: &mut Vec<u8>) {
     into.extend_from_slice(rest);
 }
 
-/// Huffman table of a component's coefficients, with a lookup table for groups of codes.
+/// Huffman tables of a component, with lookup tables for groups of codes at the start of a block and in it.
 pub struct CodeTable {
+    pub means: HuffmanTable,
     codes: HuffmanTable,
+    starts: Vec<CodeGroup>,
     groups: Vec<CodeGroup>,
 }
 
-/// Complete codes at the beginning of some bits: number of bits with their numbers, number of coefficients they code, and
-/// true if the block ends with them. Zero bits if the first code is incomplete.
+/// Complete codes at the beginning of some bits: number of bits with their numbers, number of coefficients they code, true
+/// if the block ends with them, and the difference of means if they start a block. Zero bits if the first code is
+/// incomplete or its difference is large.
 #[derive(Clone, Copy, Default)]
 struct CodeGroup {
     bits: u8,
     coefficients: u8,
     ends: bool,
+    mean: i8,
 }
 
 impl CodeTable {
-    /// Builds the lookup table for a scan.
-    pub fn new(one: &HuffmanTable) -> Self {
+    /// Builds the lookup tables for a scan.
+    pub fn new(means: &HuffmanTable, codes: &HuffmanTable) -> Self {
+        let groups = |means| {
+            (0..1 << LOOKAHEAD_BITS)
+                .map(|bits| CodeGroup::from_bits(means, codes, bits))
+                .collect()
+        };
         Self {
-            codes: one.clone(),
-            groups: (0..1 << LOOKAHEAD_BITS)
-                .map(|bits| CodeGroup::from_bits(one, bits))
-                .collect(),
+            means: means.clone(),
+            codes: codes.clone(),
+            starts: groups(Some(means)),
+            groups: groups(None),
         }
     }
 }
 
 impl CodeGroup {
-    fn from_bits(table: &HuffmanTable, bits: u32) -> Self {
+    fn from_bits(means: Option<&HuffmanTable>, codes: &HuffmanTable, bits: u32) -> Self {
         let mut out = Self::default();
         let known = LOOKAHEAD_BITS as u8;
+        let ahead = |read: u8| (bits << (16 - LOOKAHEAD_BITS) << read) as u16;
+        if let Some(means) = means {
+            // A difference of seven bits fits in eight.
+            let Ok((size @ 0..=7, length)) = means.lookup(ahead(0)) else {
+                return out;
+            };
+            if length + size > known {
+                return out;
+            }
+            let number = u32::from(ahead(length)) >> (16 - size);
+            (out.bits, out.mean) = (length + size, extend_sign(number as u16, size) as i8);
+        }
         while !out.ends && out.bits < known {
-            let ahead = (bits << (16 - LOOKAHEAD_BITS) << out.bits) as u16;
-            let Ok((symbol, length)) = table.lookup(ahead) else {
+            let Ok((symbol, length)) = codes.lookup(ahead(out.bits)) else {
                 break;
             };
             let (zeros, size) = (symbol >> 4, symbol & 15);
@@ -183,8 +203,7 @@ impl<'a> CodeReader<'a> {
     #[inline(always)]
     pub fn read_mean_change(&mut self, table: &HuffmanTable) -> Result<i16, JpegError> {
         match self.read_symbol(table)? {
-            0 => Ok(0),
-            size @ 1..=15 => Ok(self.take_number(size)),
+            size @ 0..=15 => Ok(self.take_number(size)),
             _ => Err(out_of_step_error()),
         }
     }
@@ -233,34 +252,45 @@ impl<'a> CodeReader<'a> {
         }
     }
 
-    /// Skips the block's other coefficients.
+    /// Returns the group of the next bits.
     #[inline(always)]
-    pub fn skip_coefficients(&mut self, table: &CodeTable) -> Result<(), JpegError> {
+    fn look_up(&mut self, groups: &[CodeGroup]) -> CodeGroup {
+        self.fill();
+        groups[(self.ahead >> (64 - LOOKAHEAD_BITS)) as usize]
+    }
+
+    /// Skips a block. Returns the difference of its mean from that of the previous block.
+    #[inline(always)]
+    pub fn skip_block(&mut self, table: &CodeTable) -> Result<i16, JpegError> {
+        let mut group = self.look_up(&table.starts);
+        let mut change = i16::from(group.mean);
+        if group.bits == 0 {
+            change = self.read_mean_change(&table.means)?;
+            group = self.look_up(&table.groups);
+        }
         let mut k = 1;
-        while k < ALL {
-            self.fill();
-            let CodeGroup {
-                bits,
-                coefficients,
-                ends,
-            } = table.groups[(self.ahead >> (64 - LOOKAHEAD_BITS)) as usize];
-            let then = k + usize::from(coefficients);
+        loop {
+            let then = k + usize::from(group.coefficients);
             // Complete codes of this block only.
-            if bits > 0 && then + usize::from(ends) <= ALL {
-                self.skip_bits(u32::from(bits));
-                k = if ends { ALL } else { then };
-                continue;
-            }
-            let symbol = self.read_symbol(&table.codes)?;
-            self.skip_bits(u32::from(symbol & 15));
-            k = if symbol & 15 == 0 && symbol != ZEROS {
-                ALL
+            if group.bits > 0 && then + usize::from(group.ends) <= ALL {
+                self.skip_bits(u32::from(group.bits));
+                k = if group.ends { ALL } else { then };
             } else {
-                k + usize::from(symbol >> 4) + 1
-            };
+                let symbol = self.read_symbol(&table.codes)?;
+                self.skip_bits(u32::from(symbol & 15));
+                k = if symbol & 15 == 0 && symbol != ZEROS {
+                    ALL
+                } else {
+                    k + usize::from(symbol >> 4) + 1
+                };
+            }
+            if k >= ALL {
+                break;
+            }
+            group = self.look_up(&table.groups);
         }
         if k == ALL {
-            Ok(())
+            Ok(change)
         } else {
             Err(out_of_step_error())
         }
@@ -270,7 +300,7 @@ impl<'a> CodeReader<'a> {
 /// Converts `size` bits to a signed number (ITU-T T.81, F.2.2.1).
 pub fn extend_sign(bits: u16, size: u8) -> i16 {
     let (bits, size) = (i32::from(bits), i32::from(size));
-    (if bits < 1 << (size - 1) {
+    (if bits < 1 << size >> 1 {
         bits - (1 << size) + 1
     } else {
         bits

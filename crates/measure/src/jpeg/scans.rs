@@ -9,7 +9,7 @@ use libjpeg_turbo_rs::decode::marker::{JpegMetadata, MarkerReader, ScanInfo};
 use libjpeg_turbo_rs::simd;
 
 use super::JpegFault;
-use super::codes::{CodeReader, remove_stuffing};
+use super::codes::{CodeReader, out_of_step_error, remove_stuffing};
 use super::coefficients::{self, BlockRuns, CoefficientBlock, SpectralBand};
 use super::header::FirstComponent;
 use super::intervals::{BLOCK, END, RestartIntervals, damaged_error};
@@ -342,7 +342,7 @@ impl<'a> CoefficientScan<'a> {
         if !self.progressive {
             // In a sequential scan each block ends on its own.
             if self.runs.left > 0 {
-                return Err(JpegError::CorruptData("codes are out of step".into()));
+                return Err(out_of_step_error());
             }
             *self.runs = BlockRuns::default();
         }

@@ -5,7 +5,6 @@
 use std::ops::Range;
 
 use libjpeg_turbo_rs::JpegError;
-use libjpeg_turbo_rs::common::huffman_table::HuffmanTable;
 use libjpeg_turbo_rs::decode::entropy::{McuComponentPlan, resolve_mcu_plan};
 use libjpeg_turbo_rs::decode::marker::JpegMetadata;
 use libjpeg_turbo_rs::simd;
@@ -23,13 +22,6 @@ const PADDING_BITS: i64 = 64;
 /// Maximum number of units between recorded positions, and so of units skipped to reach one.
 const STRIDE: usize = 16;
 
-/// Coding of a component: number of blocks in a unit, and the codes of their coefficients.
-struct ComponentCodes {
-    blocks: usize,
-    means: HuffmanTable,
-    others: CodeTable,
-}
-
 /// Layout and coding of an image's blocks.
 pub struct SequentialScan {
     width: usize,
@@ -42,8 +34,9 @@ pub struct SequentialScan {
     rows: usize,
     /// Units between restart markers, 0 for none.
     interval: usize,
-    luma: ComponentCodes,
-    colour: Vec<ComponentCodes>,
+    luma: CodeTable,
+    /// Number of blocks in a unit, and their codes.
+    colour: Vec<(usize, CodeTable)>,
     /// Quantisation steps of luma, and the inverse transform.
     steps: [u16; BLOCK * BLOCK],
     transform: fn(&[i16; BLOCK * BLOCK], &[u16; BLOCK * BLOCK], &mut [u8; BLOCK * BLOCK]),
@@ -85,12 +78,15 @@ impl SequentialScan {
         if plan.len() != frame.components.len() || plan.first()?.comp_idx != 0 {
             return None;
         }
-        let component = |part: &McuComponentPlan| ComponentCodes {
-            blocks: part.num_blocks,
-            means: part.dc_table.clone(),
-            others: CodeTable::new(part.ac_table),
+        // Components in a row with the same codes are skipped as one.
+        let is_same = |a: &McuComponentPlan, b: &McuComponentPlan| {
+            std::ptr::eq(a.dc_table, b.dc_table) && std::ptr::eq(a.ac_table, b.ac_table)
         };
-        let mut components = plan.iter().map(component);
+        let table = |part: &McuComponentPlan| CodeTable::new(part.dc_table, part.ac_table);
+        let colour = plan[1..].chunk_by(is_same).map(|parts| {
+            let blocks = parts.iter().map(|part| part.num_blocks).sum();
+            (blocks, table(&parts[0]))
+        });
         let quantisation = frame.components[0].quant_table_index;
         let (width, height) = (frame.width(), frame.height());
         Some(Self {
@@ -101,8 +97,8 @@ impl SequentialScan {
             columns: width.div_ceil(BLOCK * across),
             rows: height.div_ceil(BLOCK * down),
             interval: usize::from(header.restart_interval),
-            luma: components.next()?,
-            colour: components.collect(),
+            luma: table(&plan[0]),
+            colour: colour.collect(),
             steps: header
                 .quant_tables
                 .get(usize::from(quantisation))?
@@ -203,22 +199,21 @@ impl SequentialScan {
         for row in row * self.down..(row + 1) * self.down {
             let wanted = wanted.row(row);
             for column in column * self.across..(column + 1) * self.across {
-                *mean = mean.wrapping_add(codes.read_mean_change(&self.luma.means)?);
                 if wanted.get(column).is_some_and(|wanted| *wanted) {
                     let (mut coefficients, mut pixels) = ([0; BLOCK * BLOCK], [0; BLOCK * BLOCK]);
+                    *mean = mean.wrapping_add(codes.read_mean_change(&self.luma.means)?);
                     coefficients[0] = *mean;
-                    codes.read_coefficients(&self.luma.others, &mut coefficients)?;
+                    codes.read_coefficients(&self.luma, &mut coefficients)?;
                     (self.transform)(&coefficients, &self.steps, &mut pixels);
                     tiles::copy_tile(&pixels, [column, row], luma, self.width);
                 } else {
-                    codes.skip_coefficients(&self.luma.others)?;
+                    *mean = mean.wrapping_add(codes.skip_block(&self.luma)?);
                 }
             }
         }
-        for part in &self.colour {
-            for _ in 0..part.blocks {
-                codes.read_mean_change(&part.means)?;
-                codes.skip_coefficients(&part.others)?;
+        for (blocks, table) in &self.colour {
+            for _ in 0..*blocks {
+                codes.skip_block(table)?;
             }
         }
         if codes.bits_left() < 0 {

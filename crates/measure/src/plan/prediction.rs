@@ -5,6 +5,9 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, Vector3};
 use serde::Serialize;
 
+use super::precision::{
+    LayoutPrecision, MarkerSigma, TipSigma, layout_precision, marker_sigmas, tip_sigma,
+};
 use super::view::{bend_markers, camera_attitude};
 use super::{PlanOptions, SkinProfile, adjustment_options, fixed_targets, terms};
 use crate::adjust::flight_prior::FlightPrior;
@@ -14,44 +17,6 @@ use crate::environment::apparent_point;
 use crate::ordering::sort_by_value;
 use crate::points;
 use crate::setup::{Orientation, Setup, SurveyMarker};
-
-/// Predicted standard deviations of one marker: deflection, and position along span, flow and height, m.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct MarkerSigma {
-    pub marker: usize,
-    pub deflection_m: f64,
-    pub span_m: f64,
-    pub chord_m: f64,
-    pub height_m: f64,
-}
-
-/// Predicted precision of a layout.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct LayoutPrecision {
-    /// Standard deviation of the bending axis' deflection at the tip, m.
-    pub sigma_tip_deflection_m: f64,
-    /// Root mean square of the standard deviation of the deflection along the span, m.
-    pub sigma_mean_deflection_m: f64,
-    /// Standard deviation of the twist at the tip, degrees.
-    pub sigma_tip_twist_deg: Option<f64>,
-    /// Largest standard deviation of a marker along the span, m.
-    pub sigma_span_m: f64,
-}
-
-/// Predicted standard deviations of the outermost visible marker's deflection, relative to three references.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct TipSigma {
-    /// Id of the marker.
-    pub marker: String,
-    /// Reference of the reported deflection: the most precise one.
-    pub reference: adjust::DeflectionReference,
-    /// Standard deviation relative to the survey, m.
-    pub deflection_m: Option<f64>,
-    /// Standard deviation relative to the ground frame, m.
-    pub deflection_ground_m: Option<f64>,
-    /// Standard deviation relative to the root's tangent, m.
-    pub deflection_root_m: Option<f64>,
-}
 
 /// A layout with one additional marker, or without one.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -270,7 +235,7 @@ impl<'a> SimulatedFlight<'a> {
         let degrees = |e: Option<adjust::Estimate>| e.and_then(|e| e.sigma).map(f64::to_degrees);
         Ok(LayoutPrediction {
             redundancy: solution.redundancy,
-            expected: precision_from_solution(&solution, self.setup).ok_or_else(|| {
+            expected: layout_precision(&solution, self.setup).ok_or_else(|| {
                 AdjustError::Input("the adjustment gives no standard deviations".into())
             })?,
             tip: tip_sigma(&solution, self.setup),
@@ -308,8 +273,7 @@ impl<'a> SimulatedFlight<'a> {
     /// # Errors
     /// Returns an error if the layout cannot be adjusted.
     pub fn predict_single_frame(&self) -> AdjustResult<LayoutPrecision> {
-        let precision =
-            precision_from_solution(&self.adjust_frame(&self.observations)?, self.setup);
+        let precision = layout_precision(&self.adjust_frame(&self.observations)?, self.setup);
         precision
             .ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
     }
@@ -359,7 +323,7 @@ impl<'a> SimulatedFlight<'a> {
         };
         let first = solutions
             .first()
-            .and_then(|solution| precision_from_solution(solution, self.setup));
+            .and_then(|solution| layout_precision(solution, self.setup));
         first
             .ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
     }
@@ -390,7 +354,7 @@ impl<'a> SimulatedFlight<'a> {
         LayoutChange {
             span_m: self.ground[marker].x,
             without: self.setup.markers.get(marker).map(|m| m.id.clone()),
-            expected: solved.and_then(|solution| precision_from_solution(&solution, self.setup)),
+            expected: solved.and_then(|solution| layout_precision(&solution, self.setup)),
         }
     }
 
@@ -478,62 +442,6 @@ impl<'a> SimulatedFlight<'a> {
         orientation: &Orientation,
     ) -> Option<LayoutPrecision> {
         let other = SimulatedFlight::new(setup, Some(orientation), self.options).ok()?;
-        precision_from_solution(&other.adjust_frame(&other.observations).ok()?, setup)
+        layout_precision(&other.adjust_frame(&other.observations).ok()?, setup)
     }
-}
-
-/// Returns the standard deviations of the tip marker's deflection against each reference.
-fn tip_sigma(solution: &Solution, setup: &Setup) -> Option<TipSigma> {
-    let budget = solution.budget.as_ref()?;
-    let marker = &solution.markers[budget.marker];
-    let sigma = |reference| marker.deflection_against(reference)?.sigma;
-    Some(TipSigma {
-        marker: setup.markers.get(budget.marker)?.id.clone(),
-        reference: budget.reference,
-        deflection_m: sigma(adjust::DeflectionReference::Survey),
-        deflection_ground_m: sigma(adjust::DeflectionReference::Ground),
-        deflection_root_m: sigma(adjust::DeflectionReference::Root),
-    })
-}
-
-fn marker_sigmas(solution: &Solution, setup: &Setup) -> Vec<MarkerSigma> {
-    let turn = setup.wing_frame().wing_from_survey;
-    let of_the_wing =
-        |m: &&adjust::MarkerSolution| setup.markers.get(m.marker).is_some_and(|k| !k.fixed);
-    let one = |m: &adjust::MarkerSolution| {
-        let wing = turn * m.covariance_m2? * turn.inverse();
-        let sigma = |k: usize| wing[(k, k)].max(0.0).sqrt();
-        let (span_m, height_m, chord_m) = (sigma(0), sigma(1), sigma(2));
-        Some(MarkerSigma {
-            marker: m.marker,
-            deflection_m: m.deflection_m?.sigma?,
-            span_m,
-            chord_m,
-            height_m,
-        })
-    };
-    solution
-        .markers
-        .iter()
-        .filter(of_the_wing)
-        .filter_map(one)
-        .collect()
-}
-
-fn precision_from_solution(solution: &Solution, setup: &Setup) -> Option<LayoutPrecision> {
-    let tip = solution.curve.last()?;
-    let sigmas: Vec<f64> = solution
-        .curve
-        .iter()
-        .filter_map(|p| p.deflection_m.sigma)
-        .collect();
-    let square = sigmas.iter().map(|s| s * s).sum::<f64>() / sigmas.len().max(1) as f64;
-    Some(LayoutPrecision {
-        sigma_tip_deflection_m: tip.deflection_m.sigma?,
-        sigma_mean_deflection_m: square.sqrt(),
-        sigma_tip_twist_deg: tip.twist_rad.and_then(|t| t.sigma).map(f64::to_degrees),
-        sigma_span_m: marker_sigmas(solution, setup)
-            .iter()
-            .fold(0.0, |m, s| m.max(s.span_m)),
-    })
 }

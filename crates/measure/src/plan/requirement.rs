@@ -3,7 +3,8 @@
 
 use serde::Serialize;
 
-use super::prediction::{LayoutPrecision, SimulatedFlight};
+use super::precision::LayoutPrecision;
+use super::prediction::SimulatedFlight;
 use super::{PlanOptions, fixed_targets, terms};
 use crate::adjust::AdjustResult;
 use crate::adjust::flight_prior::FlightPrior;

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::patch::GreyPatch;
-use crate::detect::simd::dispatch::wide;
+use crate::dispatch::wide;
 use crate::identify::PATCH_REACH_PX;
 use crate::ordering::sort_by_value;
 

@@ -8,7 +8,7 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 use super::PointRejection;
 use super::patch::{GreyPatch, RowPath, sobel_gradient};
-use crate::detect::simd::dispatch::wide;
+use crate::dispatch::wide;
 use crate::estimation::robust::robust_sigma;
 use crate::identify::PATCH_REACH_PX;
 

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
-use crate::detect::simd::dispatch::wide;
+use crate::dispatch::wide;
 use crate::identify::{PATCH_REACH_PX, PatchPrediction};
 use crate::raster::Raster;
 use crate::setup::PointTemplate;

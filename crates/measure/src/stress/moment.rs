@@ -4,9 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::adjust::beam::curvature_basis;
-use crate::adjust::ground::GroundShape;
-use crate::adjust::{AdjustResult, Estimate};
-use crate::setup::{Orientation, Setup, StiffnessSection};
+use crate::setup::StiffnessSection;
 
 /// A bending moment with its standard deviation and the contributions to it, N m.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,6 +18,17 @@ pub struct BendingMoment {
     /// Contribution of the stiffness and of steps, engines and struts that a smooth curvature does not resolve: common to
     /// all frames.
     pub sigma_by_stiffness: f64,
+}
+
+/// Bending moment as a function of its sources of errors, which have standard deviation 1 except for the coefficients.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MomentFunction {
+    /// Derivatives with respect to the coefficients of the curvature, N m per 1/m.
+    pub by_coefficient: DVector<f64>,
+    /// Effect of the stiffness, N m.
+    pub by_stiffness: f64,
+    /// Effect of the position of the bending root, N m.
+    pub by_root: f64,
 }
 
 /// Curvature of an adjusted bending line.
@@ -53,42 +62,36 @@ impl BendingCurvature {
         })
     }
 
-    /// Returns the change of the curvature at a position, relative to the ground, 1/m.
-    pub fn value_at(&self, s_m: f64) -> Estimate {
+    /// Returns the bending moment at a section as a function of its sources of errors.
+    pub fn moment_function(&self, section: &StiffnessSection) -> MomentFunction {
+        let (s_m, step_m) = (section.s_m, DERIVATIVE_STEP * self.length_m);
         let basis = self.curvature_basis_at(s_m);
-        let step_m = DERIVATIVE_STEP * self.length_m;
-        let slope = self.curvature_basis_at(s_m + step_m)
-            - self.curvature_basis_at((s_m - step_m).max(0.0));
-        let apart_m = s_m + step_m - (s_m - step_m).max(0.0);
-        // Stations come from drawings, but the curve begins at the root of the adjustment.
-        let by_root = slope.dot(&self.coefficients_per_m) / apart_m * self.root_sigma_m;
-        let variance = (basis.transpose() * &self.covariance * &basis)[(0, 0)].max(0.0);
-        Estimate {
-            value: basis.dot(&self.coefficients_per_m),
-            sigma: Some(variance.sqrt().hypot(by_root)),
+        let (before_m, after_m) = ((s_m - step_m).max(0.0), s_m + step_m);
+        let slope = (self.curvature_basis_at(after_m) - self.curvature_basis_at(before_m))
+            .dot(&self.coefficients_per_m)
+            / (after_m - before_m);
+        let curvature_per_m = basis.dot(&self.coefficients_per_m);
+        let sigma_ei = section.sigma_ei_n_m2.hypot(self.steps * section.ei_n_m2);
+        MomentFunction {
+            by_coefficient: basis * section.ei_n_m2,
+            by_stiffness: sigma_ei * curvature_per_m,
+            // Stations come from drawings, but the curve begins at the root of the adjustment.
+            by_root: section.ei_n_m2 * slope * self.root_sigma_m,
         }
     }
 
     /// Returns the change of the bending moment relative to the ground.
     pub fn bending_moment(&self, section: &StiffnessSection) -> BendingMoment {
-        let curvature = self.value_at(section.s_m);
-        let sigma_by_curvature = section.ei_n_m2 * curvature.sigma.unwrap_or(0.0);
-        let sigma_ei = section.sigma_ei_n_m2.hypot(self.steps * section.ei_n_m2);
-        let sigma_by_stiffness = sigma_ei * curvature.value.abs();
+        let function = self.moment_function(section);
+        let by = &function.by_coefficient;
+        let variance = (by.transpose() * &self.covariance * by)[(0, 0)].max(0.0);
+        let sigma_by_curvature = variance.sqrt().hypot(function.by_root);
+        let sigma_by_stiffness = function.by_stiffness.abs();
         BendingMoment {
-            value: section.ei_n_m2 * curvature.value,
+            value: by.dot(&self.coefficients_per_m),
             sigma: sigma_by_curvature.hypot(sigma_by_stiffness),
             sigma_by_curvature,
             sigma_by_stiffness,
         }
     }
-}
-
-/// Returns the length of the bending axis, from the root to the end of the curvature, m.
-///
-/// # Errors
-/// Returns an error if the survey gives no wing.
-pub fn bending_length_m(setup: &Setup, orientation: &Orientation) -> AdjustResult<f64> {
-    let shaping = orientation.shaping_markers(setup.markers.len());
-    Ok(GroundShape::new(setup, &shaping)?.axis.length_m)
 }

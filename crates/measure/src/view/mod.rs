@@ -26,9 +26,6 @@ pub use picture::Picture;
 
 /// Largest number of second passes. In flight, passes that add a marker do not count.
 pub const MAX_PASSES: usize = 3;
-/// Smallest share of the markers on the ground frames that the guided search must name. What hides more of them in flight, as
-/// glare and mist do, is rare; and a search that lost the wing after the fixed targets names less.
-const MIN_NAMED_SHARE: f64 = 2.0 / 3.0;
 /// Distance from its predicted position within which a missing marker is searched for, px: ten times the error of a simple
 /// beam's predictions.
 const DISPLACED_SEARCH_PX: f64 = 100.0;
@@ -154,7 +151,6 @@ pub fn process_frame(
     let Some(wing) = fitting else {
         return process_full_frame(picture, wing, ended);
     };
-    let shown = wing.count_shown();
     let found = if wing.has_points_alone() {
         FrameMarkers {
             fault: Some(ViewFault::WITHOUT_DECALS),
@@ -168,11 +164,7 @@ pub fn process_frame(
         })
         .search()
         {
-            Some(located)
-                if located.observations.len() as f64 >= MIN_NAMED_SHARE * shown as f64 =>
-            {
-                located
-            }
+            Some(located) if wing.is_followed(&located.observations) => located,
             located => {
                 let found = detect_full(picture, ended);
                 let full = FrameView {

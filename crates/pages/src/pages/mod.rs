@@ -35,6 +35,7 @@ fn render_read_only_page(title: &str, trail: &Markup, content: &Markup) -> Marku
     render_html_page(title, &nav, content, "read-only")
 }
 
+/// Renders a page with its title, style and content.
 pub fn render_html_page(title: &str, nav: &Markup, content: &Markup, kind: &str) -> Markup {
     html! {
         (DOCTYPE)

@@ -166,6 +166,7 @@ fn parse_side(name: &str) -> Result<SceneSide, String> {
     }
 }
 
+/// Renders frames or images of a board, as the arguments say.
 pub fn run(args: &SimulateArgs) -> TaskResult<Completion> {
     args.gusts.check_options()?;
     let scene = create_scene(args)?;

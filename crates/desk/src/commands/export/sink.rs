@@ -128,11 +128,9 @@ impl RowSink {
                         .into(),
                 )
             }
-            FormatName::Csv | FormatName::Vtk | FormatName::Netcdf | FormatName::Npz => {
-                Ok(Self::Csv(Box::new(
-                    CsvWriter::begin(args.open_output()?, &columns).map_err(io_error_from_csv)?,
-                )))
-            }
+            FormatName::Csv | FormatName::Vtk | FormatName::Netcdf => Ok(Self::Csv(Box::new(
+                CsvWriter::begin(args.open_output()?, &columns).map_err(io_error_from_csv)?,
+            ))),
         }
     }
 

@@ -71,7 +71,7 @@ pub fn precision_text(
         .map(format_mm);
         let what = match p.flights {
             None => format!(
-                "{} frames of a flight adjusted together (`wingd solve --flight`)",
+                "{} frames of a flight adjusted jointly (`wingd solve STORE`)",
                 p.frames
             ),
             Some(flights) => {

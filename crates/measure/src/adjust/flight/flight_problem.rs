@@ -64,10 +64,7 @@ impl MountingTerms {
             terms::mounting_terms(input, stayed),
         ]
         .concat();
-        let placed = terms
-            .into_iter()
-            .map(|term| columns.allocate_term(term))
-            .collect();
+        let placed = columns.allocate_terms(terms);
         Self {
             placed,
             columns: MountingColumns {
@@ -133,11 +130,8 @@ impl FlightUnknowns {
             .map_or(DEFAULT_CURVATURE_TERMS, |t| t.clamp(2, MAX_CURVATURE_TERMS));
         let mut columns = ColumnAllocator::global(&flight.widened);
         let mut shared = terms::allocate_shared_terms(input, &mut columns);
-        shared.placed.extend(
-            terms::flight_terms(input)
-                .into_iter()
-                .map(|term| columns.allocate_term(term)),
-        );
+        let common = columns.allocate_terms(terms::flight_terms(input));
+        shared.placed.extend(common);
         let displacement = flight.common_displacement.as_ref().map(|displacement| {
             let first = columns.missing.len();
             shared
@@ -181,11 +175,7 @@ impl FlightUnknowns {
             terms::frame_rotation(&frame_rotation_covariance(flight)),
         ];
         let others = terms::frame_terms(input, &flight.frames[frame], &flight.prior_scales, true);
-        let mut local = ColumnAllocator::local();
-        own.into_iter()
-            .chain(others)
-            .map(|term| local.allocate_term(term))
-            .collect()
+        ColumnAllocator::local().allocate_terms(own.into_iter().chain(others))
     }
 
     fn frame_layout(&self, flight: &Flight, frame: usize) -> ParameterLayout {

@@ -25,7 +25,7 @@ impl FrameOutcome<'_> {
     }
 
     /// Deflections relative to survey, ground frame and root tangent, m; `None` for a fixed target.
-    pub(super) fn marker_deflections(
+    pub fn marker_deflections(
         &self,
         state: &MarkerState,
         ground: &Vector3<f64>,
@@ -39,7 +39,7 @@ impl FrameOutcome<'_> {
 
     /// Adds the derivatives that distinguish the three deflections, and those with respect to the direction of the
     /// vertical.
-    pub(super) fn add_reference_derivatives(
+    pub fn add_reference_derivatives(
         &self,
         gradient: &mut Gradient,
         state: &MarkerState,

@@ -6,7 +6,7 @@ use num_dual::{Dual64, DualNum};
 
 use super::*;
 use crate::adjust::beam::{Bending, COMPLIANCES, MAX_CURVATURE_TERMS, RAISE_TERMS, twist_basis};
-use crate::adjust::example::{orientation, setup, window};
+use crate::adjust::example::{gull_wing, orientation, setup, tilted_values, window};
 use crate::adjust::shapes::curvature_integrals;
 use crate::setup::{Setup, SetupUncertainty, WingBreak};
 
@@ -387,35 +387,6 @@ fn derivatives_by_the_lens_match_differences() {
             "{k}: {difference}"
         );
     }
-}
-
-/// Values of all unknowns that move a marker: tilted bending plane, rotated root, corrected dimensions.
-fn tilted_values() -> UnknownValues {
-    UnknownValues {
-        curvature_per_m: vec![4e-3, 1e-3],
-        twist_rad: vec![0.03, -0.02],
-        raise_m: [0.02, -0.01, 0.0, 0.0],
-        compliances: [0.3, -0.4, 0.5, 0.2, -0.6],
-        estimated: [0.1, 0.05, 0.005, 0.01],
-        root_rotation_rad: Vector3::new(1e-2, -2e-2, 1e-2),
-        plane_rad: Some(0.03),
-        ..UnknownValues::nominal(0.999)
-    }
-}
-
-/// The example's wing whose dihedral breaks by 0.1 at 16.5 m.
-fn gull_wing(sweep_rad: Option<f64>) -> Setup {
-    let mut gull = Setup {
-        breaks: vec![WingBreak {
-            span_m: 16.5,
-            sweep_rad,
-        }],
-        ..setup()
-    };
-    gull.markers
-        .iter_mut()
-        .for_each(|m| m.position_m.z += 0.1 * (m.position_m.x - 16.5).max(0.0));
-    gull
 }
 
 #[test]

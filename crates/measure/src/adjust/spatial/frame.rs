@@ -122,14 +122,9 @@ fn allocate_frame_layout(
     ];
     let first = first.map(|term| columns.allocate_term(term));
     let shared = terms::allocate_shared_terms(input, columns);
-    let mounting = terms::mounting_terms(input, stayed)
-        .into_iter()
-        .map(|term| columns.allocate_term(term));
-    let mounting: Vec<_> = mounting.collect();
-    let others = terms::frame_terms(input, &single.observations, &single.prior_scales, false)
-        .into_iter()
-        .map(|term| columns.allocate_term(term));
-    let others: Vec<_> = others.collect();
+    let mounting = columns.allocate_terms(terms::mounting_terms(input, stayed));
+    let (seen, scales) = (&single.observations, &single.prior_scales);
+    let others = columns.allocate_terms(terms::frame_terms(input, seen, scales, false));
     let [curvature, twist, rotation] = &first;
     let head = columns.missing.len();
     let motions = Arc::new(MarkerMotions::allocate(
@@ -139,11 +134,8 @@ fn allocate_frame_layout(
     ));
     // After all others, so that a solution without it can be used as the start.
     let first_own = columns.missing.len();
-    let displacement = single
-        .common_displacement
-        .as_ref()
-        .map(|displacement| columns.allocate_term(displacement.term(input)));
-    let displacement: Vec<_> = displacement.into_iter().collect();
+    let displacement = single.common_displacement.iter();
+    let displacement = columns.allocate_terms(displacement.map(|one| one.term(input)));
     ParameterLayout {
         curvature: curvature.scope,
         curvature_terms,

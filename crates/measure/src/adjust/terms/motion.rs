@@ -5,9 +5,9 @@ use nalgebra::Vector3;
 
 use super::camera::image_shift;
 use super::wing::torque_term;
-use crate::adjust::beam::{BeamSection, Bending, SectionMotion};
+use crate::adjust::beam::{Bending, SectionMotion};
 use crate::adjust::input::{AdjustmentInput, FrameObservations};
-use crate::adjust::marker_state::{ESTIMATED_DIMENSIONS, MarkerState};
+use crate::adjust::marker_state::MarkerState;
 use crate::adjust::prior_scales::PriorScales;
 use crate::adjust::scene::WingScene;
 use crate::adjust::term::{Displacement, DisplacementEpoch, ParameterTerm, TermEffect};
@@ -79,18 +79,12 @@ fn field_on_ground(
     scene: &WingScene,
     derivative: fn(&MarkerState) -> Vector3<f64>,
 ) -> DisplacementField {
-    let flat = scene.bend(&Bending::UNBENT);
+    let flat = scene.grid.bend(&Bending::UNBENT);
     let mut field = zero_displacements(scene);
     for WingPoint { marker, .. } in markers_on_wing(scene) {
         let ground_m = scene.ground.stations[marker].surveyed_m;
-        let still = [0.0; ESTIMATED_DIMENSIONS];
-        field[marker] = derivative(&scene.marker_with_dimensions(
-            marker,
-            &flat,
-            &ground_m,
-            &Bending::UNBENT,
-            &still,
-        ));
+        let state = scene.marker_on_beam(marker, &flat[marker], &ground_m, &Bending::UNBENT);
+        field[marker] = derivative(&state);
     }
     field
 }
@@ -410,67 +404,6 @@ pub fn row_terms(
         camera_shake(input.scene, &times_s, scaled(of_camera, scales.shake)),
     ];
     terms.into_iter().flatten().collect()
-}
-
-/// Rotation of the root relative to the cabin since the ground frame, about the wing frame's axes, rad. Targets fixed to
-/// the cabin do not move.
-fn root_rotation(sigma_rad: f64) -> ParameterTerm {
-    ParameterTerm {
-        unknown: Unknown::RootRotation,
-        missing: "the root's rotation cannot be determined; give wing.root_rotation_sigma_mrad",
-        size: 3,
-        priors: ParameterTerm::equal_priors(Unknown::RootRotation, 3, sigma_rad),
-        add_values: |x, values| values.root_rotation_rad += Vector3::from_column_slice(x),
-        effect: TermEffect::Wing {
-            position: |state, k| {
-                state
-                    .from_root_m
-                    .map_or_else(Vector3::zeros, |from| Vector3::ith(k, 1.0).cross(&from))
-            },
-            sections: |curve, k| {
-                let rotation_rad = Vector3::ith(k, 1.0);
-                let motion = |section: &BeamSection| SectionMotion {
-                    displacement_m: rotation_rad.cross(&(section.axis_m - curve.root_m)),
-                    rotation_rad,
-                    twist_rad: 0.0,
-                };
-                curve.bent.iter().map(motion).collect()
-            },
-        },
-    }
-}
-
-/// Shift of the root relative to the cabin since the ground frame, m.
-fn root_shift(sigma_m: f64) -> ParameterTerm {
-    ParameterTerm {
-        unknown: Unknown::RootShift,
-        missing: "the root's shift cannot be determined; give wing.root_translation_sigma_m",
-        size: 3,
-        priors: ParameterTerm::equal_priors(Unknown::RootShift, 3, sigma_m),
-        add_values: |x, values| values.root_translation_m += Vector3::from_column_slice(x),
-        effect: TermEffect::Wing {
-            position: |state, k| {
-                state
-                    .from_root_m
-                    .map_or_else(Vector3::zeros, |_| Vector3::ith(k, 1.0))
-            },
-            sections: |curve, k| {
-                vec![SectionMotion::displacement(Vector3::ith(k, 1.0)); curve.bent.len()]
-            },
-        },
-    }
-}
-
-/// Terms of the root's motion relative to the cabin, without those that are fixed.
-pub fn root_motion(uncertainty: &SetupUncertainty) -> impl Iterator<Item = ParameterTerm> {
-    let turn = Some(uncertainty[Width::RootRotation])
-        .filter(|sigma| *sigma > 0.0)
-        .map(root_rotation);
-    turn.into_iter().chain(
-        Some(uncertainty[Width::RootTranslation])
-            .filter(|sigma| *sigma > 0.0)
-            .map(root_shift),
-    )
 }
 
 /// Terms of the state of the wing at the survey and the ground frame, without those that are fixed.

@@ -1,4 +1,4 @@
-//! Wing terms: deformation in flight, and dimensions from drawings.
+//! Wing terms: deformation in flight, motion of the root, and dimensions from drawings.
 
 use nalgebra::{DMatrix, Vector3};
 
@@ -267,4 +267,65 @@ fn dimension_term<const WHICH: usize>(unknown: Unknown) -> ParameterTerm {
             },
         },
     }
+}
+
+/// Rotation of the root relative to the cabin since the ground frame, about the wing frame's axes, rad. Targets fixed to
+/// the cabin do not move.
+fn root_rotation(sigma_rad: f64) -> ParameterTerm {
+    ParameterTerm {
+        unknown: Unknown::RootRotation,
+        missing: "the root's rotation cannot be determined; give wing.root_rotation_sigma_mrad",
+        size: 3,
+        priors: ParameterTerm::equal_priors(Unknown::RootRotation, 3, sigma_rad),
+        add_values: |x, values| values.root_rotation_rad += Vector3::from_column_slice(x),
+        effect: TermEffect::Wing {
+            position: |state, k| {
+                state
+                    .from_root_m
+                    .map_or_else(Vector3::zeros, |from| Vector3::ith(k, 1.0).cross(&from))
+            },
+            sections: |curve, k| {
+                let rotation_rad = Vector3::ith(k, 1.0);
+                let motion = |section: &BeamSection| SectionMotion {
+                    displacement_m: rotation_rad.cross(&(section.axis_m - curve.root_m)),
+                    rotation_rad,
+                    twist_rad: 0.0,
+                };
+                curve.bent.iter().map(motion).collect()
+            },
+        },
+    }
+}
+
+/// Shift of the root relative to the cabin since the ground frame, m.
+fn root_shift(sigma_m: f64) -> ParameterTerm {
+    ParameterTerm {
+        unknown: Unknown::RootShift,
+        missing: "the root's shift cannot be determined; give wing.root_translation_sigma_m",
+        size: 3,
+        priors: ParameterTerm::equal_priors(Unknown::RootShift, 3, sigma_m),
+        add_values: |x, values| values.root_translation_m += Vector3::from_column_slice(x),
+        effect: TermEffect::Wing {
+            position: |state, k| {
+                state
+                    .from_root_m
+                    .map_or_else(Vector3::zeros, |_| Vector3::ith(k, 1.0))
+            },
+            sections: |curve, k| {
+                vec![SectionMotion::displacement(Vector3::ith(k, 1.0)); curve.bent.len()]
+            },
+        },
+    }
+}
+
+/// Terms of the root's motion relative to the cabin, without those that are fixed.
+pub fn root_motion(uncertainty: &SetupUncertainty) -> impl Iterator<Item = ParameterTerm> {
+    let turn = Some(uncertainty[Width::RootRotation])
+        .filter(|sigma| *sigma > 0.0)
+        .map(root_rotation);
+    turn.into_iter().chain(
+        Some(uncertainty[Width::RootTranslation])
+            .filter(|sigma| *sigma > 0.0)
+            .map(root_shift),
+    )
 }

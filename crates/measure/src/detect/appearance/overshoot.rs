@@ -17,8 +17,8 @@ use super::formula::{self, MarkerModel};
 use super::parameters::{BLUR, GreyBatch, HALO, MarkerParameters, OVERSHOOT, WHITEST};
 use super::quadrants;
 use crate::detect::simd::batch::Batch;
-use crate::detect::simd::dispatch::wide;
 use crate::detect::simd::lanes::{LANES, Lanes};
+use crate::dispatch::wide;
 
 /// Image of a marker and its image in the blurred copy.
 pub struct SharpenedModel {

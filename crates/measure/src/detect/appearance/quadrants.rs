@@ -15,9 +15,10 @@ use super::parameters::{
     ANGLE, BEND, BLUR, CHORD, COMMON, GAMMA, GreyBatch, LENGTH, MarkerPattern, N, OFFSET,
     OutlineGradient, SHEAR, SKIN, TANGENT, WHITEST, X, Y,
 };
+use crate::detect::simd::batch::Batch;
 use crate::detect::simd::functions::{PEAK, asin, exp, normal_distributions};
 use crate::detect::simd::lanes::{LANES, Lanes, each};
-use crate::detect::simd::{batch::Batch, dispatch::wide};
+use crate::dispatch::wide;
 
 /// Number of chords around a pixel. With the step they reach 3.9 blurs to both sides, beyond which 0.01 % is left.
 const CHORDS: i32 = 12;

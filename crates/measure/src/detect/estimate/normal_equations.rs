@@ -12,8 +12,8 @@ use crate::detect::estimate::options::{ITERATION, WEIGHT};
 use crate::detect::hypothesis::prior::PriorValue;
 use crate::detect::numbers::TINY;
 use crate::detect::sample::pixels::Pixels;
-use crate::detect::simd::dispatch::wide;
 use crate::detect::simd::lanes::{LANES, Lanes, each, sum_lanes};
+use crate::dispatch::wide;
 
 /// Matrix of the normal equations of all marker parameters.
 pub type NormalMatrix = SMatrix<f64, N, N>;

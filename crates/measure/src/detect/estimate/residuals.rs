@@ -7,8 +7,8 @@ use super::normal_equations::biweight_roots;
 use super::sandwich::{ResidualBlocks, SECTORS, pixel_sectors};
 use crate::detect::appearance::parameters::{N, X, Y};
 use crate::detect::sample::pixels::Pixels;
-use crate::detect::simd::dispatch::wide;
 use crate::detect::simd::lanes::{Lanes, each};
+use crate::dispatch::wide;
 
 /// Correlation and weights of the residuals of a fit.
 pub struct ResidualAnalysis {

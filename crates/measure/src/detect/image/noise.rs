@@ -1,7 +1,7 @@
 //! Noise of the frame, from second differences along sampled rows; and smoothing.
 
 use super::ellipse::Ellipse;
-use crate::detect::simd::dispatch::wide;
+use crate::dispatch::wide;
 use crate::raster::Raster;
 use crate::tiles::Tiles;
 

@@ -12,8 +12,8 @@ use crate::detect::appearance::parameters::{
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::image::scanline::{self, EllipseFrame};
 use crate::detect::occlusion::options::SEAM;
-use crate::detect::simd::dispatch::wide;
 use crate::detect::simd::lanes::{LANES, Lanes, all_lanes, each};
+use crate::dispatch::wide;
 use crate::ordering::sort_by_value;
 use crate::raster::Raster;
 

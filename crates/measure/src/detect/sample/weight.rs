@@ -8,8 +8,9 @@ use crate::detect::appearance::disc::{END_SIGMAS, distance_to_ellipse, mask_beyo
 use crate::detect::appearance::{crossing::NEAR_SIGMAS, parameters::MarkerPattern};
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::image::scanline::{EdgeLine, EllipseFrame};
+use crate::detect::simd::batch::Batch;
 use crate::detect::simd::lanes::{LANES, Lanes, each};
-use crate::detect::simd::{batch::Batch, dispatch::wide};
+use crate::dispatch::wide;
 
 /// Distance by which ends and crossing may move before a pixel is of another kind than it was sorted by, px.
 const MOVE_PX: f32 = 0.2;

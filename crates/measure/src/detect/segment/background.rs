@@ -7,7 +7,7 @@ use nalgebra::Vector2;
 use super::components::Run;
 use super::windows::{SearchArea, block_size};
 use crate::detect::segment::{components, options::BACKGROUND};
-use crate::detect::simd::dispatch::wide;
+use crate::dispatch::wide;
 use crate::raster::Raster;
 
 /// Number of levels at which a frame is searched.

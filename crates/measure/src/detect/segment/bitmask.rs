@@ -1,6 +1,6 @@
 //! Bit masks of the pixels of a row that pass a test.
 
-use crate::detect::simd::dispatch::wide;
+use crate::dispatch::wide;
 
 /// Number of pixels of a row in one word, one bit each, the first in the lowest bit.
 pub const WORD_BITS: usize = u64::BITS as usize;

@@ -8,7 +8,7 @@ use super::components::Run;
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::numbers::TINY;
 use crate::detect::segment::{components, options::BLOB};
-use crate::detect::simd::dispatch::wide;
+use crate::dispatch::wide;
 use crate::ordering::sort_by_value;
 use crate::raster::Raster;
 

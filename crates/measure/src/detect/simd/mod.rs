@@ -1,6 +1,5 @@
-//! Loops in wide registers: lanes and batches, elementary functions, and the choice of instruction set.
+//! Loops in wide registers: lanes and batches, and elementary functions.
 
 pub mod batch;
-pub mod dispatch;
 pub mod functions;
 pub mod lanes;

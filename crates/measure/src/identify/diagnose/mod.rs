@@ -12,6 +12,7 @@
 
 mod cause;
 mod evidence;
+mod flight;
 mod search;
 mod subject;
 
@@ -26,10 +27,10 @@ use crate::setup::{Orientation, Setup, Shape};
 
 pub(super) use cause::span_m;
 pub use cause::{Cause, UNITS};
-use evidence::{CauseFit, Evidence, size_covariance};
+use evidence::{CauseFit, Evidence};
 pub use search::{OTHER_AIRCRAFT, diagnose_ground, diagnose_ground_fit};
 pub use subject::SizedShape;
-use subject::{NamedImage, Subject};
+use subject::{NamedImage, Subject, size_covariance};
 
 /// Level of significance of a diagnosis: probability that a sound setup is accused.
 const ALPHA: f64 = 0.01;

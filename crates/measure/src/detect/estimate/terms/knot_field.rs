@@ -15,8 +15,8 @@ use crate::detect::hypothesis::prior::PriorValue;
 use crate::detect::numbers::TINY;
 use crate::detect::sample::pixels::Pixels;
 use crate::detect::simd::batch::{Batch, append_pixel};
-use crate::detect::simd::dispatch::wide;
 use crate::detect::simd::lanes::{Lanes, each, sum_lanes};
+use crate::dispatch::wide;
 
 /// Pixels between the same knots.
 pub struct KnotCell<const ABOUT: usize> {

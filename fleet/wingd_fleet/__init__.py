@@ -1,3 +1,0 @@
-"""Many flights of many aircraft: solve them again, store the results as tables, query them. See docs/fleet.md."""
-
-__version__ = "0.2.0"

@@ -1,0 +1,1 @@
+"""Many flights of many aircraft: solve them again, store the results as tables, query them. See docs/fleet.md."""
