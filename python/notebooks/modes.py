@@ -9,7 +9,7 @@ import numpy as np
 
 from wingd import modes
 
-rate, count = 20.0, 12_000
+rate, count = 20.0, 4_000
 rng = np.random.default_rng(3)
 places = np.linspace(0.2, 1.0, 6)
 shapes = np.stack([places**2, places**2 * (places - 0.75) * 4])
