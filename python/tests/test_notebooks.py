@@ -40,4 +40,14 @@ def test_notebook(notebook, demo_store, tmp_path, monkeypatch):
 
 
 def test_there_is_a_notebook_for_each_question():
-    assert {"deflection_over_lift", "fem", "before_and_after", "left_and_right", "loads"} <= {p.stem for p in NOTEBOOKS}
+    questions = {
+        "deflection_over_lift",
+        "fem",
+        "before_and_after",
+        "left_and_right",
+        "surface",
+        "loads",
+        "modes",
+        "fleet",
+    }
+    assert questions == {p.stem for p in NOTEBOOKS}
