@@ -773,7 +773,7 @@ fn reduce_shapes(shapes: &mut [ReducedShape]) {
     let [lasting, shared] = [0, 1].map(|kind| common_basis(&take(shapes, kind)));
     let basis = Rc::new(lasting);
     for one in shapes {
-        let own = common_basis(&[one.dated.shape.own.clone()]);
+        let own = common_basis(std::slice::from_ref(&one.dated.shape.own));
         let shape = &mut one.dated.shape;
         let parts = [
             (&mut shape.lasting, &*basis),

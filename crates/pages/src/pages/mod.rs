@@ -159,7 +159,7 @@ fn status_tiles(site: &Site, newest: Option<&FlightOverview>) -> Markup {
     let room = remaining_recording(site, newest, daemon.as_ref());
     let state = |d: &RecorderState| format!("{}, {}", d.health, d.activity);
     let state = daemon.as_ref().map_or("no recorder".to_owned(), state);
-    let last = last.map_or("none".to_owned(), |stamp| format_minute(stamp));
+    let last = last.map_or("none".to_owned(), format_minute);
     let fits = |hours: Option<f64>| match hours {
         None => "recording time unknown".to_owned(),
         Some(h) if h >= MAX_SHOWN_HOURS => format!("over {MAX_SHOWN_HOURS:.0} h"),

@@ -152,10 +152,11 @@ impl Disk for RealDisk {
     fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
         // A part is always a new file: one that is already there may be another name of a file elsewhere.
         let is_part = path.extension().is_some_and(|ending| ending == "part");
-        if is_part && let Err(error) = fs::remove_file(path) {
-            if error.kind() != io::ErrorKind::NotFound {
-                return Err(error);
-            }
+        if is_part
+            && let Err(error) = fs::remove_file(path)
+            && error.kind() != io::ErrorKind::NotFound
+        {
+            return Err(error);
         }
         let mut options = OpenOptions::new();
         options.write(true).truncate(true).create(true);

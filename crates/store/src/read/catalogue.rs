@@ -156,6 +156,9 @@ pub(crate) fn for_each_file<E: From<StoreError>>(
     open.map_or(Ok(()), |bytes| give(&path, &bytes))
 }
 
+/// Heads with their lines, and notes on unreadable files.
+type HeadedFiles<H, L> = (Vec<(H, Vec<L>)>, Vec<String>);
+
 /// Reads the head and the lines of a flight's files of a kind, in the order written; `flight_of` returns the flight in a head.
 /// Returns them with notes on unreadable files.
 pub(crate) fn read_headed_files<H: DeserializeOwned, L: DeserializeOwned>(
@@ -164,7 +167,7 @@ pub(crate) fn read_headed_files<H: DeserializeOwned, L: DeserializeOwned>(
     flight: &FlightRef,
     kind: &AppendFileKind,
     flight_of: fn(&H) -> &str,
-) -> StoreResult<(Vec<(H, Vec<L>)>, Vec<String>)> {
+) -> StoreResult<HeadedFiles<H, L>> {
     let (mut all, mut notes) = (Vec::new(), Vec::new());
     for_each_file(disk, root, flight, kind, |path, bytes| {
         match jsonl::parse_headed::<H, L>(bytes) {
