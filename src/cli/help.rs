@@ -8,7 +8,7 @@ use super::workstation;
 
 /// Typical order of the commands for a new aircraft.
 const TYPICAL_ORDER: &str =
-    "Typical order: init, calibrate, check, plan, orient, run or import, solve, report.";
+    "Typical order: init, calibrate, check, plan, orient, run or import,\nsolve, report.";
 
 /// Lists all commands of this program.
 pub fn listed_commands() -> Vec<ListedCommand> {

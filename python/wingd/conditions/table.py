@@ -141,7 +141,7 @@ def _values(layout: Layout) -> tuple[np.ndarray, list[_Tally]]:
 
 
 def _check_times(file: Path | str, layout: Layout, times: list[int | None], window: Window) -> None:
-    """Refuse times of another format, and days that begin anew within a table."""
+    """Refuse times of another format, and days that begin again within a table."""
     known = [t for t in times if t is not None]
     tags = [layout.tag(row) if layout.date is None else row.cells[layout.time] for row in layout.rows]
     mapping = layout.mapping

@@ -3,9 +3,9 @@
 
 use std::sync::Arc;
 
-use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
+use super::curvature::CurvatureEstimate;
 use super::stages::{ProcessedFrame, StageTime};
 use super::{SolveJob, correct_refraction, decode, flight_priors, recording};
 use crate::frame_format::Format;
@@ -13,8 +13,8 @@ use crate::installation::Installation;
 use crate::pipeline::guard::{PANIC_REASON, catch_panic};
 use crate::record::{ImageRecord, Provenance, Reason};
 use wingd_base::clock::exposure::Exposure;
+use wingd_measure::adjust::AdjustError;
 use wingd_measure::adjust::LiveAdjustment;
-use wingd_measure::adjust::{AdjustError, Parameter, ParameterKind, Solution};
 use wingd_measure::detect;
 use wingd_measure::detect::{Detection, MarkerPrediction};
 use wingd_measure::estimation::quality::GlobalTest;
@@ -125,53 +125,6 @@ impl LiveResult {
     /// Returns whether the global test rejects, so that the standard deviations are doubtful.
     pub fn is_rejected(&self) -> bool {
         self.tracked.record.global_test == Some(GlobalTest::Rejected)
-    }
-}
-
-/// Curvature coefficients, in the order of the record's `curvature_per_m`, with their covariance.
-#[derive(Clone, Debug, PartialEq)]
-pub struct CurvatureEstimate {
-    /// Coefficients, 1/m.
-    pub per_m: Vec<f64>,
-    /// Upper triangle of the covariance, row by row, 1/m².
-    pub covariance: Vec<f64>,
-}
-
-impl CurvatureEstimate {
-    /// Extracts the curvature of a solution; `None` if a coefficient has no standard deviation.
-    pub(super) fn from_solution(solution: &Solution) -> Option<Self> {
-        let before = |p: &&Parameter| p.kind != ParameterKind::Curvature;
-        let first: usize = solution
-            .parameters
-            .iter()
-            .take_while(before)
-            .map(|p| p.values.len())
-            .sum();
-        let own = &solution.parameters.iter().find(|p| !before(p))?.values;
-        let sigmas: Vec<f64> = own.iter().map(|e| e.sigma).collect::<Option<_>>()?;
-        let correlation =
-            |i: usize, j: usize| solution.correlation.get((first + i, first + j)).copied();
-        let mut covariance = vec![];
-        for (i, row) in sigmas.iter().enumerate() {
-            for (j, column) in sigmas.iter().enumerate().skip(i) {
-                covariance.push(row * column * correlation(i, j)?);
-            }
-        }
-        Some(Self {
-            per_m: own.iter().map(|e| e.value).collect(),
-            covariance,
-        })
-    }
-
-    /// Returns the covariance of the coefficients, 1/m².
-    pub(super) fn covariance_matrix(&self) -> DMatrix<f64> {
-        let (terms, mut entries) = (self.per_m.len(), self.covariance.iter());
-        let mut matrix = DMatrix::zeros(terms, terms);
-        for (i, j) in (0..terms).flat_map(|i| (i..terms).map(move |j| (i, j))) {
-            let entry = entries.next().copied().unwrap_or(f64::NAN);
-            (matrix[(i, j)], matrix[(j, i)]) = (entry, entry);
-        }
-        matrix
     }
 }
 

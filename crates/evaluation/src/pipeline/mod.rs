@@ -13,6 +13,8 @@
 //!
 //! [`shrink`] makes a frame small enough for display, and [`guard`] is the boundary around libraries that may panic.
 
+mod correlation;
+pub mod curvature;
 pub mod decode;
 mod flight_priors;
 pub mod guard;
@@ -25,6 +27,7 @@ pub mod recording;
 mod shapes;
 pub mod shrink;
 pub mod stages;
+mod timing;
 
 use std::borrow::Cow;
 use std::time::Instant;

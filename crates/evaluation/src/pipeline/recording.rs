@@ -4,45 +4,25 @@ use std::collections::HashMap;
 
 use nalgebra::Matrix3;
 
-use super::live::CurvatureEstimate;
+use super::correlation::correlation_record;
+use super::curvature::moment_records;
+pub use super::timing::{round_ms, stage_timing};
 use super::{ProcessedFrame, SolveJob, StageTime, provenance};
 use crate::aircraft;
 use crate::installation::{CAD_ALPHA, Installation};
 use crate::record::{
-    CadFit, Correlation, CurveRecord, ImageRecord, IncidenceRecord, MarkerRecord, Model,
-    MomentRecord, Panes, Provenance, Quality, Reason, RecordStatus, Timing, Tip, TorsionRecord,
+    CadFit, CurveRecord, ImageRecord, IncidenceRecord, MarkerRecord, Model, Panes, Provenance,
+    Quality, Reason, RecordStatus, Tip, TorsionRecord,
 };
 use wingd_measure::adjust::{
-    AdjustmentMethod, CurvePoint, MarkerSolution, PairTorsion, Parameter, ParameterKind, Solution,
+    AdjustmentMethod, CurvePoint, MarkerSolution, PairTorsion, ParameterKind, Solution,
 };
 use wingd_measure::adjust::{Estimate, Observation};
 use wingd_measure::environment::RefractionReport;
 use wingd_measure::estimation::quality::{GlobalTest, SigmaKind};
 use wingd_measure::geometry::Similarity;
 use wingd_measure::identify::plausible_deflections_m;
-use wingd_measure::setup::{Setup, StiffnessSection, SurveyMarker, Width};
-use wingd_measure::stress::{BendingCurvature, DEFAULT_STEPS};
-use wingd_measure::view::Work;
-
-/// Rounds milliseconds to 0.001.
-pub fn round_ms(ms: f64) -> f64 {
-    (ms * 1e3).round() / 1e3
-}
-
-/// Sums the durations of each stage.
-pub fn stage_timing(stages: &[StageTime]) -> Timing {
-    // A frame may have been searched more than once.
-    let of = |work| {
-        let own = || stages.iter().filter(|s| s.work == work).map(|s| s.ms);
-        own().next().map(|_| round_ms(own().sum()))
-    };
-    Timing {
-        decode: of(Work::Decode),
-        detect: of(Work::Detect),
-        identify: of(Work::Identify),
-        solve: of(Work::Solve),
-    }
-}
+use wingd_measure::setup::{Setup, SurveyMarker};
 
 /// Builds the record of a processed frame and the outcome of its adjustment.
 pub fn build_record(
@@ -495,30 +475,6 @@ fn curve_record(p: &CurvePoint) -> CurveRecord {
     }
 }
 
-fn moment_records(installation: &Installation, s: &Solution) -> Vec<MomentRecord> {
-    let sections = installation.structure.as_ref().map(|of| &of.sections);
-    let estimate = CurvatureEstimate::from_solution(s);
-    let curvature = estimate.map(|estimate| BendingCurvature {
-        covariance: estimate.covariance_matrix(),
-        coefficients_per_m: estimate.per_m.into(),
-        length_m: s.axis_length_m,
-        root_sigma_m: installation.setup.uncertainty[Width::RootOffset],
-        steps: DEFAULT_STEPS,
-    });
-    let record = |section: &StiffnessSection| {
-        let is_on_wing = section.s_m <= s.axis_length_m;
-        let moment = curvature.as_ref().filter(|_| is_on_wing);
-        let moment = moment.map(|curvature| curvature.bending_moment(section));
-        MomentRecord {
-            arc_length_m: section.s_m,
-            bending_moment_nm: moment.map(|m| m.value),
-            sigma_bending_moment_nm: moment.map(|m| m.sigma),
-            sigma_stiffness_nm: moment.map(|m| m.sigma_by_stiffness),
-        }
-    };
-    sections.into_iter().flatten().map(record).collect()
-}
-
 fn quality_record(installation: &Installation, s: &Solution) -> Quality {
     Quality {
         iterations: Some(s.iterations),
@@ -529,21 +485,4 @@ fn quality_record(installation: &Installation, s: &Solution) -> Quality {
         cad: cad_record(installation),
         ..Quality::default()
     }
-}
-
-fn correlation_record(s: &Solution) -> Option<Correlation> {
-    let names = |p: &Parameter| {
-        (0..p.values.len())
-            .map(|k| format!("{}[{k}]", p.kind.name()))
-            .collect::<Vec<String>>()
-    };
-    let finite = |r: &f64| Some(*r).filter(|r| r.is_finite());
-    (s.correlation.nrows() > 0).then(|| Correlation {
-        parameters: s.parameters.iter().flat_map(names).collect(),
-        matrix: s
-            .correlation
-            .row_iter()
-            .map(|row| row.iter().map(finite).collect())
-            .collect(),
-    })
 }

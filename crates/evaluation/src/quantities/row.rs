@@ -3,7 +3,8 @@
 use serde_json::{Map, Value};
 
 use crate::aircraft::{AircraftState, JoinedValue, Quantity};
-use crate::pipeline::live::{CurvatureEstimate, LiveResult};
+use crate::pipeline::curvature::CurvatureEstimate;
+use crate::pipeline::live::LiveResult;
 use crate::record::{
     CurveRecord, ImageRecord, MarkerRecord, MomentRecord, Term, TorsionRecord, json_text,
     variant_name,
