@@ -7,7 +7,7 @@ use nalgebra::Matrix3;
 use super::correlation::correlation_record;
 use super::curvature::moment_records;
 pub use super::timing::{round_ms, stage_timing};
-use super::{ProcessedFrame, SolveJob, StageTime, provenance};
+use super::{ProcessedFrame, SolveJob, provenance};
 use crate::aircraft;
 use crate::installation::{CAD_ALPHA, Installation};
 use crate::record::{
