@@ -314,66 +314,6 @@ fn live_takes_images_until_the_verdict_is_good_and_reports_missing_coverage() {
 }
 
 #[test]
-fn a_camera_goes_to_other_programs_and_comes_back() {
-    let directory = tempfile::tempdir().unwrap();
-    let at = |name: &str| directory.path().join(name).display().to_string();
-    let camera = "width = 1280\nheight = 960\nfx = 2500.5\nfy = 2499.25\ncx = 640.5\ncy = 470.0\nk1 = -0.1\nk2 = 0.07\n\
-                  p1 = 0.0001\np2 = -0.0002\n";
-    std::fs::write(at("camera.toml"), camera).unwrap();
-    let rational = format!("{camera}k4 = 0.97\nk5 = 0.13\nk6 = -0.014\n");
-    std::fs::write(at("wide.toml"), &rational).unwrap();
-    let brown = [
-        "opencv.yaml",
-        "camera_info.yaml",
-        "camchain.yaml",
-        "wing.cameramodel",
-    ]
-    .map(|n| ("camera.toml", camera, n));
-    let wide =
-        ["w.yaml", "w_camera_info.yaml", "w.cameramodel"].map(|n| ("wide.toml", &rational[..], n));
-    for (from, camera, name) in brown.into_iter().chain(wide) {
-        let (there, back) = (at(name), at(&format!("{name}.toml")));
-        let done = run(&["convert", &at(from), &there]);
-        assert!(done.status.success(), "{name}: {}", text(&done.stderr));
-        let done = run(&["convert", &there, &back]);
-        assert!(done.status.success(), "{name}: {}", text(&done.stderr));
-        let text = std::fs::read_to_string(&back).unwrap();
-        for line in camera.lines() {
-            let (key, value) = line.split_once(" = ").unwrap();
-            let written = text
-                .lines()
-                .find_map(|l| l.strip_prefix(&format!("{key} = ")))
-                .unwrap();
-            assert_eq!(
-                written.parse::<f64>().unwrap(),
-                value.parse::<f64>().unwrap(),
-                "{name}: {key}"
-            );
-        }
-    }
-    let done = run(&["convert", &at("wide.toml"), &at("w_camchain.yaml")]);
-    assert!(
-        !done.status.success() && text(&done.stderr).contains("no k4"),
-        "{}",
-        text(&done.stderr)
-    );
-    assert_eq!(
-        run(&["convert", &at("camera.toml"), &at("camera.xyz")])
-            .status
-            .code(),
-        Some(2)
-    );
-    std::fs::write(at("empty.yaml"), "nothing: here\n").unwrap();
-    let done = run(&["convert", &at("empty.yaml"), &at("x.toml")]);
-    assert_eq!(done.status.code(), Some(78));
-    assert!(
-        text(&done.stderr).contains("has no known camera"),
-        "{}",
-        text(&done.stderr)
-    );
-}
-
-#[test]
 fn millimetres_for_metres_are_named() {
     let directory = tempfile::tempdir().unwrap();
     let at = |name: &str| directory.path().join(name).display().to_string();

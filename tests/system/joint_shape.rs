@@ -230,7 +230,7 @@ fn a_file_of_several_flights_names_the_sources_that_they_share() {
     let (later, installation) = (later.to_str().unwrap(), installation.to_str().unwrap());
     let place = ["--store", &store, "--installation", installation];
     stdout(&[&["import", later][..], &place].concat());
-    stdout(&["solve", &store, "--flight"]);
+    stdout(&["solve", &store]);
     let file = folder.path().join("shape.nc");
     let format = ["--format", "netcdf", "--eta", "0.5,1"];
     let output = ["-o", file.to_str().unwrap()];
