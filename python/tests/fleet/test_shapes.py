@@ -109,16 +109,16 @@ def test_the_sigma_of_a_mean_is_that_of_wingd_for_python(wingd, recorders, tmp_p
     store, export = tmp_path / "store", tmp_path / "shape.nc"
     shutil.copytree(recorders[0], store)
     own = recorders[0].parent / "input/installation"
-    together = "--joint" if "--joint" in call(wingd, "solve", "--help").stdout else "--together"
+    how = [] if jointly else ["--single"]
     lake = Lake(f"file://{tmp_path}/lake")
     call(wingd, "upload", str(store), "--to", lake.url)
     solves.define(lake, "kept", None, [], "as recorded", {"": LENGTH_M})
     rules = [({"recorder": recorder_of(store), "from": None}, own)]
-    solves.define(lake, "solved", rules, [together] if jointly else [], program.version(wingd), {"": LENGTH_M})
+    solves.define(lake, "solved", rules, how, program.version(wingd), {"": LENGTH_M})
     for solve in ("kept", "solved"):
         assert task.run(lake, solve, solves.flights(lake)[0], wingd, tmp_path / "work") == "done"
     if jointly:
-        call(wingd, "solve", str(store), "--installation", str(own), together)
+        call(wingd, "solve", str(store), "--installation", str(own))
     eta = ",".join(map(str, shapes.EXPORTED_ETA))
     call(wingd, "export", str(store), "--format", "netcdf", "--table", "shape", "--eta", eta, "--output", str(export))
     dataset = open_shape(export)

@@ -146,10 +146,10 @@ def test_another_program_is_not_mixed_in(wingd, lake, installation, tmp_path):
 
 
 def test_the_tables_are_of_the_results_that_were_asked_for(wingd, lake, recorders, tmp_path):
-    """Also if the flight was uploaded with newer results of another installation."""
+    """Also if the flight was uploaded with newer results of another installation; the recorder solves single frames."""
     flight = next(one for one in solves.flights(lake) if one.recorder == recorder_of(recorders[1]))
     own = [({"recorder": flight.recorder, "from": None}, recorders[1].parent / "input/installation")]
-    solves.define(lake, "own", own, [], program.version(wingd))
+    solves.define(lake, "own", own, ["--single"], program.version(wingd))
     solves.define(lake, "profile", own, ["--method", "profile"], program.version(wingd))
 
     def column(solve, name):
