@@ -30,7 +30,7 @@ def shorter(wingd: str, demo: Path, folder: Path) -> Path:
     lines = [line for line in survey.read_text().splitlines() if line.split(",")[0] not in OUTER]
     survey.write_text("\n".join(lines) + "\n")
     main = folder / "installation.toml"
-    text = main.read_text().replace('"M26"', '"M22"').replace('"M27"', '"M23"')
+    text = main.read_text().replace('"M26"', '"M23"').replace('"M27"', '"M22"')
     # The model ends further inboard, with the same skin.
     root, tip, end = (float(re.search(rf"{name} = ([0-9.]+)", text)[1]) for name in ("root", "tip", "tip_span_m"))
     skin = f"root = {root}, tip = {tip + (root - tip) * (1 - SHORT_M / end):.4f}, tip_span_m = {SHORT_M} }}"
@@ -48,8 +48,8 @@ def equal(wingd, recorders, tmp_path_factory) -> Lake:
         store = folder / name
         shutil.copytree(recorder, store)
         stores.append(store)
-    table, mapping = (recorders[0].parent / name for name in ("aircraft.csv", "mapping.toml"))
-    call(wingd, "aircraft-data", str(stores[1]), str(table), "--mapping", str(mapping), "--flight", "f0001")
+    table = recorders[0].parent / "aircraft.csv"
+    call(wingd, "aircraft-data", str(stores[1]), str(table), "--flight", "f0001")
     for store in stores:
         labels = ("--aircraft", store.name, "--aircraft-type", "DEMO", "--wing", "left")
         call(wingd, "upload", str(store), "--to", lake.url, *labels)

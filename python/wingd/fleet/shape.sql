@@ -2,7 +2,7 @@
 -- share stays in their mean, others are reduced. Only equal arc lengths of one side are compared: a type whose models have different
 -- lengths has a line for each.
 CREATE TABLE shapes AS
-SELECT solve, aircraft, coalesce(aircraft_type, 'unknown') AS aircraft_type, wing, coalesce(side, wing) AS side, recorder_id, flight, series, shot,
+SELECT solve, aircraft, coalesce(aircraft_type, 'unknown') AS aircraft_type, wing, CASE WHEN wing IN ('left', 'right') THEN wing ELSE coalesce(side, wing) END AS side, recorder_id, flight, series, shot,
        eta, round(arc_length_m, 3) AS arc_length_m, length_m, deflection_m, sigma_own_m, lasting_key, factor_lasting_m, shared_key, factor_shared_m,
        weight_kg * load_factor / 1000 AS load_t,
        -- Flights count equally, and so do the frames of each.

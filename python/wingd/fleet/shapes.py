@@ -90,13 +90,19 @@ def rows(export: Path, length: float | None) -> pa.Table:
     values = values.transpose("frame", *(dim for dim in values.value.dims if dim != "frame"))
     images = [str(one) for one in dataset["image"].values]
     kinds = {kind: _by_row(values, kind) for kind in ("lasting", "shared", SINGLE)}
-    own = [values.factors[kind].array for kind in values.factors if kind not in kinds]
+    rests = {kind: _size(values, f"{kind}_rest") for kind in ("lasting", "shared")}
+    apart = {*kinds, *(f"{kind}_rest" for kind in rests)}
+    own = [values.factors[kind].array for kind in values.factors if kind not in apart]
     variance = sum((np.einsum("...gs,...gs->...", one, one) for one in own), np.zeros(values.value.shape))
     sigma, deflection, found = values.sigma.values, values.value.values, []
     for frame, image in enumerate(images):
         series, _, file = image.partition("/")
         for k, one in enumerate(eta):
             factors = {name: of[frame][k] for name, of in kinds.items() if of is not None}
+            # What reduced factors do not carry is one more source, of this place.
+            for name, rest in rests.items():
+                if name in factors and rest is not None:
+                    factors[name] = (factors[name][0], [*factors[name][1], float(rest[frame, k])])
             lasting, shared = factors.get("lasting", ("", [])), factors.get("shared", ("", []))
             single = np.sqrt(variance[frame, k])
             if SINGLE in factors:
@@ -189,6 +195,12 @@ def _table(found: list[dict]) -> pa.Table:
     }
     names = list(found[0]) if found else [*types]
     return pa.table({name: pa.array([row[name] for row in found], types.get(name, pa.float64())) for name in names})
+
+
+def _size(values: Values, kind: str) -> np.ndarray | None:
+    """Return the standard deviation of a kind of errors, (frames, stations); None if the shape has none."""
+    factor = values.factors.get(kind)
+    return None if factor is None else np.sqrt(np.einsum("...gs,...gs->...", factor.array, factor.array))
 
 
 def _by_row(values: Values, kind: str) -> list[list[tuple[str, list[float]]]] | None:
