@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::verify::content_text;
-use super::workstation::Source;
+use super::workstation::Download;
 use wingd_base::failure::{Completion, Failure, TaskResult};
 use wingd_base::output::{byte_progress, print_json, print_line, print_notes, show_busy};
 use wingd_evaluation::inputs::stored_flights::select_flights;
@@ -49,7 +49,7 @@ pub(super) fn run(args: &CopyArgs) -> TaskResult<Completion> {
 /// Downloads flights from a page.
 fn download(args: &CopyArgs, url: &str) -> TaskResult<VerifyReport> {
     let (token, certificate) = (args.token_file.as_deref(), args.certificate.as_deref());
-    let mut source = Source::open(url, token, certificate)?;
+    let mut source = Download::open(url, token, certificate)?;
     let flights = match &args.flight {
         Some(flight) => vec![flight.clone()],
         None => source.flight_names()?,

@@ -29,10 +29,10 @@ pub fn run(command: &AbsentCommand) -> TaskResult<Completion> {
 }
 
 /// No download.
-pub enum AbsentSource {}
-pub use AbsentSource as Source;
+pub enum AbsentDownload {}
+pub use AbsentDownload as Download;
 
-impl AbsentSource {
+impl AbsentDownload {
     /// Returns the failure that names the package with downloads.
     pub fn open(_: &str, _: Option<&Path>, _: Option<&Path>) -> TaskResult<Self> {
         Err(not_on_board("`wingd copy URL`"))

@@ -17,7 +17,7 @@ use wingd_store::{RealDisk, Store};
 pub struct PruneArgs {
     /// Store; its recorder must be stopped
     store: PathBuf,
-    /// Copy made by `wingd copy` or `wingd fetch`; all its files are read and verified first
+    /// Copy made by `wingd copy`; all its files are read and verified first
     #[arg(long, value_name = "DIR")]
     verified_copy: PathBuf,
     /// Flight, for example f0001 [default: all but the newest]

@@ -18,11 +18,10 @@ use wingd_base::failure::{Completion, Failure, TaskResult};
 use wingd_base::listed_command::ListedCommand;
 use wingd_desk::board_camera::BoardCamera;
 use wingd_desk::commands;
-use wingd_desk::download::Download;
+pub use wingd_desk::download::Download;
 use wingd_evaluation::results::ReportBuilder;
 use wingd_measure::plan::{NarrowWidth, find_narrow_widths};
 use wingd_measure::setup::Setup;
-use wingd_store::receive::Receiver;
 
 /// Builder of reports.
 pub const REPORT_BUILDER: Option<ReportBuilder> = Some(wingd_desk::report::REPORT_BUILDER);
@@ -54,35 +53,6 @@ pub fn run(command: &DeskCommand) -> TaskResult<Completion> {
     match command {
         DeskCommand::Demo(command) => command.run(),
         DeskCommand::Desk(command) => command.run(open_camera),
-    }
-}
-
-/// Page of a recorder from which flights are downloaded.
-pub struct Source(Download);
-
-impl Source {
-    /// Opens a page with its access token and the certificate that it must present.
-    pub fn open(
-        url: &str,
-        token_file: Option<&Path>,
-        certificate: Option<&Path>,
-    ) -> TaskResult<Self> {
-        Download::open(url, token_file, certificate).map(Self)
-    }
-
-    /// Lists the flights of the page.
-    pub fn flight_names(&mut self) -> TaskResult<Vec<String>> {
-        self.0.flight_names()
-    }
-
-    /// Downloads the missing files of flights, or, if `thorough`, also the damaged ones.
-    pub fn receive(
-        &mut self,
-        receiver: &Receiver,
-        flights: &[String],
-        thorough: bool,
-    ) -> TaskResult<()> {
-        self.0.receive(receiver, flights, thorough)
     }
 }
 

@@ -18,7 +18,7 @@ fn set() -> (tempfile::TempDir, PathBuf, PathBuf) {
         "1500",
         "--focal",
         "3900",
-        "--fixed-marks",
+        "--fixed-targets",
         "2",
         "--tip-deflections",
         "2.5",
@@ -113,7 +113,7 @@ fn the_plan_reports_the_gain_from_fixed_targets_and_the_contribution_of_each_unk
     let prediction = &plan["prediction"];
     let tip = |value: &Value| value["sigma_tip_deflection_m"].as_f64().unwrap();
     let mut before = tip(&prediction["expected"]);
-    let marks = prediction["fixed_marks"].as_array().unwrap();
+    let marks = prediction["fixed_targets"].as_array().unwrap();
     assert_eq!(marks.len(), 3);
     for mark in marks {
         let now = tip(&mark["expected"]);

@@ -115,7 +115,7 @@ fn output_for_frames_and_an_installation_matches_its_schema() {
         &run(&["plan", "--json", "--installation", &at]).stdout,
     );
     let draft = [
-        "--span",
+        "--reach",
         "28",
         "--height",
         "2.2",

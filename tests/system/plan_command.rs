@@ -355,7 +355,7 @@ fn a_requirement_is_answered_for_a_wing_without_an_installation() {
     let layout = folder.path().join("layout");
     let wing = [
         "plan",
-        "--span",
+        "--reach",
         "33",
         "--height",
         "2.5",
@@ -443,7 +443,7 @@ fn a_requirement_is_answered_for_a_wing_without_an_installation() {
 fn wing_of_28_m<'a>(height: &'a str, chord: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     let wing = [
         "plan",
-        "--span",
+        "--reach",
         "28",
         "--height",
         height,

@@ -78,7 +78,7 @@ def main(program, root, count):
     everything = [[], []]
     for k, (span, height, chord, focal, sensor, markers, fixed, frames, want) in enumerate(WINGS):
         layout = root / f"layout-{k + 1}"
-        options = ["--span", span, "--height", height, "--chord", chord, "--focal", focal, "--sensor", sensor]
+        options = ["--reach", span, "--height", height, "--chord", chord, "--focal", focal, "--sensor", sensor]
         options += ["--markers", markers, "--fixed", fixed, "--frames", frames, "--want", want, "--layout", layout, "--json"]
         plan = json.loads(wingd(program, "plan", *options))
         assume(layout)

@@ -56,7 +56,7 @@ commands! {
     ];
     /// Add a table of the aircraft's own data to a flight
     AircraftData(aircraft_data::AircraftDataArgs) => aircraft_data::run, Evaluate [
-        "wingd aircraft-data demo-flight/store qar.csv --mapping mapping.toml --flight f0001",
+        "wingd aircraft-data demo-flight/store aircraft.csv --flight f0001",
         "wingd aircraft-data store --flight f0001 --list",
     ];
     /// Render frames of a wing, or images of a board

@@ -55,7 +55,7 @@ pub struct LayoutPrediction {
     /// Layouts without each marker, then with an additional one in the largest gap.
     pub changes: Vec<LayoutChange>,
     /// Layouts with 1, 2 and 4 additional fixed targets.
-    pub fixed_marks: Vec<AlternativeLayout>,
+    pub fixed_targets: Vec<AlternativeLayout>,
     /// Layouts with each uncertain term known.
     pub terms_known: Vec<AlternativeLayout>,
     /// Standard deviations along the span: (span from the projection centre, deflection m, twist degrees).
@@ -252,7 +252,7 @@ impl<'a> SimulatedFlight<'a> {
                 .collect(),
             pitch_bending_correlation: solution.pitch_bending_correlation,
             changes,
-            fixed_marks: fixed_targets::COUNTS
+            fixed_targets: fixed_targets::COUNTS
                 .iter()
                 .map(|count| self.predict_with_fixed_targets(*count))
                 .collect(),

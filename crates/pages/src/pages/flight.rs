@@ -69,7 +69,7 @@ fn download_recipes(id: &str, address: &str) -> Markup {
     let plain = [
         (
             "wingd: resumes, verifies every file, adds later files",
-            format!("wingd fetch {address} COPY --flight {id}"),
+            format!("wingd copy {address} COPY --flight {id}"),
         ),
         (
             "curl: resumes",

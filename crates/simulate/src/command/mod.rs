@@ -111,7 +111,7 @@ struct WingArgs {
     camera_height: Option<f64>,
     /// Fixed targets, rigid to the cabin, 0 to 4, in the corners of the image
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=4))]
-    fixed_marks: Option<u8>,
+    fixed_targets: Option<u8>,
     /// Points: salient structures without a decal, 0 to 40; frames/marks.csv has their places in the ground frame
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=40))]
     points: Option<u8>,
@@ -281,7 +281,7 @@ impl WingArgs {
         options.diameter_m = self.diameter.unwrap_or(options.diameter_m);
         options.camera_height_m = self.camera_height.unwrap_or(options.camera_height_m);
         options.survey_sigma_m = self.survey_sigma.unwrap_or(options.survey_sigma_m);
-        options.fixed_targets = self.fixed_marks.map_or(0, usize::from);
+        options.fixed_targets = self.fixed_targets.map_or(0, usize::from);
         options.points = self.points.map_or(0, usize::from);
         options.clutter = self.clutter.unwrap_or(options.clutter);
         let lens = &mut options.lens;

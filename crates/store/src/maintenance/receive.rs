@@ -1,4 +1,4 @@
-//! Transfer of flights into another directory, for `wingd copy` and `wingd fetch`.
+//! Transfer of flights into another directory, for `wingd copy`.
 //!
 //! Received files are checked and made durable below `fetching/`. When all files of a flight have arrived they are moved to
 //! their place, and `store.toml` is written last: an incomplete directory is not a store, and the next call continues from

@@ -11,21 +11,21 @@ use wingd_measure::setup::WingSide;
 pub struct DraftArgs {
     /// Distance from the camera to the wing tip along the span, m
     #[arg(long, value_name = "M", requires_all = ["height", "chord", "focal", "sensor"], conflicts_with = "installation")]
-    pub span: Option<f64>,
+    pub reach: Option<f64>,
     /// Side of the wing; without it a right one is drawn, and `side` is left to you
-    #[arg(long, requires = "span", value_parser = ["left", "right"])]
+    #[arg(long, requires = "reach", value_parser = ["left", "right"])]
     side: Option<String>,
     /// Camera above the skin at the root, m; the wing is assumed level
-    #[arg(long, value_name = "M", requires = "span")]
+    #[arg(long, value_name = "M", requires = "reach")]
     height: Option<f64>,
     /// Chord at the root, m
-    #[arg(long, value_name = "M", requires = "span")]
+    #[arg(long, value_name = "M", requires = "reach")]
     chord: Option<f64>,
     /// Focal length, mm
-    #[arg(long, value_name = "MM", requires = "span")]
+    #[arg(long, value_name = "MM", requires = "reach")]
     pub focal: Option<f64>,
     /// Sensor: pixels across, pixels down, pixel pitch in micrometres
-    #[arg(long, value_name = "WxHxUM", requires = "span", value_parser = parse_sensor)]
+    #[arg(long, value_name = "WxHxUM", requires = "reach", value_parser = parse_sensor)]
     sensor: Option<Sensor>,
     /// Number of markers on the wing, including the pair at the tip
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u16).range(5..=200))]
@@ -87,14 +87,14 @@ impl DraftArgs {
     /// Returns an error if a dimension is missing or out of range.
     pub fn to_draft(&self) -> TaskResult<LayoutDraft> {
         let (Some(span_m), Some(height_m), Some(chord_m), Some(focal_mm), Some(sensor)) =
-            (self.span, self.height, self.chord, self.focal, self.sensor)
+            (self.reach, self.height, self.chord, self.focal, self.sensor)
         else {
             let what =
-                "name the installation, or the wing: --span --height --chord --focal --sensor";
+                "name the installation, or the wing: --reach --height --chord --focal --sensor";
             return Err(Failure::Usage(what.into()));
         };
         let limited = [
-            ("--span", span_m, (3.0, 90.0), "m"),
+            ("--reach", span_m, (3.0, 90.0), "m"),
             ("--height", height_m, (0.1, 30.0), "m"),
             ("--chord", chord_m, (0.1, 30.0), "m"),
             ("--focal", focal_mm, (0.5, 1000.0), "mm"),

@@ -79,7 +79,11 @@ pub(super) fn run(args: &PlanArgs) -> TaskResult<Completion> {
         ));
     }
     let frames = args.frames.map_or(1, usize::from);
-    let draft = args.draft.span.map(|_| args.draft.to_draft()).transpose()?;
+    let draft = args
+        .draft
+        .reach
+        .map(|_| args.draft.to_draft())
+        .transpose()?;
     let installation = match &draft {
         None => load_installation(&resolve_installation(args.installation.as_deref())?)?,
         Some(draft) => draft_installation(draft, &plan_options(args, None), frames)?,
@@ -234,7 +238,7 @@ fn plan_text(plan: &InstallationPlan, wide: bool) -> String {
             "\nOne marker removed or added\n{}",
             marker_change_table(prediction).text()
         ));
-        let marks = alternative_table(prediction, &prediction.fixed_marks);
+        let marks = alternative_table(prediction, &prediction.fixed_targets);
         out.push_str(&format!(
             "\nAdditional fixed targets, rigid to the cabin, in the corners of the image\n{}",
             marks.text()

@@ -210,12 +210,12 @@ impl StoreChecker<'_> {
         }
     }
 
-    /// Notes the remains of an interrupted `fetch`, `copy` or `prune`.
+    /// Notes the remains of an interrupted `copy` or `prune`.
     fn note_unfinished(&mut self, root: &Path) {
         let remains = [
             (
                 layout::FETCHING,
-                "a copy or fetch into this directory was interrupted: repeat it",
+                "a copy into this directory was interrupted: repeat it",
             ),
             (
                 layout::PRUNED,
