@@ -268,6 +268,14 @@ fn socket_length_fault(key: &str, path: &Path) -> Option<KeyFault> {
 /// Tables whose `kind` chooses the keys: `[camera.frames]` is within the release camera.
 const TABLES_WITH_KIND: [&[&str]; 2] = [&["camera", "frames"], &["camera"]];
 
+/// Parses the text of a configuration, without examining its values.
+///
+/// # Errors
+/// Returns the first error with line, key and remedy; `file` is its file.
+pub fn parse_configuration(file: &Path, text: &str) -> Result<Config, Vec<Fault>> {
+    parse_text(file, text)
+}
+
 fn parse_text<T: DeserializeOwned>(file: &Path, text: &str) -> Result<T, Vec<Fault>> {
     let remedy = "compare it with config/wingd.toml";
     parse_toml(file, text, &TABLES_WITH_KIND, remedy).map_err(|fault| vec![fault])

@@ -87,7 +87,7 @@ impl Card {
         outcome(&[&["import", &card, "--store", &store], more].concat())
     }
 
-    /// Times and names of the shots of a store.
+    /// Times, empty if unknown, and names of the shots of a store.
     fn shots(&self, store: &str) -> Vec<(String, String)> {
         let lines = stdout(&[
             "export",
@@ -108,7 +108,7 @@ impl Card {
         let time = |line: &str| {
             serde_json::from_str::<Value>(line).unwrap()["utc"]
                 .as_str()
-                .unwrap()
+                .unwrap_or_default()
                 .to_owned()
         };
         lines.lines().map(time).zip(sources).collect()

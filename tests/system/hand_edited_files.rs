@@ -179,32 +179,28 @@ fn a_fault_of_a_board_file_has_its_line_and_the_remedy() {
 fn files_whose_names_are_not_utf8_are_read_and_distinguished() {
     use std::os::unix::ffi::OsStrExt;
     let dir = tempfile::tempdir().unwrap();
-    let file = dir
-        .path()
-        .join(std::ffi::OsStr::from_bytes(b"fl\xfcgel.yaml"));
-    std::fs::copy(fixture("cameras/opencv.yaml"), &file).unwrap();
-    let run = |file: &std::path::Path| {
-        let mut convert = std::process::Command::new(env!("CARGO_BIN_EXE_wingd"));
-        convert
-            .arg("convert")
-            .arg(file)
-            .arg(dir.path().join("camera.toml"))
+    let image = |name: &[u8]| dir.path().join(std::ffi::OsStr::from_bytes(name));
+    let files = [image(b"fl\xfcgel.jpg"), image(b"fl\xe4gel.jpg")];
+    for file in &files {
+        std::fs::copy(fixture("jpeg/baseline-2x1.jpg"), file).unwrap();
+    }
+    let detect = |files: &[std::path::PathBuf]| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_wingd"));
+        command
+            .args(["detect", "--json"])
+            .args(files)
             .output()
             .unwrap()
     };
-    let done = run(&file);
-    let printed = String::from_utf8(done.stdout).unwrap();
+    let printed = String::from_utf8(detect(&files).stdout).unwrap();
     assert!(
-        done.status.success() && printed.contains("fl\\xfcgel.yaml: OpenCV"),
+        printed.contains("fl\\\\xfcgel.jpg") && printed.contains("fl\\\\xe4gel.jpg"),
         "{printed}"
     );
-    let missing = run(&dir
-        .path()
-        .join(std::ffi::OsStr::from_bytes(b"fl\xe4gel.yaml")));
-    let printed = String::from_utf8(missing.stderr).unwrap();
+    let missing = detect(&[image(b"fl\xf6gel.jpg")]);
+    let printed = String::from_utf8(missing.stdout).unwrap();
     assert!(
-        missing.status.code() == Some(78)
-            && printed.contains("fl\\xe4gel.yaml: file: cannot be read"),
+        missing.status.code() == Some(1) && printed.contains("fl\\\\xf6gel.jpg cannot be read"),
         "{printed}"
     );
 }

@@ -190,10 +190,10 @@ fn check(page: &str, base: &Table, least: usize, read: Read) {
 }
 
 fn configuration(table: &Table) -> Result<String, String> {
-    let config = toml::from_str::<wingd::config::Config>(&table.to_string());
-    config
+    let file = std::path::Path::new("wingd.toml");
+    wingd::config::parse_configuration(file, &table.to_string())
         .map(|config| format!("{config:?}"))
-        .map_err(|error| error.message().to_owned())
+        .map_err(|faults| faults.iter().map(ToString::to_string).collect())
 }
 
 #[test]

@@ -55,7 +55,8 @@ const MIN_PART: usize = 6;
 
 /// All sources, with the lines of a literal joined.
 fn literals() -> String {
-    let (mut folders, mut text) = (vec![Path::new(ROOT).join("src")], String::new());
+    let mut folders = vec![Path::new(ROOT).join("src"), Path::new(ROOT).join("crates")];
+    let mut text = String::new();
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();
