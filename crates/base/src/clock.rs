@@ -27,13 +27,18 @@ pub struct Stamp {
 }
 
 /// 1 January 1980: what is dated before, no digital camera has taken.
-const FIRST_KNOWN_UTC: jiff::Timestamp = jiff::Timestamp::constant(315_532_800, 0);
+pub const FIRST_KNOWN_UTC: jiff::Timestamp = jiff::Timestamp::constant(315_532_800, 0);
+
+/// Returns whether a time is known: a clock that was not set shows an earlier one than [`FIRST_KNOWN_UTC`].
+pub fn is_known_time(utc: jiff::Timestamp) -> bool {
+    utc >= FIRST_KNOWN_UTC
+}
 
 impl Stamp {
     /// Returns the time in UTC; `None` if it is not known: a clock that was never set, and the stamps of images that were
     /// imported without a time, count from 1970.
     pub fn known_utc(&self) -> Option<jiff::Timestamp> {
-        (self.utc >= FIRST_KNOWN_UTC).then_some(self.utc)
+        is_known_time(self.utc).then_some(self.utc)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use wingd_base::clock::FIRST_KNOWN_UTC;
 
 use serde_json::json;
 
@@ -21,9 +22,6 @@ use wingd_store::{FlightRef, RealDisk, Store, StoreResult};
 
 /// Number of lines written durably at once.
 const LINES_PER_WRITE: usize = 5000;
-
-/// Minimum time of a flight, seconds since 1970: 1 January 1980, before any digital camera.
-const MIN_UNIX_TIME_S: f64 = 315_532_800.0;
 
 /// Largest offset of a zone from UTC, h.
 const MAX_ZONE_H: i32 = 14;
@@ -306,7 +304,7 @@ impl TableImport {
         let times = &self.contents.times_s;
         let from = times.iter().copied().fold(f64::INFINITY, f64::min);
         let to = times.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        if to < MIN_UNIX_TIME_S {
+        if to < FIRST_KNOWN_UTC.as_second() as f64 {
             return format!(
                 "its times, {from} to {to}, count from an unknown origin; write them as 2026-06-01T07:59:50Z"
             );

@@ -1,5 +1,6 @@
 //! Export tables: the rows of a series in named, typed columns.
 
+use wingd_base::clock::FIRST_KNOWN_UTC;
 use wingd_evaluation::quantities::{
     ResultInputs, ResultRow, ResultTable, TableColumn, ValueGetter,
 };
@@ -30,7 +31,8 @@ impl ColumnValues {
     /// Creates numbers of a type; a time before any clock was set is missing.
     pub fn from_numbers(kind: NumberType, mut numbers: Vec<f64>) -> Self {
         if kind == NumberType::Time {
-            let unset = numbers.iter_mut().filter(|us| **us < FIRST_KNOWN_US as f64);
+            let first_us = FIRST_KNOWN_UTC.as_microsecond() as f64;
+            let unset = numbers.iter_mut().filter(|us| **us < first_us);
             unset.for_each(|us| *us = f64::NAN);
         }
         Self::Numbers(kind, numbers)
@@ -87,15 +89,6 @@ impl ColumnValues {
             _ => {}
         }
     }
-}
-
-/// Begin of the times that a clock may show, microseconds since 1970: 1 January 1980, before any digital camera. Recorders
-/// and cameras whose clock was not set count from 1970.
-const FIRST_KNOWN_US: i64 = 315_532_800_000_000;
-
-/// Returns whether a time is known: a clock that was not set shows an earlier one.
-pub fn is_known_time(time: jiff::Timestamp) -> bool {
-    time.as_microsecond() >= FIRST_KNOWN_US
 }
 
 /// Formats a time with microseconds, RFC 3339 in UTC.
@@ -269,7 +262,6 @@ mod tests {
             .collect();
         let known = ["1980-01-01T00:00:00.000000Z", "2026-05-28T20:26:40.000000Z"];
         assert_eq!(texts, ["", "", known[0], known[1], ""]);
-        assert!(!is_known_time(jiff::Timestamp::UNIX_EPOCH));
         // Only times are: a count may be small.
         let counts = ColumnValues::from_numbers(NumberType::Count, vec![3.0]);
         assert_eq!(counts.value_text(0), "3");

@@ -4,7 +4,8 @@ use std::io::{self, Write};
 
 use serde_json::json;
 
-use super::columns::{is_known_time, time_text};
+use super::columns::time_text;
+use wingd_base::clock::is_known_time;
 use wingd_evaluation::aircraft::state_to_json;
 use wingd_evaluation::quantities::SCHEMA_VERSION;
 use wingd_evaluation::results::SeriesData;

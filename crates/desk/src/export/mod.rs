@@ -15,9 +15,7 @@ use std::io::Write;
 
 use wingd_base::text::text_cell;
 
-pub use columns::{
-    ColumnValues, ExportColumn, ExportContext, NumberType, is_known_time, table_columns,
-};
+pub use columns::{ColumnValues, ExportColumn, ExportContext, NumberType, table_columns};
 #[cfg(feature = "shapes")]
 pub use dataset::{ArrayDataset, AttributeValue};
 pub use lines::write_json_lines;

@@ -3,18 +3,21 @@
 //!
 //! | file | subject |
 //! |---|---|
+//! | `named` | constructors, and the quantities that readers of live results name |
 //! | `registry` | the quantities |
 //! | `row` | the records from which a row of a table is read |
 //! | `stored` | the form in which live mode stores results |
 
+mod named;
 mod registry;
 mod row;
 mod stored;
 
-pub use registry::{
+pub use named::{
     CLOCK_SIGMA, CURVATURE, CURVATURE_COVARIANCE, EXPOSURE_SIGMA, FIRST_VERSION,
-    GLOBAL_TEST_PASSED, NUMBER, REASON, SECTIONS, SINCE_BOOT, SOLVED, SUMMARY, TIP_SIGMAS, UTC,
+    GLOBAL_TEST_PASSED, NUMBER, REASON, SINCE_BOOT, SOLVED, SUMMARY, TIP_SIGMAS, UTC,
 };
+pub use registry::SECTIONS;
 pub use row::{ResultInputs, ResultRow};
 pub use stored::{LiveSource, StoredForm, StoredTimes, finite_value, stored_quantities};
 

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use wingd_base::clock::is_known_time;
 
 use jiff::Timestamp;
 use nalgebra::DVector;
@@ -10,7 +11,7 @@ use serde_json::{Map, Value, json};
 use super::sink::{ExportEnd, RowSink, finish_export, write_failure};
 use super::{ExportArgs, FormatName};
 use crate::export::{
-    self, AttributeValue, ColumnValues, DatedShape, ExportColumn, NumberType, ShapeExport,
+    AttributeValue, ColumnValues, DatedShape, ExportColumn, NumberType, ShapeExport,
 };
 use crate::flight_shape::{FlightShape, ShapeSource, mean_conditions};
 use wingd_base::clock::exposure::Exposure;
@@ -357,7 +358,7 @@ fn exposure_time(frame: &FrameRef) -> Option<(Timestamp, Option<f64>)> {
     let time = exposure.map_or(frame.stamp.utc, |exposure| exposure.exposure_time);
     let sigma =
         |exposure: &Exposure| Some(exposure.exposure_sigma_s.hypot(exposure.clock_sigma_s?));
-    export::is_known_time(time).then(|| (time, exposure.and_then(sigma)))
+    is_known_time(time).then(|| (time, exposure.and_then(sigma)))
 }
 
 /// Mean of a series with the standard deviations of its functions.
