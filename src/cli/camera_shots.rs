@@ -21,13 +21,13 @@ pub struct ShotArgs {
     /// Take N shots with the configured camera instead of the other checks; prints one JSON object for each
     #[arg(long = "camera", value_name = "N", requires = "output", conflicts_with_all = ["installation", "no_camera"])]
     pub shots: Option<u32>,
-    /// For --camera: maximum time for a shot, s
+    /// Maximum time for a shot of --camera, s
     #[arg(long, default_value_t = 20.0, value_name = "S", requires = "shots")]
     deadline: f64,
-    /// For --camera: attempts per shot; the camera is reopened between attempts
+    /// Attempts per shot of --camera; the camera is reopened between attempts
     #[arg(long, default_value_t = 1, value_name = "N", requires = "shots")]
     attempts: u32,
-    /// For --camera: existing directory for the frames, stored as delivered
+    /// Existing directory for the frames of --camera, stored as delivered
     #[arg(long, value_name = "DIR", requires = "shots")]
     output: Option<PathBuf>,
 }

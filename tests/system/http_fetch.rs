@@ -1,4 +1,4 @@
-//! Promise: `wingd fetch` completes a flight over a line that breaks, and succeeds only if all of it is there.
+//! Promise: `wingd copy URL` completes a flight over a line that breaks, and succeeds only if all of it is there.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};

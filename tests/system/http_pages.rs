@@ -163,7 +163,7 @@ fn pages_lead_from_the_flight_to_the_frame() {
     let flight = server.get("/flights/f0001").text();
     assert!(flight.contains("href=\"/flights/f0001/s000002\"") && flight.contains("2.1000"));
     assert!(
-        flight.contains("wingd fetch http://localhost") && flight.contains("Nothing: every shot")
+        flight.contains("wingd copy http://localhost") && flight.contains("Nothing: every shot")
     );
     let series = server.get("/flights/f0001/s000001").text();
     assert!(series.contains(FRAME) && series.contains("tip deflection 2.9000 m"));

@@ -7,9 +7,9 @@
 //!
 //! ```
 //! use std::sync::Arc;
-//! use wingd::clock::Stamp;
-//! use wingd::store::manifest::{SeriesCause, SeriesState, Shot};
-//! use wingd::store::{NewFrame, RealDisk, SeriesPlan, Store, StoreConfig, verify};
+//! use wingd_base::clock::Stamp;
+//! use wingd_store::manifest::{SeriesCause, SeriesState, Shot};
+//! use wingd_store::{NewFrame, RealDisk, SeriesPlan, Store, StoreConfig, verify};
 //!
 //! let folder = tempfile::tempdir()?;
 //! let config = StoreConfig { reserve_mb: 0, ..StoreConfig::new(folder.path()) };

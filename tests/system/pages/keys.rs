@@ -158,6 +158,7 @@ impl Section {
                 let missing = [
                     format!("missing field `{key}`"),
                     format!(".{key}: is missing"),
+                    format!("needs a text as `{key}`"),
                 ];
                 let asked = without
                     .as_ref()

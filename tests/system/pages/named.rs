@@ -129,7 +129,9 @@ fn every_figure_of_the_pages_has_a_command() {
 fn names_of_tests(binary: Option<&str>) -> String {
     let mut folders = match binary {
         Some(binary) => vec![Path::new(ROOT).join("tests").join(binary)],
-        None => vec![Path::new(ROOT).join("src"), Path::new(ROOT).join("tests")],
+        None => ["src", "crates", "tests"]
+            .map(|folder| Path::new(ROOT).join(folder))
+            .to_vec(),
     };
     let mut text = String::new();
     while let Some(folder) = folders.pop() {

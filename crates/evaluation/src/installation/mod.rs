@@ -5,11 +5,11 @@
 //!
 //! ```
 //! use std::path::Path;
-//! use wingd::installation;
+//! use wingd_evaluation::installation;
 //!
 //! let folder = tempfile::tempdir()?;
 //! for name in ["installation.toml", "camera.toml", "survey.csv"] {
-//!     std::fs::copy(Path::new("fixtures/dev/installation").join(name), folder.path().join(name))?;
+//!     std::fs::copy(Path::new("../../fixtures/dev/installation").join(name), folder.path().join(name))?;
 //! }
 //! let found = installation::load(folder.path()).expect("the fixture has no errors");
 //! assert_eq!(found.setup.markers.len(), 21);

@@ -278,7 +278,9 @@ mod tests {
     }
 
     fn fixture() -> Setup {
-        load(Path::new("fixtures/dev/installation")).unwrap().setup
+        load(Path::new("../../fixtures/dev/installation"))
+            .unwrap()
+            .setup
     }
 
     fn near(a: f64, b: f64) -> bool {

@@ -91,7 +91,7 @@ fn count_frames(n: usize) -> String {
     if n == 1 {
         "one frame".to_owned()
     } else {
-        format!("{n} frames together")
+        format!("{n} frames jointly")
     }
 }
 

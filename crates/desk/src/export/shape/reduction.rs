@@ -189,7 +189,8 @@ mod tests {
         let carried = |factor: &DMatrix<f64>| {
             let reduced = factor * &basis;
             let lost = 1.0 - reduced.norm_squared() / factor.norm_squared();
-            assert!((0.0..2.0 * LOST_VARIANCE).contains(&lost), "{lost}");
+            // An orthonormal basis adds nothing but rounding.
+            assert!((-1e-12..2.0 * LOST_VARIANCE).contains(&lost), "{lost}");
         };
         factors.iter().for_each(carried);
         carried(&(&factors[0] - &factors[1]));
