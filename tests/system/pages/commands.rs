@@ -162,11 +162,32 @@ fn examples(wanted: impl Fn(&str) -> bool) -> impl Iterator<Item = &'static str>
 const RECORDER: [&str; 2] = ["status", "trigger"];
 const BESIDE: [&str; 3] = ["serve", "mark", "time-check"];
 
-/// The tutorial's recorder without its end, in live mode, with signatures.
+/// Copies the tutorial's installation and gives it a stiffness, so that its results have every column.
+fn add_stiffness(folder: &Path) {
+    let stiff = folder.join("stiff");
+    std::fs::create_dir(&stiff).unwrap();
+    for entry in std::fs::read_dir(folder.join("installation")).unwrap() {
+        let file = entry.unwrap();
+        std::fs::copy(file.path(), stiff.join(file.file_name())).unwrap();
+    }
+    let main = stiff.join("installation.toml");
+    let text = std::fs::read_to_string(&main).unwrap();
+    let structure = "\n[structure]\nstiffness = \"structure.csv\"\n";
+    std::fs::write(&main, text + structure).unwrap();
+    let sections = "s_m,ei_n_m2,sigma_ei_n_m2\n2,4.0e8,1.2e7\n10,1.6e8,4.8e6\n";
+    std::fs::write(stiff.join("structure.csv"), sections).unwrap();
+}
+
+/// The tutorial's recorder without its end, in live mode, with signatures and a stiffness of the wing.
 fn record(folder: &Path) {
+    add_stiffness(folder);
     let configuration = std::fs::read_to_string(folder.join("wingd.toml")).unwrap();
     let configuration = configuration
         .replace("until = \"1s\"\n", "stale_window = 0\n")
+        .replace(
+            "installation = \"installation\"",
+            "installation = \"stiff\"",
+        )
         .replace("[store]\n", "[store]\nsigning_key = \"recorder.pem\"\n");
     // A rate that the machine sustains during other tests: otherwise `status` reports it and ends with 1.
     let live = "\n[live]\nrate_hz = 1\nsocket = \"live.sock\"\n";
@@ -179,29 +200,6 @@ fn record(folder: &Path) {
 
 fn follow_examples(folder: &Path) {
     std::fs::create_dir(folder.join("look")).unwrap();
-    std::fs::write(
-        folder.join("fem.csv"),
-        "arc_length_m,displacement_z_m\n10,0.3\n20,1.2\n",
-    )
-    .unwrap();
-    let survey = std::fs::read_to_string(folder.join("installation/survey.csv")).unwrap();
-    let place = |line: &str| {
-        line.split(',')
-            .skip(3)
-            .take(3)
-            .collect::<Vec<_>>()
-            .join(",")
-    };
-    let places: Vec<String> = survey
-        .lines()
-        .filter(|line| line.starts_with('M'))
-        .map(place)
-        .collect();
-    std::fs::write(
-        folder.join("nodes.csv"),
-        format!("x_m,y_m,z_m\n{}\n", places.join("\n")),
-    )
-    .unwrap();
     let port = free_port();
     let serve = examples(|name| name == "serve").next().unwrap();
     let served = Running::serving(folder, &format!("{serve} --listen 127.0.0.1:{port}"), port);
@@ -294,6 +292,9 @@ fn general(name: &str) -> String {
     let part = |part: &str| match part {
         _ if part.len() == 3 && part.starts_with('s') && part[1..].parse::<u8>().is_ok() => {
             "sNN".to_owned()
+        }
+        _ if part.len() == 3 && part.starts_with('b') && part[1..].parse::<u8>().is_ok() => {
+            "bNN".to_owned()
         }
         _ if part.len() == 3 && part.starts_with('M') && part[1..].parse::<u8>().is_ok() => {
             "ID".to_owned()
