@@ -1,4 +1,4 @@
-//! Columns of a table: those that are read, missing ones, those that are almost right, and those that are not read.
+//! Columns of a table: read, missing, almost right, and not read ones.
 
 use std::path::Path;
 
