@@ -1,7 +1,7 @@
 #!/usr/bin/env node
 "use strict";
 // The live page in a real Chromium, on a desk and on a phone, before a real recorder: stopped, killed, hanging, its pictures
-// gone, black frames, the global test rejecting, slow, the page's server gone, forty browsers.
+// gone, black frames, the global test rejecting, slow, forty browsers.
 //
 //   make test-browser, or: tests/live/page.js target/release/wingd [SCREENSHOTS]
 //
@@ -70,9 +70,10 @@ stale_window = 0
 [live]
 rate_hz = ${rateHz}
 series = false
-socket = "live.sock"
 [live.keep]
 ring_mb = 0
+[serve]
+listen = "127.0.0.1:${PORT}"
 `);
 
 const pictures = () => {
@@ -107,7 +108,6 @@ for (let x = 0, k = number; x < image.width; x += 120, k++) {
 }`;
 
 const recorder = () => run(["run", "--config", at("wingd.toml")], "recorder.log");
-const server = () => run(["serve", at("store"), "--listen", `127.0.0.1:${PORT}`, "--live-socket", at("live.sock")], "server.log");
 const status = () => {
   try {
     return { exit: 0, ...JSON.parse(execFileSync(WINGD, ["status", "--json", "--socket", at("wingd.sock")], { stdio: ["ignore", "pipe", "ignore"] })) };
@@ -192,9 +192,7 @@ const back = async (pages, words, withinS = 30) => {
 
 const faults = async (pages, maker) => {
   const desk = pages[0].page;
-  let [rec, web] = [recorder(), null];
-  await sleep(1500);
-  web = server();
+  let rec = recorder();
   for (const { page } of pages) {
     for (let k = 0; k < 100; k++) {
       try { await page.goto(`http://127.0.0.1:${PORT}/live`); break; } catch { await sleep(100); }
@@ -228,6 +226,7 @@ const faults = async (pages, maker) => {
   await back(pages, "pictures are back", 60);
 
   await end(rec, "SIGTERM");
+  await until(desk, ({ reasons }) => reasons.includes("Connection lost"), "recorder stopped: said at once", 0.5);
   await old(pages, "recorder-stopped");
   rec = recorder();
   await back(pages, "recorder started");
@@ -239,15 +238,9 @@ const faults = async (pages, maker) => {
 
   rec.kill("SIGSTOP");
   await old(pages, "recorder-hangs", 6);
-  check((await look(desk)).reasons.includes("hangs"), "recorder hangs: said", await look(desk));
+  check((await look(desk)).reasons.includes("sends nothing"), "recorder hangs: said", await look(desk));
   rec.kill("SIGCONT");
   await back(pages, "recorder goes on");
-
-  await end(web, "SIGKILL");
-  await until(desk, ({ reasons }) => reasons.includes("Connection lost"), "server killed: said at once", 0.5);
-  await old(pages, "server-killed");
-  web = server();
-  await back(pages, "server started");
 
   await drawn(maker, SHIFTED);
   for (const { page, width } of pages) {
@@ -271,7 +264,7 @@ const faults = async (pages, maker) => {
   await picture(pages, "slow");
   await end(rec, "SIGTERM");
   configure(RATE_HZ);
-  return [recorder(), web];
+  recorder();
 };
 
 // Each shows data, or says why not and comes back by itself.

@@ -48,7 +48,6 @@ use axum::routing::get;
 use serde_json::Value;
 use tokio::net::TcpListener;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
-use tower_http::set_header::SetResponseHeaderLayer;
 
 use access::Access;
 use limits::AnswerLimits;
@@ -244,23 +243,28 @@ pub fn add_common_layers<S: Clone + Send + Sync + 'static>(
     router: Router<S>,
     access: Arc<Access>,
 ) -> Router<S> {
-    let header =
-        |name, value| SetResponseHeaderLayer::overriding(name, HeaderValue::from_static(value));
     router
         .layer(axum::middleware::from_fn_with_state(
             access,
             access::check_access,
         ))
-        .layer(SetResponseHeaderLayer::if_not_present(
-            header::CACHE_CONTROL,
-            HeaderValue::from_static("no-store"),
-        ))
-        .layer(SetResponseHeaderLayer::if_not_present(
-            header::CONTENT_SECURITY_POLICY,
-            HeaderValue::from_static(policy::PLAIN),
-        ))
-        .layer(header(header::X_CONTENT_TYPE_OPTIONS, "nosniff"))
-        .layer(header(header::REFERRER_POLICY, "no-referrer"))
+        .layer(axum::middleware::map_response(set_headers))
+}
+
+/// A handler may have chosen a cache rule and a policy of its own.
+async fn set_headers(mut response: Response) -> Response {
+    let headers = response.headers_mut();
+    for (name, value) in [
+        (header::CACHE_CONTROL, "no-store"),
+        (header::CONTENT_SECURITY_POLICY, policy::PLAIN),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::REFERRER_POLICY, "no-referrer"),
+    ] {
+        headers
+            .entry(name)
+            .or_insert(HeaderValue::from_static(value));
+    }
+    response
 }
 
 /// Runs file access on a thread of its own, so that a slow disk delays no other response.
