@@ -9,6 +9,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera::CameraError;
 
+/// Returns true if another program holds the line.
+fn is_busy(error: &gpiocdev::Error) -> bool {
+    const EBUSY: gpiocdev_uapi::Errno = gpiocdev_uapi::Errno(libc::EBUSY);
+    matches!(error, gpiocdev::Error::Uapi(_, gpiocdev_uapi::Error::Os(errno)) if *errno == EBUSY)
+}
+
 /// GPIO line, given by its name or by chip and offset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -97,11 +103,14 @@ impl GpioLine {
             builder.as_active_low();
         }
         // Another program may have requested the line since the check above.
-        let request = builder.request().map_err(|error| match error.to_string() {
-            text if text.contains("busy") => CameraError::Busy(format!("{label}: {text}")),
-            text => CameraError::Refused(format!(
-                "{label}: {text}; add the user that runs wingd to the group gpio"
-            )),
+        let request = builder.request().map_err(|error| {
+            if is_busy(&error) {
+                CameraError::Busy(format!("{label}: {error}"))
+            } else {
+                CameraError::Refused(format!(
+                    "{label}: {error}; add the user that runs wingd to the group gpio"
+                ))
+            }
         })?;
         Ok(Self { request, label })
     }

@@ -43,18 +43,26 @@ pub struct LearnArgs {
     stores: Vec<PathBuf>,
 }
 
+#[derive(Clone, Copy, PartialEq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+enum LearnStatus {
+    Added,
+    Known,
+    Refused,
+}
+
 /// Outcome of a flight, by store and name.
 #[derive(serde::Serialize)]
 struct FlightOutcome {
     store: String,
     flight: String,
     frames: usize,
-    status: &'static str,
+    status: LearnStatus,
     reason: Option<String>,
 }
 
 impl FlightOutcome {
-    fn new(candidate: &PriorCandidate, status: &'static str, reason: Option<String>) -> Self {
+    fn new(candidate: &PriorCandidate, status: LearnStatus, reason: Option<String>) -> Self {
         let PriorCandidate {
             store,
             flight,
@@ -87,12 +95,12 @@ pub(super) fn run(args: &LearnArgs) -> TaskResult<Completion> {
         learning::estimate_contributions(&mut candidates, &mut installation, busy)?;
     let refused = refused
         .iter()
-        .map(|(candidate, why)| FlightOutcome::new(candidate, "refused", Some(why.to_string())));
+        .map(|(candidate, why)| FlightOutcome::new(candidate, LearnStatus::Refused, Some(why.to_string())));
     outcomes.extend(refused);
     outcomes.extend(
         candidates
             .iter()
-            .map(|candidate| FlightOutcome::new(candidate, "added", None)),
+            .map(|candidate| FlightOutcome::new(candidate, LearnStatus::Added, None)),
     );
     let count = flights.len();
     if !candidates.is_empty() {
@@ -113,7 +121,7 @@ pub(super) fn run(args: &LearnArgs) -> TaskResult<Completion> {
     };
     print_line(&output(&file, &outcomes, count, &known))?;
     Ok(Completion::from_success(
-        outcomes.iter().all(|outcome| outcome.status != "refused"),
+        outcomes.iter().all(|outcome| outcome.status != LearnStatus::Refused),
     ))
 }
 
@@ -143,7 +151,7 @@ fn gather_candidates(
                 .any(|known| candidate.is_same_flight(&known.store, &known.flight, &known.frames))
         {
             let reason = "already included in flight_prior.json; skipped".to_owned();
-            outcomes.push(FlightOutcome::new(&candidate, "known", Some(reason)));
+            outcomes.push(FlightOutcome::new(&candidate, LearnStatus::Known, Some(reason)));
             continue;
         }
         let processed = measure_frames(args, root, &flight, &frames, installation)?;
@@ -152,7 +160,7 @@ fn gather_candidates(
             let reason = first.map_or("no frames".into(), |failure| {
                 format!("none of its frames can be processed: {failure}")
             });
-            outcomes.push(FlightOutcome::new(&candidate, "refused", Some(reason)));
+            outcomes.push(FlightOutcome::new(&candidate, LearnStatus::Refused, Some(reason)));
         } else {
             candidates.push(PriorCandidate {
                 processed,
@@ -230,10 +238,10 @@ fn outcome_text(
             "{}  {} frames  {}{why}\n",
             t.flight,
             t.frames,
-            if t.status == "known" {
-                "skipped"
-            } else {
-                t.status
+            match t.status {
+                LearnStatus::Added => "added",
+                LearnStatus::Known => "skipped",
+                LearnStatus::Refused => "refused",
             }
         )
     };
