@@ -18,7 +18,7 @@ export RAY_USAGE_STATS_ENABLED := 0
 # Without any network but the loopback.
 ALONE := $(PYTHON_VENV)/bin/python -m demo.alone
 
-# What the demonstration needs: no cameras but replay, no boards, no Parquet, no TIFF.
+# What the demonstration needs: no cameras but replay, no boards, no Parquet.
 DEMO_FEATURES := --no-default-features --features desk
 # The recorder's program, without the commands of the desk.
 BOARD := $(CURDIR)/target/board

@@ -2,13 +2,11 @@
 //! remote release.
 
 pub mod deadline;
-#[cfg(any(feature = "v4l", feature = "gpio"))]
 mod delay;
 pub mod freshness;
 #[cfg(feature = "gphoto")]
 pub mod gphoto;
 pub mod jpeg;
-#[cfg(feature = "gpio")]
 pub mod release;
 pub mod replay;
 pub mod section;

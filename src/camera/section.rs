@@ -7,7 +7,6 @@ use serde::{Deserialize, Deserializer, Serialize, de};
 
 #[cfg(feature = "gphoto")]
 use crate::camera::gphoto::GphotoSection;
-#[cfg(feature = "gpio")]
 use crate::camera::release::ReleaseSection;
 use crate::camera::replay::ReplayConfig;
 #[cfg(feature = "v4l")]
@@ -15,8 +14,6 @@ use crate::camera::v4l::V4lSection;
 use crate::camera::{CameraFactory, DriverSection};
 #[cfg(not(feature = "gphoto"))]
 use DriverNotBuilt as GphotoSection;
-#[cfg(not(feature = "gpio"))]
-use DriverNotBuilt as ReleaseSection;
 #[cfg(not(feature = "v4l"))]
 use DriverNotBuilt as V4lSection;
 use wingd_base::clock::Clock;

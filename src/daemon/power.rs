@@ -26,7 +26,6 @@ pub struct PowerConfig {
     /// File that reads 0 while the supply fails, such as `/sys/class/power_supply/AC/online`.
     pub file: Option<PathBuf>,
     /// GPIO line that is active while the supply fails.
-    #[cfg(feature = "gpio")]
     pub line: Option<crate::camera::release::LineSection>,
 }
 
@@ -36,7 +35,6 @@ impl Default for PowerConfig {
             stop_within: Duration::from_secs(30),
             hold_up: Duration::from_secs(2),
             file: None,
-            #[cfg(feature = "gpio")]
             line: None,
         }
     }
@@ -56,7 +54,6 @@ impl PowerConfig {
                 ));
             }
         }
-        #[cfg(feature = "gpio")]
         if let Some(line) = &self.line {
             if !line.is_clear() {
                 let remedy = "give either name, or chip and offset";
@@ -79,7 +76,6 @@ impl PowerConfig {
 
     /// Returns whether a file or line is configured that announces a power failure.
     pub fn is_configured(&self) -> bool {
-        #[cfg(feature = "gpio")]
         if self.line.is_some() {
             return true;
         }
@@ -88,7 +84,6 @@ impl PowerConfig {
 
     /// Opens the configured file or line; `None` if neither is configured.
     fn open_sensor(&self) -> Result<Option<SupplySensor>, SupplyError> {
-        #[cfg(feature = "gpio")]
         if let Some(section) = &self.line {
             let line = crate::camera::release::GpioLine::watch(section)?;
             return Ok(Some(SupplySensor::Line(line)));
@@ -99,7 +94,6 @@ impl PowerConfig {
 
 enum SupplySensor {
     File(PathBuf),
-    #[cfg(feature = "gpio")]
     Line(crate::camera::release::GpioLine),
 }
 
@@ -108,7 +102,6 @@ enum SupplySensor {
 enum SupplyError {
     #[error("{}: {}", .0.display(), .1)]
     File(PathBuf, std::io::Error),
-    #[cfg(feature = "gpio")]
     #[error(transparent)]
     Line(#[from] crate::camera::CameraError),
 }
@@ -119,7 +112,6 @@ impl SupplySensor {
             Self::File(path) => wingd_base::regular_file::read_small_text(path)
                 .map(|text| text.trim() == "0")
                 .map_err(|error| SupplyError::File(path.clone(), error)),
-            #[cfg(feature = "gpio")]
             Self::Line(line) => Ok(line.is_active()?),
         }
     }

@@ -1,7 +1,6 @@
 //! `wingd export` writes a store's results for other tools.
 
 mod live;
-#[cfg(feature = "shapes")]
 mod shape;
 mod sink;
 
@@ -11,6 +10,7 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum;
 use serde_json::{Map, Value};
 
+use self::shape::export_shapes;
 use self::sink::{ExportEnd, FileMetadata, RowSink, end_output, finish_export, write_failure};
 use crate::export;
 use crate::export::ExportContext;
@@ -127,16 +127,6 @@ pub(super) fn run(args: &ExportArgs) -> TaskResult<Completion> {
     };
     print_notes(data.warnings.iter().chain(&data.notes));
     Ok(Completion::from_success(data.notes.is_empty()))
-}
-
-#[cfg(feature = "shapes")]
-use shape::export_shapes;
-
-#[cfg(not(feature = "shapes"))]
-fn export_shapes(_: &ExportArgs) -> TaskResult<Completion> {
-    Err(Failure::Usage(
-        "this wingd was built without NetCDF; use --format csv --table span".into(),
-    ))
 }
 
 /// Collects the facts common to all rows. The names of torsion pairs need a first pass through the results.

@@ -93,9 +93,9 @@ pub(super) fn run(args: &LearnArgs) -> TaskResult<Completion> {
     };
     let (flights, refused) =
         learning::estimate_contributions(&mut candidates, &mut installation, busy)?;
-    let refused = refused
-        .iter()
-        .map(|(candidate, why)| FlightOutcome::new(candidate, LearnStatus::Refused, Some(why.to_string())));
+    let refused = refused.iter().map(|(candidate, why)| {
+        FlightOutcome::new(candidate, LearnStatus::Refused, Some(why.to_string()))
+    });
     outcomes.extend(refused);
     outcomes.extend(
         candidates
@@ -121,7 +121,9 @@ pub(super) fn run(args: &LearnArgs) -> TaskResult<Completion> {
     };
     print_line(&output(&file, &outcomes, count, &known))?;
     Ok(Completion::from_success(
-        outcomes.iter().all(|outcome| outcome.status != LearnStatus::Refused),
+        outcomes
+            .iter()
+            .all(|outcome| outcome.status != LearnStatus::Refused),
     ))
 }
 
@@ -151,7 +153,11 @@ fn gather_candidates(
                 .any(|known| candidate.is_same_flight(&known.store, &known.flight, &known.frames))
         {
             let reason = "already included in flight_prior.json; skipped".to_owned();
-            outcomes.push(FlightOutcome::new(&candidate, LearnStatus::Known, Some(reason)));
+            outcomes.push(FlightOutcome::new(
+                &candidate,
+                LearnStatus::Known,
+                Some(reason),
+            ));
             continue;
         }
         let processed = measure_frames(args, root, &flight, &frames, installation)?;
@@ -160,7 +166,11 @@ fn gather_candidates(
             let reason = first.map_or("no frames".into(), |failure| {
                 format!("none of its frames can be processed: {failure}")
             });
-            outcomes.push(FlightOutcome::new(&candidate, LearnStatus::Refused, Some(reason)));
+            outcomes.push(FlightOutcome::new(
+                &candidate,
+                LearnStatus::Refused,
+                Some(reason),
+            ));
         } else {
             candidates.push(PriorCandidate {
                 processed,

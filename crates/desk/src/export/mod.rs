@@ -1,13 +1,11 @@
 //! Export of results as CSV or Parquet tables, JSON Lines and VTK shapes.
 
 mod columns;
-#[cfg(feature = "shapes")]
 mod dataset;
 mod lines;
 mod live;
 #[cfg(feature = "parquet")]
 mod parquet_file;
-#[cfg(feature = "shapes")]
 mod shape;
 mod vtk;
 
@@ -16,13 +14,11 @@ use std::io::Write;
 use wingd_base::text::text_cell;
 
 pub use columns::{ColumnValues, ExportColumn, ExportContext, NumberType, table_columns};
-#[cfg(feature = "shapes")]
 pub use dataset::{ArrayDataset, AttributeValue};
 pub use lines::write_json_lines;
 pub use live::{LiveColumns, write_json_rows};
 #[cfg(feature = "parquet")]
 pub use parquet_file::ParquetFile;
-#[cfg(feature = "shapes")]
 pub use shape::{DatedShape, SOURCES, ShapeExport};
 pub use vtk::{VtkShape, frame_shape, ground_shape, time_collection};
 

@@ -42,9 +42,6 @@ pub enum BoardError {
     /// Tags of another board; the text has the difference and the remedy.
     #[error("{0}")]
     OtherTags(String),
-    /// Board kind not compiled in.
-    #[error("this build does not support AprilGrids; build with the feature aprilgrid")]
-    NotBuilt,
 }
 
 /// Board points found in an image.
@@ -171,7 +168,7 @@ pub fn missing_corner_lines(board: &Board, views: &[BoardView]) -> Option<String
     })
 }
 
-#[cfg(feature = "aprilgrid")]
+#[cfg(feature = "boards")]
 impl Board {
     /// Returns corner `corner` of tag `id`, board plane, m: counter-clockwise from the bottom left, as Kalibr counts.
     pub(super) fn tag_corner(

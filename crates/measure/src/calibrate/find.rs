@@ -1,6 +1,5 @@
 //! Dispatch to the finder of each kind of board.
 
-#[cfg(feature = "aprilgrid")]
 use super::aprilgrid;
 use super::board::{Board, BoardDetection, BoardError};
 use super::checkerboard;
@@ -18,15 +17,12 @@ impl Board {
                 rows,
                 square_m,
             } => checkerboard::find_checkerboard(raster, columns, rows, square_m),
-            #[cfg(feature = "aprilgrid")]
             Self::AprilGrid {
                 columns,
                 rows,
                 tag_m,
                 spacing,
             } => aprilgrid::find_aprilgrid(raster, columns, rows, tag_m, spacing),
-            #[cfg(not(feature = "aprilgrid"))]
-            Self::AprilGrid { .. } => Err(BoardError::NotBuilt),
         }
     }
 }

@@ -10,7 +10,7 @@
 //! | judge | covariance, residuals | projection uncertainty, halves, patterns, verdict | `outcome.rs`, `quality.rs`, `check.rs`, `verdict.rs` |
 
 mod adjust;
-#[cfg(feature = "aprilgrid")]
+#[cfg(feature = "boards")]
 mod aprilgrid;
 mod board;
 mod bundle;
@@ -23,7 +23,7 @@ mod corner;
 mod find;
 mod fitting;
 mod model;
-#[cfg(feature = "aprilgrid")]
+#[cfg(feature = "boards")]
 mod other_tags;
 mod outcome;
 mod outliers;

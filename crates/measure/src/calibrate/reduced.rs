@@ -34,7 +34,7 @@ fn halve_image(raster: &Raster) -> Option<Raster> {
 }
 
 /// Returns a part of the image; `None` if it has no pixels.
-#[cfg(feature = "aprilgrid")]
+#[cfg(feature = "boards")]
 pub(super) fn crop_image(
     raster: &Raster,
     left: usize,

@@ -113,7 +113,7 @@ fn fit_homography(view: &[BoardPoint], centre: &Vector2<f64>) -> Option<Matrix3<
 }
 
 /// Returns the map from pixels to tag coordinates in tag sides, the tag's first corner at 0; without distortion.
-#[cfg(feature = "aprilgrid")]
+#[cfg(feature = "boards")]
 pub(super) fn tag_from_pixel(
     tag: &[Vector2<f64>; 4],
 ) -> Option<impl Fn(&Vector2<f64>) -> Vector2<f64>> {

@@ -4,7 +4,6 @@ use std::io::Cursor;
 
 use image::codecs::png::PngDecoder;
 use image::codecs::pnm::PnmDecoder;
-#[cfg(feature = "tiff")]
 use image::codecs::tiff::TiffDecoder;
 use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, Limits};
 
@@ -26,7 +25,6 @@ pub fn decode_luma(bytes: &[u8], format: ImageFormat) -> Result<Raster, DecodeEr
             PngDecoder::with_limits(source, image_size_limits()).and_then(decode_within_limits)
         }
         ImageFormat::Pnm => PnmDecoder::new(source).and_then(decode_within_limits),
-        #[cfg(feature = "tiff")]
         ImageFormat::Tiff => TiffDecoder::new(source).and_then(decode_within_limits),
         other => {
             return Err(DecodeError::Unreadable(format!(
