@@ -125,19 +125,6 @@ impl KeyFault {
         }
     }
 
-    /// Creates the error of a key on a line; line 0 and an empty key are those of the whole file.
-    pub fn on_line(
-        line: u64,
-        key: &str,
-        problem: impl Into<String>,
-        remedy: impl Into<String>,
-    ) -> Self {
-        Self {
-            line,
-            ..Self::new(key, problem, remedy)
-        }
-    }
-
     /// Returns errors for the violated rules of a section, each given as (holds, key, problem, remedy).
     pub fn from_rules(section: &str, rules: &[(bool, &str, &str, &str)]) -> Vec<Self> {
         let broken = rules.iter().filter(|(holds, ..)| !holds);
