@@ -24,7 +24,7 @@ DEMO_FEATURES := --no-default-features --features desk
 BOARD := $(CURDIR)/target/board
 BOARD_FEATURES := --no-default-features --features board
 
-.PHONY: help demo test test-mutations table check lint bench compare docs docs-figures pictures test-browser browser-dependencies package package-desk package-aarch64 test-machine test-soak test-powercut test-python test-python-long constraints fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
+.PHONY: help demo test test-long test-mutations table check lint bench compare docs docs-figures pictures test-browser browser-dependencies package package-desk package-aarch64 test-machine test-soak test-powercut test-python test-python-long constraints fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
@@ -37,6 +37,7 @@ help:
 	@echo 'For maintainers:'
 	@echo 'make build-board   the program of the on-board package: target/board/wingd'
 	@echo 'make test-python   lints and tests of wingd for Python; make test-python-long: notebooks, fleet'
+	@echo 'make test-long     the statistical tests with all their draws, 300 kills of the recorder'
 	@echo 'make test-mutations  10,000 mutated installations, frames, measurements, configurations'
 	@echo 'make table TABLE=name  a table of the pages that takes minutes to hours: tests/validation/tables'
 	@echo 'make check         format, lints, unit tests and layers: what usually breaks, in a minute after a change'
@@ -65,6 +66,11 @@ test: dependencies
 	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/linted $(CARGO) test --release --locked --all-targets --no-run
 	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/linted $(CARGO) test --release --locked
 	$(MAKE) test-python PROGRAM=
+
+# Statistics with all their draws, 300 kills; in about half an hour.
+test-long: dependencies
+	WINGD_DRAWS=all $(CARGO) test --release --locked --test adjust --test detect
+	WINGD_DRAWS=all $(CARGO) test --release --locked --test system -- kills_lose_nothing
 
 # In about half an hour; WINGD_MUTATIONS=400 for a look.
 test-mutations: dependencies

@@ -14,10 +14,10 @@ use crate::aircraft::BULGE;
 use crate::common::beam_truth::{
     Aircraft, Effects, Truth, Wing, WingState, normal, normal2, normal3, rms, rng,
 };
+use crate::common::statistics::{draws, honest_range};
 
 const NOISE_PX: f64 = 0.05;
 const SURVEY_M: f64 = 0.002;
-const DRAWS: usize = 100;
 /// Standard deviations of fx, fy, cx, cy, in px, and of the distortion, which is fixed.
 const LENS_SIGMA: [f64; BROWN] = [2.0, 2.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
 /// Contributions below this fraction are not tested.
@@ -310,7 +310,8 @@ fn each_contribution_is_the_effect_of_errors_of_its_source() {
         let Some(share) = budget.shares.iter().find(|one| one.source == source) else {
             panic!("{source} is not in the budget")
         };
-        let errors = (0..DRAWS).map(|_| {
+        let count = draws(30, 100);
+        let errors = (0..count).map(|_| {
             let mut given = exact.clone();
             let aircraft = draw(&mut given, &mut rng);
             error_m(&given.solve(), &budget, aircraft.as_ref().unwrap_or(&still)) - nominal_m
@@ -322,7 +323,7 @@ fn each_contribution_is_the_effect_of_errors_of_its_source() {
         );
         drawn += share.share;
         if share.share > MIN_FRACTION {
-            assert!((0.75..1.3).contains(&ratio), "{source}: {ratio}");
+            assert!(honest_range(count).contains(&ratio), "{source}: {ratio}");
         }
     }
     println!("tested: {drawn:.3} of the variance");

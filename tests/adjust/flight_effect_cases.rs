@@ -2,6 +2,7 @@
 //! sizes that must be covered or detected: `make table TABLE=kinds`.
 
 use crate::aircraft::{SetUp, sample_errors};
+use crate::common::statistics::draws;
 use crate::effect_kinds::{CLAIMS, KINDS, figures};
 
 /// Deflections alone, with effects that resemble pitch, bending or root rotation: only priors can cover them.
@@ -50,7 +51,9 @@ fn a_stated_width_that_the_data_refute_is_widened_or_named() {
             .iter()
             .find(|kind| kind.name.starts_with(name))
             .unwrap();
-        let shown = sample_errors(9800, set_up, frames, 16, |rng| (kind.draw)(rng, times));
+        let shown = sample_errors(9800, set_up, frames, draws(6, 16), |rng| {
+            (kind.draw)(rng, times)
+        });
         let [all, deflection] = [&shown.all, &shown.unreported].map(|errors| figures(errors)[0]);
         println!(
             "{name}, {set_up:?}, {frames}: {all:.2}, unreported {deflection:.2}, reported {:.0} %",
@@ -73,8 +76,8 @@ fn true_widths_are_not_called_contradicted() {
         (SetUp::Stayed, 1),
         (SetUp::Fixed, 5),
     ] {
-        let reported =
-            sample_errors(9900, set_up, frames, 24, |_| Default::default()).reported_fraction;
+        let reported = sample_errors(9900, set_up, frames, draws(8, 24), |_| Default::default())
+            .reported_fraction;
         println!("{set_up:?}, {frames}: reported {:.0} %", 100.0 * reported);
         assert!(reported < 0.05, "{set_up:?}, {frames}: {reported}");
     }

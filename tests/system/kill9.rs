@@ -7,6 +7,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use crate::common::statistics::draws;
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use wingd::store::manifest::SeriesState;
@@ -105,13 +106,13 @@ fn holdings(root: &Path) -> (BTreeSet<[String; 3]>, Vec<[String; 3]>, usize, usi
 }
 
 #[test]
-fn twenty_kills_lose_nothing_acknowledged_and_nothing_is_solved_twice() {
+fn kills_lose_nothing_acknowledged_and_nothing_is_solved_twice() {
     let dir = tempfile::tempdir().unwrap();
     let config = configuration(dir.path());
     let root = dir.path().join("store");
     let mut random = StdRng::seed_from_u64(20);
     let acknowledged = Arc::new(Mutex::new(BTreeSet::new()));
-    for kill in 0..20 {
+    for kill in 0..draws(20, 300) {
         let (mut child, reader) = start(&config, &acknowledged);
         std::thread::sleep(Duration::from_millis(random.random_range(60..900)));
         assert!(

@@ -102,8 +102,8 @@ fn solve_flight(
     Ok(())
 }
 
-/// Maximum number of frames of a joint adjustment. Its time grows with the third power of their number: 200 take 36 s and
-/// 300 MB on one core, 100 take 8 s (bundled flight repeated, 21 markers).
+/// Maximum number of frames of a joint adjustment: its time grows with their third power. 200 take 36 s and
+/// 300 MB on one core (21 markers).
 const MAX_JOINT_FRAMES: usize = 200;
 
 /// Returns whether the frames of a flight are adjusted jointly, and prints a note if there are too many.
