@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use crate::common::statistics::draws;
 use nalgebra::Cholesky;
 use wingd::installation::{self, Installation};
 use wingd::measure::identify::{self, WingView};
@@ -172,7 +173,7 @@ fn an_installation_never_loses_what_a_search_without_it_finds() {
         (15, 20.0, 4, 1.0, glare),
         (14, 28.0, 2, 3.4, plain),
     ];
-    for case in cases {
+    for case in cases.into_iter().take(draws(3, 5)) {
         let (named, lost) = find_lost(case);
         assert!(
             named > 6 && lost.is_empty(),

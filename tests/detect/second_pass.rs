@@ -1,6 +1,7 @@
 //! Promise: with the sizes predicted by the orientation, markers partly hidden by glare are found, with smaller errors
 //! and consistent standard deviations.
 
+use crate::common::statistics::draws;
 use nalgebra::{Cholesky, Matrix2, Matrix3, Vector2};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use wingd::measure::detect::{Detection, Detections, UNSURE_PX2, detect};
@@ -214,8 +215,12 @@ fn known_sizes_improve_discs_in_glare() {
         deflection_m: 1.8,
         length_m: None,
     };
-    let [once, closer] = tallies(40..70, case);
-    assert!(closer.count >= 10, "glare lies over {} discs", closer.count);
+    let [once, closer] = tallies(40..draws(55, 70), case);
+    assert!(
+        closer.count >= draws(5, 10),
+        "glare lies over {} discs",
+        closer.count
+    );
     assert!(closer.missing <= once.missing && closer.rms() < 0.6 * once.rms());
     assert!(
         (0.6..1.4).contains(&closer.spread()),
@@ -233,7 +238,7 @@ fn faint_discs_in_haze_are_found_if_their_sizes_are_known() {
         deflection_m: -0.5,
         length_m: None,
     };
-    let [once, closer] = tallies(80..92, case);
+    let [once, closer] = tallies(80..draws(85, 92), case);
     assert!(once.missing > 0, "all are seen at once");
     assert_eq!(closer.missing, 0, "of {}", closer.count);
     assert!(
@@ -252,8 +257,12 @@ fn quadrants_cut_by_glare_are_found_by_their_outline() {
         deflection_m: 1.8,
         length_m: Some(12.0),
     };
-    let [once, closer] = tallies(100..112, case);
-    assert!(once.missing >= 5, "glare cuts {} quadrants", once.missing);
+    let [once, closer] = tallies(100..draws(106, 112), case);
+    assert!(
+        once.missing >= draws(2, 5),
+        "glare cuts {} quadrants",
+        once.missing
+    );
     assert!(closer.missing <= once.missing / 2 && closer.rms() < 0.2);
     assert!(
         (0.6..1.4).contains(&closer.spread()),
