@@ -32,7 +32,7 @@ pub struct ReportArgs {
     /// solve]
     #[arg(long, value_name = "KEY")]
     inputs: Option<String>,
-    /// Installation, for the ground shape and the lines of sight [default: the one kept in the store]
+    /// Installation, for the ground shape [default: the one kept in the store]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
     /// Number of frames shown as images, those with warnings first; each adds about 200 kB to the page

@@ -20,7 +20,8 @@ pub fn answer_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup 
     let (sentence, is_sound) = answer_sentence(data, summaries, first);
     html! {
         p.answer.warning[!is_sound] { (sentence) }
-        @if !causes.is_empty() {
+        // A single cause is in the sentence.
+        @if causes.len() > 1 {
             ul.causes { @for cause in &causes {
                 li { b { (count_text(cause.count, "frame")) } ": " (cause.text) " " span.soft { "(first in " (cause.first) ")" } }
             } }
@@ -77,12 +78,19 @@ fn answer_sentence(
     let Some(one) = greatest.filter(|_| solved > 0) else {
         return match frames {
             0 => ("The store holds no series yet.".to_owned(), false),
-            n if doubtful > 0 => (
-                format!(
-                    "No deflection may be used, because {doubtful} of {n} results are doubtful and the others missing{because}."
-                ),
-                false,
-            ),
+            n if doubtful > 0 => {
+                let others = if doubtful < n {
+                    " and the others missing"
+                } else {
+                    ""
+                };
+                (
+                    format!(
+                        "No deflection may be used, because {doubtful} of {n} results are doubtful{others}{because}."
+                    ),
+                    false,
+                )
+            }
             n => (
                 format!(
                     "No deflection: none of {} is solved{because}.",

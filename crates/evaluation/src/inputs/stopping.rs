@@ -14,20 +14,21 @@ static LISTENER: Once = Once::new();
 /// Returns whether a signal has asked the command to stop, so that it writes its finished results and ends. A second signal
 /// ends the program at once.
 pub fn is_stopped() -> bool {
-    listen();
+    watch_signals();
     IS_STOPPED.load(Ordering::Relaxed)
 }
 
 /// Runs a task that cannot end early, with its name and elapsed time on standard error. A signal ends the program.
 pub fn run_long_task<T>(what: &str, task: impl FnOnce() -> T) -> T {
-    listen();
+    watch_signals();
     LONG_TASKS.fetch_add(1, Ordering::Relaxed);
     let outcome = show_busy(what, task);
     LONG_TASKS.fetch_sub(1, Ordering::Relaxed);
     outcome
 }
 
-fn listen() {
+/// Begins to watch for signals; until then one ends the program without a word.
+pub fn watch_signals() {
     let wait = async || {
         loop {
             stop_signal().await;

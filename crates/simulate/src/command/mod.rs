@@ -17,7 +17,7 @@ use crate::set::{
 };
 use wingd_base::failure::{Completion, Failure, TaskResult};
 use wingd_base::output::{print_line, progress_bar};
-use wingd_evaluation::inputs::stopping::is_stopped;
+use wingd_evaluation::inputs::stopping::{is_stopped, watch_signals};
 use wingd_evaluation::installation;
 use wingd_evaluation::installation::Installation;
 use wingd_evaluation::number::count_text;
@@ -184,6 +184,7 @@ pub fn run(args: &SimulateArgs) -> TaskResult<Completion> {
         .file_name()
         .map_or("set".into(), |name| name.to_string_lossy());
     let bar = progress_bar(frames.len(), "rendering");
+    watch_signals();
     let go_on = || {
         bar.inc(1);
         !is_stopped()
