@@ -17,8 +17,9 @@ use wingd_base::fault::Fault;
 use wingd_base::output::{print_json, print_line, show_busy};
 use wingd_evaluation::inputs::default_paths;
 use wingd_evaluation::installation;
+use wingd_evaluation::number::count_text;
 use wingd_evaluation::pipeline::recording::cad_record;
-use wingd_measure::setup::Setup;
+use wingd_measure::setup::{Setup, WingSide};
 use wingd_store as store;
 use wingd_store::signing::exposure;
 use wingd_store::{RealDisk, catalogue, is_vacant, unwritable_reason, verify};
@@ -150,6 +151,20 @@ fn cabin_findings(config: &Config, sys: &Path) -> Vec<Finding> {
 }
 
 /// Findings that are valid but possibly not intended.
+/// Describes the direction of the nose, which decides the sign of the twist.
+fn nose_text(setup: &Setup) -> String {
+    let Some((side, span)) = setup.side().zip(setup.span_direction.try_normalize(0.0)) else {
+        return String::new();
+    };
+    // Seen from above, the nose is to the left of a right wing's span.
+    let (turn, hand) = match side {
+        WingSide::Right => (1.0, "left"),
+        WingSide::Left => (-1.0, "right"),
+    };
+    let [x, y] = [-turn * span.y, turn * span.x];
+    format!(", nose towards [{x:.2}, {y:.2}] in the survey, {hand} in the image")
+}
+
 fn advisory_findings(setup: &Setup) -> Vec<Finding> {
     let mut all = Vec::new();
     if setup.thermal.is_none() {
@@ -224,8 +239,10 @@ impl Findings {
                     .filter(|m| m.fixed)
                     .count();
                 let how = format!(
-                    "{}: {markers} markers ({fixed} of them fixed to the cabin), {pairs} torsion pairs",
-                    directory.display()
+                    "{}: {markers} markers ({fixed} of them fixed to the cabin), {}{}",
+                    directory.display(),
+                    count_text(pairs, "torsion pair"),
+                    nose_text(&installation.setup)
                 );
                 self.reported.push(("installation", how));
                 self.reported.extend(advisory_findings(&installation.setup));

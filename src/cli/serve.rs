@@ -37,7 +37,7 @@ pub struct ServeArgs {
     /// Private key of the certificate (PEM)
     #[arg(long, value_name = "FILE", requires = "certificate")]
     key: Option<PathBuf>,
-    /// Installation, for the report's ground shape and lines of sight [default: the one kept in the store]
+    /// Installation, for the report's ground shape [default: the one kept in the store]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
 }

@@ -225,6 +225,10 @@ try {
     await page.setViewportSize({ width, height: 844 });
     const wide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
     check(wide <= 0, `${scheme}, ${width} px: nothing reaches beyond the page`);
+    await page.locator("#markers").scrollIntoViewIfNeeded();
+    const top = await page.locator("#photo").evaluate((photo) => photo.getBoundingClientRect());
+    check(width > 860 || (top.top >= 0 && top.bottom < 844), `${scheme}, ${width} px: the image stays in view beside its controls`);
+    await page.evaluate(() => scrollTo(0, 0));
     await picture(page, `${scheme}-${width}`);
   }
   check(complaints.filter((c) => !/401|409|422|ERR_CONNECTION/.test(c)).length === 0, `the console is silent ${complaints.join("; ")}`);

@@ -145,8 +145,38 @@ const frames = async (page, at) => {
   check((await state()) !== before, `${at}: the wing turns`);
   await viewer.locator(".wing select").selectOption("5");
   check(/enlarged 5 times/.test(await viewer.locator(".wing .caption").innerText()), `${at}: its exaggeration is shown`);
+  await viewer.locator("summary").click();
   const table = await download(page, () => viewer.locator(".tools").last().getByRole("button", { name: /^CSV/ }).click());
   check(table.bytes.length > 20, `${at}: ${table.name}, ${table.bytes.length} B`);
+};
+
+// The first screen answers; tables sort; the other references are a click away.
+const answer = async (page, at) => {
+  const sentence = page.locator("p.answer");
+  const [text, box] = [await sentence.innerText(), await sentence.boundingBox()];
+  check(/deflection/i.test(text) && box.y + box.height < 844, `${at}: the first screen says: ${text}`);
+  const references = page.locator("details", { hasText: "the other references" }).first();
+  const table = references.locator("table");
+  check(!(await table.isVisible()), `${at}: the other references are folded`);
+  await references.locator("summary").click();
+  check(/against the survey/.test(await table.innerText()), `${at}: a click shows them`);
+  const column = async (k) => (await table.locator(`tbody td:nth-child(${k})`).allInnerTexts()).map(Number);
+  const ordered = (values, sign) => values.every((v, k) => k === 0 || sign * (v - values[k - 1]) >= 0);
+  const head = table.locator("th:nth-child(3) button");
+  await head.click();
+  check(ordered(await column(3), 1), `${at}: a heading sorts its column`);
+  await head.click();
+  check(ordered(await column(3), -1), `${at}: once more in reverse`);
+  await references.locator("summary").click();
+  const size = (selector) => page.locator(selector).first().evaluate((dot) => dot.getBoundingClientRect().width);
+  if ((await page.locator(".legend i.small").count()) > 0) {
+    check((await size(".legend i.dot:not(.small)")) > (await size(".legend i.small")), `${at}: the legend's dot of a mean is larger than that of a frame`);
+  }
+  await page.emulateMedia({ media: "print" });
+  const struck = await page.evaluate(() => [...document.querySelectorAll(".legend button")]
+    .filter((one) => one.getClientRects().length > 0 && getComputedStyle(one).textDecorationLine !== "none").length);
+  check(struck === 0, `${at}: no legend is struck through in print`);
+  await page.emulateMedia({ media: "screen" });
 };
 
 for (const width of [1400, 390]) {
@@ -161,6 +191,7 @@ for (const width of [1400, 390]) {
     const ready = await page.evaluate(() => performance.getEntriesByType("navigation")[0].loadEventEnd);
     check(ready < READY, `${at}: ready after ${ready.toFixed(0)} ms`);
     check(asked.length === 0, `${at}: no network requests`);
+    await answer(page, at);
     await chart(page, at);
     if ((await page.locator("#frames").count()) > 0) await frames(page, at);
     const { weak, wide } = await page.evaluate(seen);

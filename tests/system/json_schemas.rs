@@ -175,6 +175,9 @@ fn output_for_a_store_matches_its_schema() {
         &copy,
     ];
     assert_valid("prune", &run(&prune).stdout);
+    let page = other.path().join("report.html").display().to_string();
+    let report = ["report", "--json", &place, "--output", &page];
+    assert_valid("report", &run(&report).stdout);
 }
 
 /// Each command with `--json` has a schema; three share one.

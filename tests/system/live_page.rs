@@ -67,6 +67,10 @@ impl LiveResults for OneResult {
         "{\"health\":\"ok\"}".to_owned()
     }
 
+    fn history(&self) -> String {
+        "[]".to_owned()
+    }
+
     fn newest_frame(&self) -> Option<Arc<PreviewImage>> {
         let (number, size, jpeg) = (7, (40, 30), b"an image".to_vec());
         self.has_frame

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Reads every export of a store back with the readers of the field.
 
-    pip install pandas pyarrow polars duckdb pyvista xarray scipy matplotlib
+    pip install pandas pyarrow polars duckdb xarray scipy matplotlib
     tests/validation/exports.py target/release/wingd STORE
 """
 
@@ -18,7 +18,6 @@ import numpy as np
 import pandas as pd
 import polars as pl
 import pyarrow.parquet as pq
-import pyvista
 import scipy.io
 import xarray
 
@@ -53,24 +52,6 @@ def main(wingd, store):
               f"polars {pl.__version__}, DuckDB {duckdb.__version__} and CSV")
     shots = pd.read_parquet(work / "shots.parquet")
     assert np.allclose(sorted(shots["tip_deflection_m"].dropna()), deflections)
-
-    folder = work / "vtk"
-    run("--format", "vtk", "--output", str(folder))
-    frames = sorted(folder.glob("f*/*.vtp"))
-    assert len(frames) == len(solved)
-    ground = pyvista.read(sorted(folder.glob("*-ground.vtp"))[0])
-    places = dict(zip(ground["marker"], ground.points))
-    for line in solved:
-        stem = line["image"].split(".")[0]
-        mesh = pyvista.read(folder / line["flight"] / f"{line['series']}-{stem}.vtp")
-        markers = [m for m in line["record"]["markers"] if "position_m" in m and m["position_m"]]
-        assert np.allclose(mesh.points, [m["position_m"] for m in markers])
-        assert list(mesh["marker"]) == [m["id"] for m in markers] and mesh.n_verts == len(markers)
-        wanted = np.array([np.array(m["position_m"]) - places[m["id"]] for m in markers])
-        assert np.allclose(mesh["displacement_m"], wanted, atol=1e-6)
-    reader = pyvista.get_reader(sorted(folder.glob("*.pvd"))[0])
-    assert len(reader.time_values) == len(frames) and reader.time_values[0] == 0.0
-    print(f"{len(frames)} .vtp, 1 .pvd, ground and displacement vectors by pyvista {pyvista.__version__}")
     read_shape(wingd, store, work, run, solved)
 
 

@@ -73,13 +73,16 @@ pub fn write_output(file: &Path, content: impl AsRef<[u8]>, remedy: &str) -> Tas
     write().map_err(|error| Failure::from_write_error(file, &error, remedy))
 }
 
-/// Creates a progress bar on standard error; invisible unless that is a terminal.
+/// Creates a progress bar on standard error, drawn from the start; invisible unless that is a terminal.
 pub fn progress_bar(total: usize, what: &str) -> ProgressBar {
-    styled_bar(
-        ProgressBar::new(total as u64),
-        "{msg} [{bar:30}] {pos}/{len} {eta}",
+    let bar = ProgressBar::new(total as u64);
+    let bar = styled_bar(
+        bar,
+        "{msg} [{bar:30}] {pos}/{len} {elapsed}, left {eta}",
         what,
-    )
+    );
+    bar.enable_steady_tick(TICK);
+    bar
 }
 
 /// Creates a progress bar in bytes.
@@ -94,11 +97,14 @@ pub fn byte_progress(bytes: u64, what: &str) -> ProgressBar {
 /// Runs a task and meanwhile shows it with its elapsed time on standard error.
 pub fn show_busy<T>(what: &str, task: impl FnOnce() -> T) -> T {
     let bar = styled_bar(ProgressBar::new_spinner(), "{msg} {elapsed}", what);
-    bar.enable_steady_tick(Duration::from_secs(1));
+    bar.enable_steady_tick(TICK);
     let outcome = task();
     bar.finish_and_clear();
     outcome
 }
+
+/// Time between two updates of the elapsed time.
+const TICK: Duration = Duration::from_secs(1);
 
 fn styled_bar(bar: ProgressBar, template: &str, what: &str) -> ProgressBar {
     let style =

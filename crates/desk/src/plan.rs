@@ -100,7 +100,14 @@ pub fn draft_installation(
     let mut first = setup_without_markers(draft);
     first.markers = plan::even_layout(draft, options.tip_deflection_m);
     write_setup(folder.path(), &first, None, [""; 2])?;
-    let mut installation = installation::load(folder.path())?;
+    let mut installation = installation::load(folder.path()).map_err(|faults| {
+        let why = faults.first().map_or("", |fault| fault.problem.as_str());
+        let (count, span_m) = (first.markers.len(), draft.span_m);
+        let remedy = "plan fewer --markers, or smaller ones";
+        Failure::Failed(format!(
+            "{count} markers do not fit on a wing of {span_m} m: one {why}; {remedy}"
+        ))
+    })?;
     installation.setup =
         plan::best_layout(draft, &installation.setup, options, frames).map_err(plan_failure)?;
     Ok(installation)

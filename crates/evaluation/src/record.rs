@@ -99,6 +99,9 @@ pub struct ImageRecord {
     /// Sentence that says what to do; not with `ok`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
+    /// Cause that the diagnosis finds for a failed, doubtful or rejected result, with its correction.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cause: Option<String>,
     /// Deflection model that was used; `None` for a frame that was never solved, written as an empty string.
     #[serde(with = "blank_method")]
     pub method: Option<AdjustmentMethod>,
@@ -237,15 +240,25 @@ pub struct TorsionRecord {
 }
 
 /// Point of the curves along the span.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CurveRecord {
     /// Arc length from the bending root, m.
     pub arc_length_m: f64,
     /// X coordinate of the wing frame in flight, m.
     pub span_m: f64,
-    /// Deflection of the bending axis, m.
+    /// Deflection of the bending axis relative to the survey, m.
     pub deflection_m: f64,
     pub sigma_deflection_m: Option<f64>,
+    /// Deflection relative to the ground frame, m; `None` with the profile method and in results of older programs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub deflection_ground_m: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sigma_deflection_ground_m: Option<f64>,
+    /// Deflection relative to the root's tangent, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub deflection_root_m: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sigma_deflection_root_m: Option<f64>,
     /// Twist, degrees.
     pub twist_deg: Option<f64>,
     pub sigma_twist_deg: Option<f64>,

@@ -116,9 +116,10 @@ async fn send_events(
     mut closing: watch::Receiver<bool>,
 ) {
     let events = results.subscribe();
-    let begin = state_event(&results.state());
+    let past = format!("event: past\ndata: {}\n\n", results.history());
+    let begin = [past.into_bytes(), state_event(&results.state()).to_vec()].concat();
     let work = async {
-        if to.try_send(Ok(begin)).is_ok() {
+        if to.try_send(Ok(begin.into())).is_ok() {
             send_subscribed(events, to).await;
         }
     };

@@ -42,6 +42,9 @@ pub trait LiveResults: Send + Sync {
     /// Returns the present state as one JSON object.
     fn state(&self) -> String;
 
+    /// Returns the recent results as a JSON array, the oldest first, without curves and markers.
+    fn history(&self) -> String;
+
     /// Returns a small image of the newest frame; `None` before the first. Decoding blocks the thread.
     fn newest_frame(&self) -> Option<Arc<PreviewImage>>;
 }

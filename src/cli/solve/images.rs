@@ -10,6 +10,7 @@ use wingd_base::output::print_notes;
 use wingd_evaluation::inputs::default_paths::{load_installation, resolve_installation};
 use wingd_evaluation::inputs::image_names::{image_name, image_names};
 use wingd_evaluation::inputs::manual_points::ManualPoints;
+use wingd_evaluation::inputs::stopping::run_long_task;
 use wingd_evaluation::inputs::{batch, print_flight_prior};
 use wingd_evaluation::installation;
 use wingd_evaluation::installation::{Installation, Mountings};
@@ -118,7 +119,8 @@ fn solve_files(
             process,
             batch::collect_into(&mut processed_frames),
         )?;
-        let records = pipeline::solve_flight(&processed_frames, installation, orientation, job);
+        let adjust = || pipeline::solve_flight(&processed_frames, installation, orientation, job);
+        let records = run_long_task("adjusting the frames jointly", adjust);
         return records
             .into_iter()
             .try_for_each(|record| output.take_record(record));

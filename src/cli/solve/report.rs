@@ -12,6 +12,7 @@ use wingd_evaluation::inputs::batch;
 use wingd_evaluation::inputs::default_paths::load_setup;
 use wingd_evaluation::inputs::image_names::image_names;
 use wingd_evaluation::inputs::image_times::{DatedImage, DatingOptions};
+use wingd_evaluation::inputs::stopping::run_long_task;
 use wingd_evaluation::installation::Installation;
 use wingd_evaluation::record::ImageRecord;
 use wingd_evaluation::results::source;
@@ -132,7 +133,8 @@ fn shot_data(number: u32, picture: &DatedImage, name: String) -> ShotData {
 }
 
 fn write_page(page: &ReportFile, data: &ReportData) -> TaskResult<()> {
-    write_output(page.file, (page.builder.page)(data), CHECK_WRITE_ACCESS)?;
+    let content = run_long_task("writing the report", || (page.builder.page)(data));
+    write_output(page.file, content, CHECK_WRITE_ACCESS)?;
     eprintln!("wingd: report: {}", page.file.display());
     Ok(())
 }

@@ -10,6 +10,7 @@ use crate::cli::solve::report::ReportFile;
 use wingd_base::failure::{Completion, Failure, TaskResult};
 use wingd_base::output::print_notes;
 use wingd_evaluation::inputs::flight_marks::FlightMarks;
+use wingd_evaluation::inputs::stopping::run_long_task;
 use wingd_evaluation::inputs::stored_flights;
 use wingd_evaluation::inputs::stored_frames;
 use wingd_evaluation::inputs::stored_frames::{FlightAircraftData, FlightInputs};
@@ -168,8 +169,9 @@ impl FlightSolver<'_> {
         let process =
             |frame: &FrameRef, bytes: Result<&[u8], Reason>| self.known.process_frame(frame, bytes);
         let take = batch::collect_into(&mut processed);
-        batch::for_each_stored_frame(&frames, self.args.jobs, "solving", process, take)?;
-        let records = pipeline::solve_flight(&processed, installation, orientation, self.job);
+        batch::for_each_stored_frame(&frames, self.args.jobs, "measuring", process, take)?;
+        let adjust = || pipeline::solve_flight(&processed, installation, orientation, self.job);
+        let records = run_long_task("adjusting the frames jointly", adjust);
         let mut pairs = frames
             .iter()
             .zip(records)

@@ -89,6 +89,7 @@ pub(crate) fn start_live(
     let publisher = ResultPublisher {
         messages,
         preview,
+        history: Arc::default(),
         shared: shared.clone(),
     };
     core.board.show_live(Arc::new(publisher.clone()));

@@ -1,11 +1,13 @@
 //! Publishes results and the recorder's state as lines at a Unix socket and as datagrams. The queue of each listener is
 //! bounded: a listener that hangs loses lines, which are counted, and holds up nobody else.
 
+use std::collections::VecDeque;
 use std::io;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use base64::Engine;
+use serde_json::{Value, json};
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
 use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::net::{UdpSocket, UnixStream};
@@ -16,6 +18,7 @@ use super::context::LiveContext;
 use super::preview::Preview;
 use super::state;
 use crate::daemon::endpoint;
+use wingd_evaluation::pipeline::live::LiveResult;
 use wingd_pages::recorder::{LiveMessage, LiveResults, PreviewImage};
 
 /// Maximum number of results that wait for a slow listener: three seconds at 20 per second.
@@ -36,10 +39,37 @@ const MAX_LINE: u64 = 64;
 pub(crate) struct ResultPublisher {
     pub(super) messages: Sender<Arc<LiveMessage>>,
     pub(super) preview: Arc<Preview>,
+    pub(super) history: Arc<Mutex<VecDeque<PastResult>>>,
     pub(super) shared: LiveContext,
 }
 
+/// Time for which results are kept for pages that are opened later, s: that of their figures.
+const HISTORY_S: f64 = 180.0;
+
+/// Values of a result that the figures over time of the live page need.
+pub(super) struct PastResult {
+    exposed_at_s: f64,
+    values: Value,
+}
+
 impl ResultPublisher {
+    /// Keeps the values of a result for pages that are opened later.
+    pub(super) fn keep_result(&self, result: &LiveResult) {
+        let record = &result.tracked.record;
+        let exposed_at_s = result.exposure.exposure_since_boot_s;
+        let values = json!({
+            "number": result.number, "exposure_time": result.exposure.exposure_time, "latency_ms": result.latency_ms,
+            "status": record.status, "global_test": record.global_test,
+            "tip": record.tip, "torsion": record.torsion.first().as_slice(),
+        });
+        let mut history = self.history.lock().unwrap_or_else(PoisonError::into_inner);
+        history.retain(|past| exposed_at_s - past.exposed_at_s < HISTORY_S);
+        history.push_back(PastResult {
+            exposed_at_s,
+            values,
+        });
+    }
+
     /// Serves the socket and sends the datagrams, forever.
     pub async fn serve(self) {
         let (socket, udp) = (
@@ -146,7 +176,10 @@ impl ResultPublisher {
             .ok()??;
         let jpeg = base64::engine::general_purpose::STANDARD.encode(&preview.jpeg);
         let (width, height) = preview.size;
-        Some(serde_json::json!({ "frame": preview.number, "width": width, "height": height, "jpeg": jpeg }).to_string())
+        Some(
+            json!({ "frame": preview.number, "width": width, "height": height, "jpeg": jpeg })
+                .to_string(),
+        )
     }
 }
 
@@ -157,6 +190,17 @@ impl LiveResults for ResultPublisher {
 
     fn state(&self) -> String {
         state::state_json(&self.shared.core.board.snapshot())
+    }
+
+    fn history(&self) -> String {
+        let now_s = self.shared.core.clock.since_boot().as_secs_f64();
+        let with_age = |past: &PastResult| {
+            let mut values = past.values.clone();
+            values["age_ms"] = json!(1e3 * (now_s - past.exposed_at_s));
+            values
+        };
+        let history = self.history.lock().unwrap_or_else(PoisonError::into_inner);
+        Value::Array(history.iter().map(with_age).collect()).to_string()
     }
 
     fn newest_frame(&self) -> Option<Arc<PreviewImage>> {

@@ -132,6 +132,7 @@ impl LiveSolver {
                 .add_event(&self.shared, reason, frame.exposed_at_s(), false);
         }
         self.publisher.preview.set_frame(frame);
+        self.publisher.keep_result(&result);
         if result.is_solved() {
             self.shared.clear_fault("solver");
         }

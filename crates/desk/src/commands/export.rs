@@ -4,28 +4,23 @@ mod live;
 mod shape;
 mod sink;
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::ValueEnum;
 use serde_json::{Map, Value};
 
 use self::shape::export_shapes;
-use self::sink::{ExportEnd, FileMetadata, RowSink, end_output, finish_export, write_failure};
+use self::sink::{ExportEnd, FileMetadata, RowSink, end_output, finish_export};
 use crate::export;
 use crate::export::ExportContext;
 use wingd_base::failure::{Completion, Failure, TaskResult};
-use wingd_base::output::{print_line, print_notes};
-use wingd_evaluation::inputs::stored_flights;
-use wingd_evaluation::installation;
+use wingd_base::output::print_notes;
 use wingd_evaluation::quantities::{ResultTable, SCHEMA_VERSION};
 use wingd_evaluation::record::TorsionRecord;
 use wingd_evaluation::results::source;
 use wingd_evaluation::results::source::ResultChoice;
-use wingd_evaluation::results::{
-    GroundMarker, ReportData, ReportSite, SeriesData, distinct_values, summary,
-};
-use wingd_store::{FlightRef, RealDisk, catalogue, layout, result_sets, result_summary};
+use wingd_evaluation::results::{ReportData, SeriesData, distinct_values};
+use wingd_store::{RealDisk, catalogue, layout, result_sets, result_summary};
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum FormatName {
@@ -33,8 +28,6 @@ enum FormatName {
     Csv,
     /// The same table with typed columns and times as UTC timestamps
     Parquet,
-    /// Shapes: a .vtp per frame, a .pvd per flight, the ground (ParaView)
-    Vtk,
     /// A JSON object per shot, with its complete record
     Jsonl,
     /// Arrays of the joint shape with its covariance (xarray, MATLAB)
@@ -75,10 +68,10 @@ pub struct ExportArgs {
     /// solve]
     #[arg(long, value_name = "KEY")]
     inputs: Option<String>,
-    /// Installation, for the ground shape of vtk output [default: the one kept in the store]
+    /// Installation, for the shape [default: the one kept in the store]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
-    /// Output file, or folder for vtk [default: standard output for csv and jsonl, export.parquet, export-vtk]
+    /// Output file [default: standard output for csv and jsonl, export.parquet]
     #[arg(long, short, value_name = "PATH")]
     output: Option<PathBuf>,
 }
@@ -122,7 +115,6 @@ pub(super) fn run(args: &ExportArgs) -> TaskResult<Completion> {
         _ if is_shape => return export_shapes(args),
         _ if args.table == ResultTable::Live => return live::export_live_results(args),
         FormatName::Csv | FormatName::Parquet => export_rows(args)?,
-        FormatName::Vtk => export_vtk(args)?,
         FormatName::Jsonl => export_jsonl(args)?,
     };
     print_notes(data.warnings.iter().chain(&data.notes));
@@ -229,87 +221,4 @@ fn file_metadata(args: &ExportArgs, common: &ExportContext) -> TaskResult<FileMe
         }
     }
     Ok(notes)
-}
-
-fn export_vtk(args: &ExportArgs) -> TaskResult<ReportData> {
-    let folder = args.output.as_deref().unwrap_or(Path::new("export-vtk"));
-    let mut data = ReportData::default();
-    for flight in source::selected_flights(&args.store, args.flight.as_deref())? {
-        let one = export_vtk_flight(args, &flight, folder)?;
-        data.notes.extend(one.notes);
-        data.warnings.extend(one.warnings);
-    }
-    Ok(data)
-}
-
-/// Reads the surveyed positions that displacements refer to.
-fn ground_markers(args: &ExportArgs, flight: &FlightRef) -> TaskResult<Vec<GroundMarker>> {
-    let directory = match &args.installation {
-        Some(directory) => Some(directory.clone()),
-        None => stored_flights::kept_installation(&args.store, flight)?,
-    };
-    let Some(directory) = directory else {
-        let flight = &flight.id;
-        eprintln!(
-            "wingd: {flight}: the store has no installation for it; name one with --installation to get displacement vectors"
-        );
-        return Ok(Vec::new());
-    };
-    let installation = installation::load_without_orientation(&directory)?;
-    Ok(ReportSite::from(&installation.setup).ground)
-}
-
-fn export_vtk_flight(
-    args: &ExportArgs,
-    flight: &FlightRef,
-    folder: &Path,
-) -> TaskResult<ReportData> {
-    let ground = ground_markers(args, flight)?;
-    let below = folder.join(&flight.id);
-    fs::create_dir_all(&below).map_err(|e| write_failure(&below, &e))?;
-    if !ground.is_empty() {
-        write_file(
-            &folder.join(format!("{}-ground.vtp", flight.id)),
-            &export::ground_shape(&ground).to_vtp(None),
-        )?;
-    }
-    let (mut files, mut first) = (Vec::new(), None);
-    let choice = ResultChoice {
-        flight: Some(&flight.id),
-        inputs: args.inputs.as_deref(),
-    };
-    let data = source::for_each_series(&args.store, choice, |series| {
-        if summary::solved_records(&series).is_empty() {
-            eprintln!(
-                "wingd: {}/{}: no solved frame, skipped",
-                series.flight, series.name
-            );
-            return Ok(());
-        }
-        for record in summary::solved_records(&series) {
-            let Some(stamp) = series.shot_for_record(record).and_then(|s| s.stamp.clone()) else {
-                continue;
-            };
-            let began = first.get_or_insert_with(|| stamp.clone());
-            let time_s = 3600.0 * summary::hours_between(began, &stamp);
-            let stem = record.image.split('.').next().unwrap_or_default();
-            let file = format!("{}-{stem}.vtp", series.name);
-            let shape = export::frame_shape(record, &ground);
-            installation::write_atomically(&below.join(&file), shape.to_vtp(Some(time_s)))
-                .map_err(|e| write_failure(&below, &e))?;
-            files.push((time_s, format!("{}/{file}", flight.id)));
-        }
-        Result::<(), Failure>::Ok(())
-    })?;
-    write_file(
-        &folder.join(format!("{}.pvd", flight.id)),
-        &export::time_collection(&files),
-    )?;
-    Ok(data)
-}
-
-/// Writes a file and prints its path.
-fn write_file(file: &Path, text: &str) -> TaskResult<()> {
-    installation::write_atomically(file, text).map_err(|e| write_failure(file, &e))?;
-    print_line(&file.display().to_string())
 }

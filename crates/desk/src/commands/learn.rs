@@ -8,10 +8,11 @@ use crate::learning;
 use crate::learning::{NamedEstimate, PriorCandidate};
 use wingd_base::failure::CHECK_WRITE_ACCESS;
 use wingd_base::failure::{Completion, Failure, TaskResult};
-use wingd_base::output::{print_line, print_notes, show_busy};
+use wingd_base::output::{print_line, print_notes};
 use wingd_evaluation::inputs::batch;
 use wingd_evaluation::inputs::default_paths::{load_installation, resolve_installation};
 use wingd_evaluation::inputs::flight_marks::FlightMarks;
+use wingd_evaluation::inputs::stopping::run_long_task;
 use wingd_evaluation::inputs::stored_flights::{flight_frames, select_flights};
 use wingd_evaluation::inputs::stored_frames;
 use wingd_evaluation::inputs::stored_frames::{FlightAircraftData, FlightInputs};
@@ -89,7 +90,7 @@ pub(super) fn run(args: &LearnArgs) -> TaskResult<Completion> {
         gather_candidates(args, root, &installation, &mut outcomes, &mut candidates)?;
     }
     let busy = |flight: &str, task: &mut dyn FnMut()| {
-        show_busy(&format!("estimating from {flight}"), task)
+        run_long_task(&format!("estimating from {flight}"), task)
     };
     let (flights, refused) =
         learning::estimate_contributions(&mut candidates, &mut installation, busy)?;

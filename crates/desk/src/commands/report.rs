@@ -2,13 +2,18 @@
 
 use std::path::PathBuf;
 
+use serde_json::{Value, json};
+
 use crate::report as html;
 use wingd_base::failure::{Completion, TaskResult};
-use wingd_base::output::{print_line, print_notes, show_busy, write_output};
+use wingd_base::output::{print_json, print_line, print_notes, write_output};
 use wingd_evaluation::inputs::default_paths::load_setup;
+use wingd_evaluation::inputs::stopping::run_long_task;
 use wingd_evaluation::number::count_text;
+use wingd_evaluation::record::variant_name;
 use wingd_evaluation::results::source;
 use wingd_evaluation::results::source::ResultChoice;
+use wingd_evaluation::results::summary::SeriesSummary;
 use wingd_evaluation::results::{overview, summary, table};
 use wingd_store::RealDisk;
 
@@ -27,7 +32,7 @@ pub struct ReportArgs {
     /// solve]
     #[arg(long, value_name = "KEY")]
     inputs: Option<String>,
-    /// Installation, for the ground shape and the lines of sight [default: the one kept in the store]
+    /// Installation, for the ground shape [default: the one kept in the store]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
     /// Number of frames shown as images, those with warnings first; each adds about 200 kB to the page
@@ -39,6 +44,9 @@ pub struct ReportArgs {
     /// Show all columns of the table [default: those that fit 80 characters]
     #[arg(long)]
     wide: bool,
+    /// Print one JSON object per series instead of the table
+    #[arg(long, conflicts_with = "all_flights")]
+    json: bool,
     /// File for the page
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
     output: PathBuf,
@@ -53,15 +61,37 @@ pub(super) fn run(args: &ReportArgs) -> TaskResult<Completion> {
         flight: args.flight.as_deref(),
         inputs: args.inputs.as_deref(),
     };
-    let mut data = show_busy("reading the store", || {
+    let mut data = run_long_task("reading the store", || {
         source::read_flight_with_pictures(&args.store, choice, setup.as_ref(), args.pictures)
     })?;
     data.fields.clone_from(&args.field);
     print_notes(data.warnings.iter().chain(&data.notes));
-    write_output(&args.output, html::report_page(&data), OTHER_OUTPUT)?;
-    print_line(table::series_text(&summary::summarise_series(&data.series), args.wide).trim_end())?;
-    print_line(&format!("\nReport: {}", args.output.display()))?;
+    let page = run_long_task("writing the report", || html::report_page(&data));
+    write_output(&args.output, page, OTHER_OUTPUT)?;
+    let summaries = summary::summarise_series(&data.series);
+    if args.json {
+        summaries
+            .iter()
+            .map(series_json)
+            .try_for_each(|line| print_json(&line))?;
+    } else {
+        print_line(table::series_text(&summaries, args.wide).trim_end())?;
+        print_line(&format!("\nReport: {}", args.output.display()))?;
+    }
     Ok(Completion::from_success(data.notes.is_empty()))
+}
+
+fn series_json(series: &SeriesSummary) -> Value {
+    let mean = series.tip_deflection_m;
+    json!({
+        "series": series.name, "start": series.begun.as_ref().map(|begun| begun.utc),
+        "frames": series.shots, "solved": series.solved,
+        "reference": variant_name(series.reference),
+        "tip_deflection_m": mean.map(|mean| mean.value),
+        "sigma_tip_deflection_m": mean.and_then(|mean| mean.sigma),
+        "scatter_m": mean.and_then(|mean| mean.scatter),
+        "tests_passed": series.tests_passed, "tests_made": series.tests_made,
+    })
 }
 
 fn parse_field(text: &str) -> Result<(String, String), String> {

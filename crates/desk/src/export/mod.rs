@@ -1,4 +1,4 @@
-//! Export of results as CSV or Parquet tables, JSON Lines and VTK shapes.
+//! Export of results as CSV or Parquet tables and JSON Lines.
 
 mod columns;
 mod dataset;
@@ -7,7 +7,6 @@ mod live;
 #[cfg(feature = "parquet")]
 mod parquet_file;
 mod shape;
-mod vtk;
 
 use std::io::Write;
 
@@ -20,7 +19,6 @@ pub use live::{LiveColumns, write_json_rows};
 #[cfg(feature = "parquet")]
 pub use parquet_file::ParquetFile;
 pub use shape::{DatedShape, SOURCES, ShapeExport};
-pub use vtk::{VtkShape, frame_shape, ground_shape, time_collection};
 
 /// Writer of a table as CSV; a missing value is an empty field.
 pub struct CsvWriter<W: Write>(csv::Writer<W>);

@@ -8,7 +8,6 @@ const pen = photo.getContext("2d");
 const lens = $("loupe").getContext("2d", { willReadFrequently: true });
 
 const COLOURS = { detected: "#3dea6d", manual: "#57c8ff", lost: "#ffb000", rejected: "#ff5f6d" };
-const STATES = { detected: "detected", manual: "manual", lost: "lost", rejected: "rejected" };
 // Maximum distance of a click from a marker that it selects, screen px.
 const MAX_CLICK_PX = 16;
 // Maximum distance of a click from the outline of a lost marker that it marks, screen px.
@@ -259,7 +258,7 @@ function table() {
     const c = m.covariance_px2;
     const sigma = c ? Math.sqrt(Math.max(c[0][0], c[1][1])) : null;
     const residual = m.residual_u_px === null ? null : Math.hypot(m.residual_u_px, m.residual_v_px);
-    const seen = STATES[m.state] + (m.state === "lost" && !place(m) ? ", outside" : known(m) && !m.used ? ", not used" : "");
+    const seen = m.state + (m.state === "lost" && !place(m) ? ", outside" : known(m) && !m.used ? ", not used" : "");
     const texts = [button, seen, fixed(sigma, 2), fixed(residual, 2)];
     texts.forEach((text, k) => {
       const cell = row.insertCell();
@@ -311,7 +310,8 @@ async function post(request) {
     const m = marker(chosen);
     const same = before.tip && before.tip === state.now.tip && before.reference === state.now.reference;
     const change = same ? ` Deflection of ${before.tip} ${signed(1e3 * (state.now.deflection_m - before.deflection_m))} mm.` : "";
-    remember();
+    // The reason belongs to one mark.
+    $("why").value = "";
     say(`${words(m)}.${change}`.replace("..", "."));
     photo.dataset.marks = state.marks;
     list();
@@ -324,14 +324,6 @@ async function post(request) {
     busy = false;
     draw();
   }
-}
-
-// Clears the reason, which belongs to one mark, and offers it for later marks.
-function remember() {
-  const why = $("why").value.trim();
-  $("why").value = "";
-  const given = [...$("reasons").children].map((option) => option.value);
-  if (why && !given.includes(why)) $("reasons").append(new Option(why, why));
 }
 
 function mark(id, [u, v], exact) {

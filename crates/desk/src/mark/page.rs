@@ -55,8 +55,7 @@ pub fn mark_page(place: &str, who: &str, query: Option<&str>) -> Markup {
                 }
                 p.soft #test {}
                 p.row { label for="who" { "Who" } input #who maxlength="100" value=(who); }
-                p.row { label for="why" { "Why" } input #why maxlength="500" list="reasons" placeholder="glare over its edge, visible by eye";
-                    datalist #reasons {} }
+                p.row { label for="why" { "Why" } input #why maxlength="500" placeholder="glare over its edge, visible by eye"; }
                 p.row {
                     button #next title="N" { "Next lost" }
                     button #reject title="R" { "Reject" }

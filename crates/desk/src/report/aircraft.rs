@@ -10,6 +10,7 @@ use wingd_evaluation::figures::plot::Axis;
 use wingd_evaluation::grid::Grid;
 use wingd_evaluation::number::{NONE, format_measured};
 use wingd_evaluation::results::{ReportData, SeriesData, summary};
+use wingd_measure::adjust::DeflectionReference;
 
 /// Quantities that affect the deflection: a higher weight increases it, fuel in the wing reduces it.
 const RELATED_QUANTITIES: [(Quantity, &str, f64); 3] = [
@@ -29,8 +30,8 @@ pub fn aircraft_section(data: &ReportData) -> Markup {
             @let points = deflection_points(data, quantity, scale);
             @if points.len() > 1 {
                 figure {
-                    (draw_deflection_against(points, label))
-                    p.caption { "Deflection of the tip marker " (summary::common_reference(&data.series).description()) " of each frame with its 1-sigma bar, as a function of " (label.split(" /").next().unwrap_or(label)) "." }
+                    (draw_deflection_against(points, label, summary::common_reference(&data.series)))
+                    p.caption { "Deflection of the tip marker of each frame with its 1-sigma bar, as a function of " (label.split(" /").next().unwrap_or(label)) "." }
                 }
             }
         }
@@ -60,14 +61,19 @@ fn deflection_points(data: &ReportData, quantity: Quantity, scale: f64) -> Vec<F
     data.series.iter().flat_map(series_points).collect()
 }
 
-fn draw_deflection_against(points: Vec<FigurePoint>, label: &str) -> Markup {
+fn draw_deflection_against(
+    points: Vec<FigurePoint>,
+    label: &str,
+    reference: DeflectionReference,
+) -> Markup {
     let dots = FigureTrack::from_points("single frames", MAIN_COLOUR, points);
     let tracks = vec![FigureTrack {
         style: TrackStyle::Dots,
         ..dots
     }];
     let x = Axis::from_values(all_abscissas(&tracks), label);
-    let y = Axis::from_values(all_values(&tracks), "deflection of the tip marker / m");
+    let y_label = format!("tip deflection {} / m", reference.description());
+    let y = Axis::from_values(all_values(&tracks), &y_label);
     Figure {
         name: format!("Deflection against {label}"),
         height: 240.0,

@@ -25,7 +25,7 @@ pub fn budget_section(data: &ReportData) -> Markup {
         @if shares.is_empty() {
             p { "No result has a variance budget. Results of older program versions have none; " code { "wingd solve STORE" } " adds new results." }
         } @else {
-            p { (largest_gain_text(&split, &shares)) }
+            p { (table::budget_text(&shares)) }
             @let minor = shares.iter().position(|one| one.share < MINOR_SHARE).unwrap_or(shares.len());
             div.scroll { (table::budget_table(&shares[..minor]).html()) }
             @if minor < shares.len() {
@@ -107,32 +107,4 @@ fn mean_budget(records: &[&ImageRecord]) -> Vec<VarianceShare> {
 /// Returns the standard deviation of the reported deflection of a frame, m.
 fn sigma_shown_m(tip: &Tip) -> Option<f64> {
     tip.deflection(tip.reference.unwrap_or_default())?.1
-}
-
-/// Describes the source whose perfect knowledge would reduce the standard deviation most.
-fn largest_gain_text(records: &[&ImageRecord], shares: &[VarianceShare]) -> String {
-    let sigmas = records
-        .iter()
-        .filter_map(|r| r.tip.as_ref().and_then(sigma_shown_m));
-    let (sum, count) = sigmas.fold((0.0, 0.0), |(sum, count), sigma| {
-        (sum + sigma * sigma, count + 1.0)
-    });
-    let mm = |metres: f64| format_fixed(Some(1e3 * metres), 1);
-    let now = if count > 0.0 {
-        format!(" of {} mm", mm(f64::sqrt(sum / count)))
-    } else {
-        String::new()
-    };
-    let known = shares
-        .iter()
-        .filter_map(|one| Some((one, one.sigma_if_known_m?)));
-    match (known.min_by(|a, b| a.1.total_cmp(&b.1)), shares.first()) {
-        (Some((one, sigma)), _) => format!(
-            "Largest possible gain, if it were known without error: {}. The standard deviation{now} of the tip deflection would fall to {} mm.",
-            one.source,
-            mm(sigma)
-        ),
-        (None, Some(first)) => format!("Largest contribution to the variance: {}.", first.source),
-        (None, None) => String::new(),
-    }
 }

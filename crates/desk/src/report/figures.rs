@@ -3,48 +3,90 @@
 use maud::Markup;
 
 use wingd_evaluation::figures::figure::{
-    Figure, FigurePoint, FigureTrack, MAIN_COLOUR, TrackStyle, all_abscissas, all_values,
+    BREAK, Figure, FigurePoint, FigureTrack, MAIN_COLOUR, TrackStyle, all_abscissas, all_values,
 };
 use wingd_evaluation::figures::plot::{Axis, series_colour};
 use wingd_evaluation::number::format_fixed;
 use wingd_evaluation::record::{CurveRecord, ImageRecord};
-use wingd_evaluation::results::SeriesData;
 use wingd_evaluation::results::summary::{Mean, SeriesSummary, hours_between, solved_records};
+use wingd_evaluation::results::{ReportData, SeriesData};
+use wingd_measure::adjust::DeflectionReference;
 
 /// Label of the axis along the span.
 pub const SPAN_LABEL: &str = "span, outboard from the camera / m";
 
 type CurveField<'a> = &'a dyn Fn(&CurveRecord) -> (f64, Option<f64>);
 
-/// Draws the deflection of the bending axis along the span, one curve per series, with 1-sigma bands.
-pub fn draw_deflection(summaries: &[SeriesSummary]) -> Markup {
-    let deflection = |p: &CurveRecord| (p.deflection_m, p.sigma_deflection_m);
-    draw_curves(
-        summaries,
-        "Deflection curves",
-        "deflection of the bending axis / m",
-        400.0,
-        &deflection,
-    )
+/// Maximum number of single curves of a series: more are one area of colour.
+const MAX_SINGLE_CURVES: usize = 24;
+
+/// Curves of a series: its mean, or frames singly if they scatter by more than the band of the mean.
+pub struct SeriesCurves<'a> {
+    pub name: String,
+    /// Number of solved frames.
+    pub solved: usize,
+    /// Name and curve of the frames; the mean alone has no name.
+    pub frames: Vec<(&'a str, &'a [CurveRecord])>,
+}
+
+/// Selects the curves of each series that has one.
+pub fn series_curves<'a>(
+    data: &'a ReportData,
+    summaries: &'a [SeriesSummary],
+) -> Vec<SeriesCurves<'a>> {
+    let select = |s: &'a SeriesSummary| {
+        let is_wide = s.tip_deflection_m.is_some_and(|mean| {
+            let beyond = |scatter| mean.sigma.is_some_and(|sigma| scatter > sigma);
+            mean.scatter.is_some_and(beyond)
+        });
+        let of_series = data.frames.iter().filter(|f| f.series == s.name && is_wide);
+        let solved = of_series.map(|f| &f.record).filter(|r| r.is_solved());
+        let mut frames: Vec<(&str, &[CurveRecord])> =
+            solved.map(|r| (r.image.as_str(), &r.curve[..])).collect();
+        frames.sort_by_key(|(image, _)| *image);
+        let step = frames.len().div_ceil(MAX_SINGLE_CURVES).max(1);
+        frames = frames.into_iter().step_by(step).collect();
+        if frames.len() < 2 {
+            frames = vec![("", &s.curve)];
+        }
+        SeriesCurves {
+            name: short_name(s),
+            solved: s.solved,
+            frames,
+        }
+    };
+    let with_curve = summaries.iter().filter(|s| !s.curve.is_empty());
+    with_curve.map(select).collect()
+}
+
+/// Draws the deflection of the bending axis along the span with 1-sigma bands.
+pub fn draw_deflection(curves: &[SeriesCurves], reference: DeflectionReference) -> Markup {
+    let deflection = |p: &CurveRecord| p.deflection(reference).unwrap_or((f64::NAN, None));
+    let label = format!("deflection {} / m", reference.description());
+    draw_curves(curves, "Deflection curves", &label, 400.0, &deflection)
 }
 
 /// Draws the standard deviation of the deflection along the span, mm.
-pub fn draw_uncertainty(summaries: &[SeriesSummary]) -> Markup {
-    let sigma = |p: &CurveRecord| (1e3 * p.sigma_deflection_m.unwrap_or(f64::NAN), None);
+pub fn draw_uncertainty(curves: &[SeriesCurves], reference: DeflectionReference) -> Markup {
+    let sigma = |p: &CurveRecord| {
+        let sigma_m = p.deflection(reference).and_then(|(_, sigma_m)| sigma_m);
+        (1e3 * sigma_m.unwrap_or(f64::NAN), None)
+    };
+    let label = format!("std. dev. {} / mm", reference.description());
     draw_curves(
-        summaries,
+        curves,
         "Standard deviation of the deflection",
-        "std. dev. of the deflection / mm",
+        &label,
         170.0,
         &sigma,
     )
 }
 
 /// Draws the twist along the span with 1-sigma bands; `None` if no frame has a twist.
-pub fn draw_twist(summaries: &[SeriesSummary]) -> Option<Markup> {
+pub fn draw_twist(curves: &[SeriesCurves]) -> Option<Markup> {
     let twist = |p: &CurveRecord| (p.twist_deg.unwrap_or(f64::NAN), p.sigma_twist_deg);
     draw_rotation(
-        summaries,
+        curves,
         "Twist along the span",
         "twist, nose up / deg",
         &twist,
@@ -52,50 +94,48 @@ pub fn draw_twist(summaries: &[SeriesSummary]) -> Option<Markup> {
 }
 
 /// Draws the streamwise twist along the span with 1-sigma bands; `None` if no frame has one.
-pub fn draw_streamwise_twist(summaries: &[SeriesSummary]) -> Option<Markup> {
+pub fn draw_streamwise_twist(curves: &[SeriesCurves]) -> Option<Markup> {
     let twist = |p: &CurveRecord| {
-        (
-            p.incidence.streamwise_twist_deg.unwrap_or(f64::NAN),
-            p.incidence.sigma_streamwise_twist_deg,
-        )
+        let incidence = &p.incidence;
+        let value = incidence.streamwise_twist_deg.unwrap_or(f64::NAN);
+        (value, incidence.sigma_streamwise_twist_deg)
     };
-    draw_rotation(
-        summaries,
-        "Streamwise twist along the span",
-        "streamwise twist, nose up / deg",
-        &twist,
-    )
+    let name = "Streamwise twist along the span";
+    draw_rotation(curves, name, "streamwise twist, nose up / deg", &twist)
 }
 
 fn draw_rotation(
-    summaries: &[SeriesSummary],
+    curves: &[SeriesCurves],
     name: &str,
     label: &str,
     column: CurveField,
 ) -> Option<Markup> {
-    let any = summaries
-        .iter()
-        .flat_map(|s| &s.curve)
-        .any(|p| column(p).0.is_finite());
-    any.then(|| draw_curves(summaries, name, label, 260.0, column))
+    let mut all = curves.iter().flat_map(|c| &c.frames).flat_map(|f| f.1);
+    all.any(|p| column(p).0.is_finite())
+        .then(|| draw_curves(curves, name, label, 260.0, column))
 }
 
+/// Draws one track per series; its single curves are runs of the track.
 fn draw_curves(
-    summaries: &[SeriesSummary],
+    curves: &[SeriesCurves],
     name: &str,
     label: &str,
     height: f64,
     column: CurveField,
 ) -> Markup {
-    let shown: Vec<&SeriesSummary> = summaries.iter().filter(|s| !s.curve.is_empty()).collect();
-    let track = |(i, s): (usize, &&SeriesSummary)| {
-        FigureTrack::from_points(
-            short_name(s),
-            series_colour(i, shown.len()),
-            curve_points(&s.curve, column),
-        )
+    let track = |(i, series): (usize, &SeriesCurves)| {
+        let mut track =
+            FigureTrack::from_points(&series.name, series_colour(i, curves.len()), vec![]);
+        for (image, curve) in &series.frames {
+            let points = curve_points(curve, column);
+            let names = std::iter::repeat_n((*image).to_owned(), points.len() + 1);
+            track.texts.extend(names);
+            track.points.extend(points);
+            track.points.push(BREAK);
+        }
+        track
     };
-    let tracks: Vec<FigureTrack> = shown.iter().enumerate().map(track).collect();
+    let tracks: Vec<FigureTrack> = curves.iter().enumerate().map(track).collect();
     let x = Axis::from_values(all_abscissas(&tracks), SPAN_LABEL);
     let y = Axis::from_values(all_values(&tracks).chain([0.0]), label);
     Figure {
@@ -151,7 +191,7 @@ pub fn draw_tip_deflection(series: &[SeriesData], summaries: &[SeriesSummary]) -
         series,
         summaries,
         "Tip deflection over time",
-        "deflection of the tip marker / m",
+        &format!("tip deflection {} / m", reference.description()),
         &[track],
     )
 }

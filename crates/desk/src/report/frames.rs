@@ -6,7 +6,7 @@ use maud::{Markup, html};
 use serde::{Serialize, Serializer};
 
 use super::figures::{SPAN_LABEL, curve_points};
-use super::views::{GROUND_COLOUR, PlacedMarker, place_markers, wing_frame};
+use super::views::{GROUND_COLOUR, PlacedMarker, place_markers};
 use wingd_evaluation::figures::figure::{
     BREAK, Figure, FigurePoint, FigureTrack, MAIN_COLOUR, TrackStyle, all_abscissas, all_values,
     rounded_point, script_json,
@@ -49,7 +49,7 @@ struct MarkerValues {
     /// Position on ground in the wing frame, m; the next field is the position in flight.
     ground: Option<[f64; 3]>,
     flight: Option<[f64; 3]>,
-    /// Deflection relative to the survey and its standard deviation, m, as in the curve.
+    /// Deflection and its standard deviation, m, as in the curve.
     deflection: Option<(f64, Option<f64>)>,
 }
 
@@ -80,19 +80,18 @@ struct FrameList<'a> {
 pub fn frames_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
     let total: usize = data.series.iter().map(|s| s.records.len()).sum();
     let magnified = residual_magnification(data);
+    let reference = summary::common_reference(&data.series);
     let means = summaries
         .iter()
-        .map(|s| (s.name.as_str(), deflection_points(&s.curve)))
+        .map(|s| (s.name.as_str(), deflection_points(&s.curve, reference)))
         .collect();
     let list = FrameList {
         surveyed: data.site.is_some(),
         means,
-        frames: collect_frame_values(data, magnified),
+        frames: collect_frame_values(data, reference, magnified),
     };
-    let shown = data
-        .frames
-        .first()
-        .map(|frame| table::marker_table(&frame.record));
+    let shown = data.frames.first();
+    let shown = shown.map(|frame| table::marker_table(&frame.record, reference));
     html! {
         h2 id="frame" { "A frame and its markers" }
         @if data.frames.len() < total {
@@ -108,13 +107,15 @@ pub fn frames_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup 
                     (draw_marker_positions(&list.frames))
                     p.caption { "Image positions of the markers. Lines: residuals, magnified " (format_fixed(Some(magnified), 0)) " times." }
                 }
-                figure.curve { (draw_deflection_curve(&list)) }
+                figure.curve { (draw_deflection_curve(&list, reference)) }
                 section.live {
                     h3 { "3D view of the wing" }
                     figure.wing { (draw_wing(&list.frames)) p.caption {} }
                 }
-                h3 { "Markers of " (first.series) " " (first.image) }
-                div.scroll { (shown.unwrap_or_default().html()) }
+                details {
+                    summary { "Markers of " span { (first.series) " " (first.image) } ", deflections " (reference.description()) }
+                    div.scroll { (shown.unwrap_or_default().html()) }
+                }
             }
             script id="frames-data" type="application/json" { (script_json(&list)) }
         }
@@ -214,7 +215,7 @@ fn draw_marker_positions(frames: &[FrameValues]) -> Markup {
     draw_first_frame("Image positions", frames, tracks, axes)
 }
 
-fn draw_deflection_curve(list: &FrameList) -> Markup {
+fn draw_deflection_curve(list: &FrameList, reference: DeflectionReference) -> Markup {
     let tracks = |frame: &FrameValues| {
         let mean = list.means.get(frame.series).cloned().unwrap_or_default();
         // Without an installation the spans of the markers have a guessed origin.
@@ -236,10 +237,8 @@ fn draw_deflection_curve(list: &FrameList) -> Markup {
         ]
     };
     let axes = |all: &[FigureTrack]| {
-        let y = Axis::from_values(
-            all_values(all).chain([0.0]),
-            "deflection against the survey / m",
-        );
+        let label = format!("deflection {} / m", reference.description());
+        let y = Axis::from_values(all_values(all).chain([0.0]), &label);
         [Axis::from_values(all_abscissas(all), SPAN_LABEL), y]
     };
     draw_first_frame("Deflection of a frame", &list.frames, tracks, axes)
@@ -266,11 +265,13 @@ fn draw_wing(frames: &[FrameValues]) -> Markup {
     draw_first_frame("Wing", frames, tracks, axes)
 }
 
-fn deflection_points(curve: &[CurveRecord]) -> Vec<FigurePoint> {
-    curve_points(curve, &|p| (p.deflection_m, p.sigma_deflection_m))
-        .into_iter()
-        .map(rounded_point)
-        .collect()
+fn deflection_points(curve: &[CurveRecord], reference: DeflectionReference) -> Vec<FigurePoint> {
+    curve_points(curve, &|p| {
+        p.deflection(reference).unwrap_or((f64::NAN, None))
+    })
+    .into_iter()
+    .map(rounded_point)
+    .collect()
 }
 
 /// Returns the factor by which residuals are magnified, the same for all frames.
@@ -291,7 +292,11 @@ fn residual_magnification(data: &ReportData) -> f64 {
 }
 
 /// Lists the result sentence and the markers' values of every frame, also if unsolved, for the page's script.
-fn collect_frame_values(data: &ReportData, magnified: f64) -> Vec<FrameValues<'_>> {
+fn collect_frame_values(
+    data: &ReportData,
+    reference: DeflectionReference,
+    magnified: f64,
+) -> Vec<FrameValues<'_>> {
     let unfinished = data.series.iter().flat_map(|s| {
         let images = s.shots.iter().filter_map(|shot| shot.image.as_deref());
         let open = move |image: &&str| !s.records.iter().any(|r| r.image == *image);
@@ -304,7 +309,6 @@ fn collect_frame_values(data: &ReportData, magnified: f64) -> Vec<FrameValues<'_
             ..FrameValues::default()
         })
     });
-    let reference = summary::common_reference(&data.series);
     data.frames
         .iter()
         .map(|frame| frame_with_record(frame, data, reference, magnified))
@@ -320,20 +324,20 @@ fn frame_with_record<'a>(
 ) -> FrameValues<'a> {
     let record = &frame.record;
     let site = data.site.as_ref();
-    let places = wing_frame(record, site)
-        .map(|frame| place_markers(record, site, &frame))
+    let places = site
+        .map(|site| place_markers(record, site))
         .unwrap_or_default();
     let place = |id: &str| places.iter().find(|p| p.id == id);
-    let values = |m: &MarkerRecord| drawn_marker_values(m, place(&m.id), magnified);
+    let values = |m: &MarkerRecord| drawn_marker_values(m, place(&m.id), reference, magnified);
     FrameValues {
         series: &frame.series,
         image: &record.image,
         doubt: frame_ranking::frame_warning(record),
         said: result_sentence(record, reference),
         warned: !record.is_solved() || record.global_test == Some(GlobalTest::Rejected),
-        curve: deflection_points(&record.curve),
+        curve: deflection_points(&record.curve, reference),
         markers: record.markers.iter().map(values).collect(),
-        rows: table::marker_table(record).rows,
+        rows: table::marker_table(record, reference).rows,
     }
 }
 
@@ -379,10 +383,12 @@ fn result_sentence(record: &ImageRecord, reference: DeflectionReference) -> Stri
 fn drawn_marker_values(
     m: &MarkerRecord,
     place: Option<&PlacedMarker>,
+    reference: DeflectionReference,
     magnified: f64,
 ) -> MarkerValues {
     let round = |value: f64, parts: f64| (value * parts).round() / parts;
     let metres = |p: nalgebra::Vector3<f64>| [p.x, p.y, p.z].map(|v| round(v, 1e4));
+    let (value, sigma) = m.deflection(reference);
     let at = m
         .u_px
         .zip(m.v_px)
@@ -394,11 +400,6 @@ fn drawn_marker_values(
         seen: at.map(|(u, v)| [round(u, 1e3), -round(v, 1e3), du, -dv]),
         ground: place.and_then(|p| p.ground).map(metres),
         flight: place.and_then(|p| p.flight).filter(|_| m.used).map(metres),
-        deflection: m.deflection_m.map(|value| {
-            (
-                round(value, 1e6),
-                m.sigma_deflection_m.map(|sigma| round(sigma, 1e6)),
-            )
-        }),
+        deflection: value.map(|value| (round(value, 1e6), sigma.map(|sigma| round(sigma, 1e6)))),
     }
 }

@@ -1,6 +1,7 @@
 //! Report as one page that opens offline and prints well.
 
 mod aircraft;
+mod answer;
 mod budget;
 #[cfg(feature = "boards")]
 pub mod calibration;
@@ -15,11 +16,12 @@ mod views;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use wingd_base::clock::Stamp;
-use wingd_evaluation::number::{count_text, decimals_for, format_fixed, format_measured};
+use wingd_evaluation::number::{count_text, format_fixed, format_measured};
 use wingd_evaluation::record::ImageRecord;
 use wingd_evaluation::results::source::PICTURES_FLIGHT;
 use wingd_evaluation::results::summary::{Mean, SeriesSummary, summarise_series};
 use wingd_evaluation::results::{ReportBuilder, ReportData, SeriesData, distinct_values, table};
+use wingd_measure::adjust::DeflectionReference;
 
 pub use flights::flights_page;
 pub use wingd_evaluation::figures::plot::{Axis, round_step};
@@ -69,20 +71,18 @@ pub fn standalone_page(title: &str, main: &Markup, units: &str) -> String {
 /// Builds the report, without external resources.
 pub fn report_page(data: &ReportData) -> String {
     let summaries = summarise_series(&data.series);
-    let shown = shown_record(data);
-    let named = shown.map(|(series, record)| (frame_name(data, series, record), record));
     let main = html! {
-        (report_header(data, &summaries))
+        (report_header(data))
+        (answer::answer_section(data, &summaries))
+        (summary_tiles(&summaries))
+        (tables::references_section(data, &summaries))
         (contents_links())
-        (warnings_section(data))
-        (deflection_section(&summaries, shown.map(|(_, record)| record)))
+        (deflection_section(data, &summaries))
         (time_section(data, &summaries))
         (aircraft::aircraft_section(data))
         (tables::series_section(&summaries))
         (budget::budget_section(data))
-        (views_section(data, named.clone()))
         (frames::frames_section(data, &summaries))
-        (tables::solution_section(named))
         (tables::quality_section(data))
         (tables::results_section(data))
         (tables::provenance_section(data))
@@ -92,29 +92,6 @@ pub fn report_page(data: &ReportData) -> String {
         &main,
         "Lengths in metres, angles in degrees, image coordinates in pixels; sigma is one standard deviation.",
     )
-}
-
-/// Returns the solved record that ranks first, or the first solved one, with its series.
-fn shown_record(data: &ReportData) -> Option<(&str, &ImageRecord)> {
-    let ranked = data
-        .frames
-        .iter()
-        .map(|frame| (frame.series.as_str(), &frame.record))
-        .take(1);
-    let all = data
-        .series
-        .iter()
-        .flat_map(|s| s.records.iter().map(|r| (s.name.as_str(), r)));
-    ranked.chain(all).find(|(_, record)| record.is_solved())
-}
-
-/// Returns the name of a frame in the report, with its series if there are several.
-fn frame_name(data: &ReportData, series: &str, record: &ImageRecord) -> String {
-    if data.series.len() < 2 {
-        record.image.clone()
-    } else {
-        format!("{series}/{}", record.image)
-    }
 }
 
 fn report_title(data: &ReportData) -> String {
@@ -131,16 +108,16 @@ fn report_title(data: &ReportData) -> String {
         .map_or(flights.clone(), |s| format!("{}, {flights}", s.name))
 }
 
-fn report_header(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
+fn report_header(data: &ReportData) -> Markup {
     html! {
         header {
             h1 { "Wing deflection in flight" }
             p.sub { (report_title(data)) " | " (recording_period(data)) }
-            @if !data.fields.is_empty() {
-                p.sub { @for (k, (name, value)) in data.fields.iter().enumerate() { @if k > 0 { " | " } (name) ": " b { (value) } } }
+            @for (name, value) in &data.fields { p.sub { (name) ": " b { (value) } } }
+            @if !data.other_flights.is_empty() {
+                p.sub { "Other flights of the store: " (data.other_flights.join(", ")) ". " code { "wingd report STORE --flight NAME" } " shows one, " code { "--all-flights" } " all." }
             }
         }
-        (summary_tiles(summaries))
     }
 }
 
@@ -153,7 +130,7 @@ fn summary_tiles(summaries: &[SeriesSummary]) -> Markup {
             (greatest_tile(summaries))
             (change_tile(summaries))
             div.tile.warn[solved < frames] { b { (solved) " of " (frames) } span { "frames solved, in " (summaries.len()) " series" } }
-            div.tile.warn[passed < made] { b { (passed) " of " (made) } span { "global tests passed; a test cannot show errors that leave no residuals, such as those of root, axis, lens or window" } }
+            @if made > 0 { div.tile.warn[passed < made] { b { (passed) " of " (made) } span { "global tests passed" } } }
         }
     }
 }
@@ -171,7 +148,7 @@ fn greatest_tile(summaries: &[SeriesSummary]) -> Markup {
     html! {
         div.tile {
             b { (format_measured(Some(one.deflection_m), one.sigma_m, 3)) " m" }
-            span { "largest tip deflection (" (one.marker) ") of a single frame ± 1 sigma, " (s.reference.description()) "; " (one.image) " of series " (s.name) @if s.begun.is_some() { ", started " (s.begun_text()) " UTC" } }
+            span { "largest tip deflection (" (one.marker) ") ± 1 sigma, " (s.reference.description()) "; " (s.name) "/" (one.image) }
         }
     }
 }
@@ -190,7 +167,7 @@ fn change_tile(summaries: &[SeriesSummary]) -> Markup {
     let scatter = |mean: Mean| table::scatter_text(Some(mean));
     match means.as_slice() {
         [(s, mean)] if mean.count > 1 => html! {
-            div.tile { b { (format_fixed(Some(mean.value), 3)) " m" } span { "mean tip deflection" (tip(s)) " of " (mean.count) " frames; scatter of single frames " (scatter(*mean)) " m" } }
+            div.tile { b { (format_fixed(Some(mean.value), 3)) " m" } span { "mean tip deflection" (tip(s)) ", " (s.reference.description()) ", of " (mean.count) " frames; scatter of single frames " (scatter(*mean)) " m" } }
         },
         [(first, a), .., (last, b)] => {
             // Errors common to both series (survey, mounting) cancel, so this is an upper limit.
@@ -200,8 +177,8 @@ fn change_tile(summaries: &[SeriesSummary]) -> Markup {
                 div.tile {
                     b { (format_measured(Some(b.value - a.value), both, 3)) " m" }
                     span {
-                        "change of the mean tip deflection" (tip(last)) " from series " (first.name) " to " (last.name) " ± 1 sigma at most"
-                        @if scattered { "; scatter of single frames " (scatter(*a)) " and " (scatter(*b)) " m" }
+                        "change of the mean" (tip(last)) " from " (first.name) " to " (last.name) " ± 1 sigma at most"
+                        @if scattered { "; scatter of frames " (scatter(*a)) " and " (scatter(*b)) " m" }
                     }
                 }
             }
@@ -248,7 +225,6 @@ fn contents_links() -> Markup {
         ("time", "Deflection and torsion over time"),
         ("series", "Series"),
         ("budget", "Uncertainty budget"),
-        ("views", "Positions"),
         ("frame", "A frame and its markers"),
         ("quality", "Quality"),
         ("results", "Results"),
@@ -257,40 +233,35 @@ fn contents_links() -> Markup {
     html! { nav aria-label="Contents" { @for (id, text) in parts { a href={ "#" (id) } { (text) } " " } } }
 }
 
-fn warnings_section(data: &ReportData) -> Markup {
-    html! {
-        @if data.series.is_empty() {
-            p.warning { "The store holds no series yet." }
-        } @else if !data.series.iter().flat_map(|s| &s.records).any(ImageRecord::is_solved) {
-            p.warning { "No frame has been solved; see the reasons under Quality." }
-        }
-        @for note in data.warnings.iter().chain(&data.notes) { p.warning { (note) } }
-    }
-}
-
-fn deflection_section(summaries: &[SeriesSummary], shown: Option<&ImageRecord>) -> Markup {
+fn deflection_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
     if summaries.iter().all(|s| s.curve.is_empty()) {
         return html! { h2 id="deflection" { "Deflection along the span" } p { "No frame has a deflection curve." } };
     }
+    let curves = figures::series_curves(data, summaries);
+    let reference = summaries.first().map(|s| s.reference).unwrap_or_default();
     html! {
         h2 id="deflection" { "Deflection along the span" }
         figure {
-            (figures::draw_deflection(summaries))
-            p.caption { "Mean curve of every series, vertical deflection of the bending axis against the survey. Band: 1 sigma of one frame (errors of survey and mounting are common to all frames of a series, so it does not decrease with their number). If the band is narrower than the line, see the next figure." }
-            @if let Some(text) = scatter_note(summaries) { p.caption { (text) } }
-            @if let Some(text) = shown.and_then(marker_and_axis_note) { p.caption { (text) } }
+            (figures::draw_deflection(&curves, reference))
+            p.caption {
+                "Vertical deflection of the bending axis " (reference.description()) ", mean of each series. Band: 1 sigma of one frame; errors of survey and mounting are common to all frames, so it does not decrease with their number. If the band is narrower than the line, see the next figure."
+                @for curve in curves.iter().filter(|c| c.frames.len() > 1) {
+                    " " (curve.name) ": " (curve.frames.len()) " of " (count_text(curve.solved, "frame")) " singly, because frames scatter by more than the band."
+                }
+            }
+            @if let Some(text) = data.frames.first().and_then(|frame| marker_and_axis_note(&frame.record, reference)) { p.caption { (text) } }
         }
         figure {
-            (figures::draw_uncertainty(summaries))
+            (figures::draw_uncertainty(&curves, reference))
             p.caption { "Standard deviation of the deflection in the figure above." }
         }
-        @if let Some(twist) = figures::draw_twist(summaries) {
+        @if let Some(twist) = figures::draw_twist(&curves) {
             figure {
                 (twist)
-                p.caption { "Rotation of the sections, free of bending, with 1-sigma bands." }
+                p.caption { "Rotation of the sections relative to the survey, free of bending, with 1-sigma bands." }
             }
         }
-        @if let Some(streamwise) = figures::draw_streamwise_twist(summaries) {
+        @if let Some(streamwise) = figures::draw_streamwise_twist(&curves) {
             figure {
                 (streamwise)
                 p.caption { "Change of the angle of attack in the vertical plane of the flow, with 1-sigma bands: twist and, on a swept wing, bending." }
@@ -299,41 +270,21 @@ fn deflection_section(summaries: &[SeriesSummary], shown: Option<&ImageRecord>) 
     }
 }
 
-/// Describes series whose frames scatter by more than the band of their mean curve; `None` if there are none.
-fn scatter_note(summaries: &[SeriesSummary]) -> Option<String> {
-    let beyond = |mean: Mean| {
-        mean.scatter
-            .filter(|scatter| mean.sigma.is_some_and(|sigma| *scatter > sigma))
-    };
-    let wide: Vec<_> = summaries
-        .iter()
-        .filter_map(|s| Some((s, beyond(s.tip_deflection_m?)?)))
-        .collect();
-    let largest = wide.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
-    Some(format!(
-        "Single frames of {} scatter about their mean by more than its band, at the tip by up to {} m (series {}). See the \
-         curve of each frame under \"A frame and its markers\".",
-        count_text(wide.len(), "series"),
-        format_fixed(Some(largest.1), decimals_for(largest.1)),
-        largest.0.name
-    ))
-}
-
 /// Explains with numbers a difference between the deflections of the tip marker and of the bending axis, due to twist;
 /// `None` if they agree.
-fn marker_and_axis_note(record: &ImageRecord) -> Option<String> {
+fn marker_and_axis_note(record: &ImageRecord, reference: DeflectionReference) -> Option<String> {
     let tip = record.tip.as_ref()?;
-    let axis = record.curve.last()?;
-    let differ = (tip.deflection_m - axis.deflection_m).abs()
-        > 3.0 * tip.sigma_deflection_m.unwrap_or(0.0).max(0.001);
+    let (of_tip_m, sigma_m) = tip.deflection(reference)?;
+    let (of_axis_m, _) = record.curve.last()?.deflection(reference)?;
+    let differ = (of_tip_m - of_axis_m).abs() > 3.0 * sigma_m.unwrap_or(0.0).max(0.001);
     differ.then(|| {
         format!(
-            "In {}, the deflection of marker {} is {} m against the survey; that of the bending axis, at the end of its curve, is {} m. \
+            "In {}, the deflection of marker {} is {} m; that of the bending axis, at the end of its curve, is {} m. \
              The twist also displaces a marker in front of or behind the axis, and the curve may end at a different span.",
             record.image,
             tip.marker,
-            format_fixed(Some(tip.deflection_m), 3),
-            format_fixed(Some(axis.deflection_m), 3)
+            format_fixed(Some(of_tip_m), 3),
+            format_fixed(Some(of_axis_m), 3)
         )
     })
 }
@@ -352,7 +303,7 @@ fn time_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
         h2 id="time" { "Deflection and torsion over time" }
         figure {
             (figures::draw_tip_deflection(&data.series, summaries))
-            p.caption { "Deflection of the outermost marker " (summaries.first().map(|s| s.reference).unwrap_or_default().description()) ": single frames (circles), means of the series with 1 sigma of one frame." }
+            p.caption { "Deflection of the outermost marker " (summaries.first().map(|s| s.reference).unwrap_or_default().description()) ". Large dots: means of the series with 1 sigma of one frame. Small dots: single frames." }
         }
         @for pair in pairs {
             figure {
@@ -360,24 +311,6 @@ fn time_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
                 p.caption { "Pair '" (pair) "'. Twist is the adjusted rotation of the section. Torsion computed from the two deflections, hidden at first, includes bending if the markers are at different spanwise stations." }
             }
         }
-    }
-}
-
-fn views_section(data: &ReportData, shown: Option<(String, &ImageRecord)>) -> Markup {
-    let views =
-        shown.and_then(|(name, r)| Some((name, views::orthographic_views(r, data.site.as_ref())?)));
-    html! {
-        h2 id="views" { "Positions in three views" }
-        @if let Some((name, views)) = views {
-            figure {
-                (views.drawing)
-                p.caption {
-                    (name) ", true scale. "
-                    @if views.surveyed { "Wing frame: origin in the camera's projection centre, X outboard, Y up, Z = X x Y." }
-                    @else { "Without an installation (option --installation): axes along the row of markers, ground position computed as flight position minus deflection, no camera." }
-                }
-            }
-        } @else { p { "No frame has positions." } }
     }
 }
 

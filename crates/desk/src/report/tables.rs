@@ -4,22 +4,24 @@ use maud::{Markup, html};
 use serde_json::Value;
 
 use wingd_base::clock::Stamp;
+use wingd_evaluation::grid::ColumnDefinition::{One, Pair};
 use wingd_evaluation::grid::Grid;
 use wingd_evaluation::number;
-use wingd_evaluation::number::{NONE, count_text, format_fixed, format_general};
-use wingd_evaluation::record::{
-    ImageRecord, Provenance, Quality, json_fields, json_text, variant_name,
-};
-use wingd_evaluation::results::summary::SeriesSummary;
-use wingd_evaluation::results::{ReportData, SeriesData, ShotData, protocol, summary, table};
+use wingd_evaluation::number::{NONE, count_text, format_fixed};
+use wingd_evaluation::record::{ImageRecord, Provenance, json_fields, json_text, variant_name};
+use wingd_evaluation::results::kinds::gather_messages;
+use wingd_evaluation::results::summary::{Mean, SeriesSummary};
+use wingd_evaluation::results::{ReportData, SeriesData, ShotData, summary, table};
+use wingd_measure::adjust::DeflectionReference;
 use wingd_measure::estimation::quality::GlobalTest;
 
 /// Returns the section of the series means.
 pub fn series_section(summaries: &[SeriesSummary]) -> Markup {
     html! {
         h2 id="series" { "Series" }
-        div.scroll { (table::series_table(summaries).html()) }
-        p.caption { "Mean over the solved frames of a series, deflections of the tip marker " (summaries.first().map(|s| s.reference).unwrap_or_default().description()) ". sigma: standard deviation of one frame from the adjustment; scatter: standard deviation of single frames about the mean of the series. Torsion and twist: first pair of the installation." }
+        @let reference = summaries.first().map(|s| s.reference).unwrap_or_default();
+        div.scroll { (name_reference(table::series_table(summaries), reference).html()) }
+        p.caption { "Mean over the solved frames of a series, deflections of the tip marker. sigma: standard deviation of one frame from the adjustment; scatter: standard deviation of single frames about the mean of the series. Torsion and twist: first pair of the installation." }
     }
 }
 
@@ -33,85 +35,58 @@ pub fn results_section(data: &ReportData) -> Markup {
         @if data.series.iter().all(|s| s.records.is_empty()) { p { "There are no results." } }
         @let many = data.series.len() > MAX_OPEN_SERIES;
         @let reference = summary::common_reference(&data.series);
-        p.caption { "Deflections of the tip marker " (reference.description()) "." }
-        div.many[many] {
+        div {
             @for s in data.series.iter().filter(|s| !s.records.is_empty()) {
                 details open[!many] {
                     summary { "Series " (s.flight) "/" (s.name) @if s.interrupted { " (interrupted)" } }
                     @let rows = if s.counts.is_empty() { table::image_table(&s.records, reference) } else { table::image_table_with_counts(&s.records, &s.counts, reference) };
-                    div.scroll { (rows.html()) }
+                    div.scroll { (name_reference(rows, reference).html()) }
                 }
             }
         }
     }
 }
 
-/// Returns the parameters of one solution.
-pub fn solution_section(shown: Option<(String, &ImageRecord)>) -> Markup {
-    let Some((name, record)) = shown else {
-        return html! {};
-    };
-    let mut grid = Grid::new(&["<parameter", "value", "sigma"]);
-    for term in record.model.terms() {
-        let name = term
-            .index
-            .map_or(term.name.clone(), |k| format!("{} [{}]", term.name, k + 1));
-        let format_value = |value: Option<f64>| value.map_or(NONE.to_owned(), format_general);
-        let measured = term.estimate;
-        grid.push(vec![
-            name,
-            format_value(measured.map(|m| m.value)),
-            format_value(measured.and_then(|m| m.sigma)),
-        ]);
+/// Names the reference in the headings of deflections.
+fn name_reference(mut grid: Grid, reference: DeflectionReference) -> Grid {
+    let named = format!("deflection {} / m", reference.description());
+    for column in &mut grid.columns {
+        column.title = column.title.replace("deflection / m", &named);
     }
-    let quality = Quality {
-        correlation: None,
-        cad: None,
-        ..record.quality.clone()
-    };
-    for (name, value) in &json_fields(&quality) {
-        push_parameter(&mut grid, name, value);
-    }
-    html! {
-        @if !grid.rows.is_empty() {
-            h3 { "Parameters of " (name) }
-            div.scroll { (grid.html()) }
-        }
-        @if let Some(correlations) = protocol::correlation_grid(record) {
-            details {
-                summary { "Correlations of the parameters" }
-                div.scroll { (correlations.html()) }
-            }
-        }
-    }
+    grid
 }
 
-/// Adds one row per number; a value with its sigma is one row.
-fn push_parameter(grid: &mut Grid, name: &str, value: &Value) {
-    let number = |v: Option<&Value>| {
-        v.and_then(Value::as_f64)
-            .map_or(NONE.to_owned(), format_general)
+/// Returns the mean deflection of each series relative to each reference, folded.
+pub fn references_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
+    let Some(shown) = summaries.iter().find(|s| s.solved > 0).map(|s| s.reference) else {
+        return html! {};
     };
-    match value {
-        Value::Object(map) if map.contains_key("value") => {
-            grid.push(vec![
-                name.to_owned(),
-                number(map.get("value")),
-                number(map.get("sigma")),
-            ]);
+    let rows = data.series.iter().flat_map(|s| {
+        let mean = move |reference| {
+            let tips = summary::solved_records(s).into_iter();
+            let tips = tips.filter_map(|r| r.tip.as_ref()?.deflection(reference));
+            Mean::from_values(&tips.collect::<Vec<_>>()).map(|mean| (s, reference, mean))
+        };
+        DeflectionReference::ALL.into_iter().filter_map(mean)
+    });
+    let rows: Vec<_> = rows.collect();
+    let grid = Grid::for_rows(&rows).columns(&[
+        One("<series", &|(s, ..)| s.name.clone()),
+        One("<reference", &|(_, reference, _)| {
+            reference.description().to_owned()
+        }),
+        Pair("mean tip deflection / m", "sigma / m", &|(.., mean)| {
+            number::format_rounded(Some(mean.value), mean.sigma, 3)
+        }),
+        One("<on this page", &|(_, reference, _)| {
+            if *reference == shown { "yes" } else { "" }.to_owned()
+        }),
+    ]);
+    html! {
+        details {
+            summary { "All deflections of this page are " (shown.description()) "; the other references" }
+            div.scroll { (grid.html()) }
         }
-        Value::Object(map) => {
-            for (key, inner) in map {
-                push_parameter(grid, &format!("{name}, {key}"), inner);
-            }
-        }
-        Value::Array(items) => {
-            for (i, inner) in items.iter().enumerate() {
-                push_parameter(grid, &format!("{name} [{}]", i + 1), inner);
-            }
-        }
-        Value::Number(_) => grid.push(vec![name.to_owned(), number(Some(value)), NONE.to_owned()]),
-        other => grid.push(vec![name.to_owned(), value_text(other), NONE.to_owned()]),
     }
 }
 
@@ -173,7 +148,9 @@ pub fn quality_section(data: &ReportData) -> Markup {
         @if let Some(cad) = records().filter_map(|(_, r)| r.quality.cad.as_ref()).next_back() {
             p { "CAD frame: " (cad.describe()) "." }
         }
-        (titled_table("Markers not used", "Every marker of the survey was used in every solved frame.", &unused))
+        @if unused.rows.is_empty() { p { "Every marker of the survey was used in every solved frame." } } @else {
+            details { summary { "Markers not used" } div.scroll { (unused.html()) } }
+        }
         (titled_table("Frames without a result", "Every frame has a result.", &failed))
         (exposure_section(data))
         (titled_table("Camera failures", "The camera delivered every shot at the first attempt.", &camera))
@@ -266,27 +243,25 @@ fn shot_time(series: &SeriesData, shot: &ShotData) -> String {
         .map_or(NONE.to_owned(), text)
 }
 
-/// Lists remarks, each once with the number of its occurrences.
+/// Lists remarks, each kind once with the number of its frames.
 fn remark_table(data: &ReportData) -> Grid {
-    let mut seen: Vec<(&str, usize, String)> = Vec::new();
-    for s in &data.series {
-        let of_frames = s.records.iter().flat_map(|r| {
+    let remarks = data.series.iter().flat_map(|s| {
+        let of_frames = s.records.iter().flat_map(move |r| {
+            let place = move || format!("{}/{}", s.name, r.image);
             r.remarks
                 .iter()
-                .map(move |t| (t.as_str(), r.image.as_str()))
+                .map(move |text| (text.as_str(), place(), ""))
         });
-        for (text, image) in s.remarks.iter().map(|t| (t.as_str(), "")).chain(of_frames) {
-            match seen.iter_mut().find(|known| known.0 == text) {
-                Some(known) => known.1 += 1,
-                None => seen.push((text, 1, format!("{}/{image}", s.name))),
-            }
-        }
-    }
-    let mut grid = Grid::new(&["<remark", "times", "<first in"]);
-    for (text, count, first) in seen {
-        grid.push(vec![text.to_owned(), count.to_string(), first]);
-    }
-    grid
+        let of_series = s.remarks.iter();
+        of_series
+            .map(|text| (text.as_str(), s.name.clone(), ""))
+            .chain(of_frames)
+    });
+    Grid::for_rows(&gather_messages(remarks)).columns(&[
+        One("<remark", &|kind| kind.text.clone()),
+        One("times", &|kind| kind.count.to_string()),
+        One("<first in", &|kind| kind.first.clone()),
+    ])
 }
 
 /// Returns the section of the inputs of the results and the hash of every frame.

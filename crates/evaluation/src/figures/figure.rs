@@ -115,8 +115,8 @@ pub fn all_values(tracks: &[FigureTrack]) -> impl Iterator<Item = f64> {
 impl TrackStyle {
     fn class(self) -> &'static str {
         match self {
-            Self::Line | Self::DottedLine => "line",
-            Self::Dots => "dot",
+            Self::Line => "line",
+            Self::DottedLine | Self::Dots => "dot",
             Self::SmallDots => "dot small",
         }
     }
@@ -140,7 +140,8 @@ impl FigureTrack {
     fn draw(&self, index: usize) -> Markup {
         let points: Vec<FigurePoint> = self.points.iter().copied().map(rounded_point).collect();
         let [line, band, bars, dots, lone] = path_data(&points);
-        let (joined, dotted) = (self.style.class() == "line", self.style != TrackStyle::Line);
+        let joined = matches!(self.style, TrackStyle::Line | TrackStyle::DottedLine);
+        let dotted = self.style != TrackStyle::Line;
         let texts = (!self.texts.is_empty())
             .then(|| serde_json::to_string(&self.texts).unwrap_or_default());
         html! {
@@ -153,7 +154,7 @@ impl FigureTrack {
                 @if !dotted { path.lone d=(lone) {} }
                 @if dotted {
                     path.bar d=(bars) {}
-                    path class=(if joined { "dot" } else { self.style.class() }) d=(dots) {}
+                    path class=(self.style.class()) d=(dots) {}
                 }
             }
         }

@@ -2,12 +2,11 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-use super::stop_signal;
+use super::stopping::is_stopped;
 use crate::inputs::image_files;
 use crate::inputs::image_files::ImageCollection;
 use crate::inputs::image_names::image_names;
@@ -131,7 +130,6 @@ pub fn run_jobs<I: Sync, T: Send>(
         }
         drop(sender);
         let (mut waiting, mut next) = (BTreeMap::new(), 0);
-        let stopped = stop_flag();
         loop {
             match receiver.recv_timeout(POLL_INTERVAL) {
                 Ok((k, result)) => waiting.insert(k, result),
@@ -146,11 +144,11 @@ pub fn run_jobs<I: Sync, T: Send>(
                 }
                 bar.inc(1);
             }
-            if stopped.load(Ordering::Relaxed) {
+            if is_stopped() {
                 ended.store(true, Ordering::Relaxed);
                 let n = inputs.len();
                 return Err(Failure::Failed(format!(
-                    "stopped: {next} of {n} images were processed"
+                    "stopped: {next} of {n} images were processed; everything written so far is complete"
                 )));
             }
         }
@@ -158,26 +156,6 @@ pub fn run_jobs<I: Sync, T: Send>(
     });
     bar.finish_and_clear();
     outcome
-}
-
-/// Returns a flag that Ctrl-C or SIGTERM sets, so that finished results are written; a second signal ends the program at
-/// once.
-fn stop_flag() -> Arc<AtomicBool> {
-    let stopped = Arc::new(AtomicBool::new(false));
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build();
-    let flag = stopped.clone();
-    std::thread::spawn(move || {
-        let Ok(runtime) = runtime else { return };
-        runtime.block_on(async {
-            stop_signal().await;
-            flag.store(true, Ordering::Relaxed);
-            stop_signal().await;
-            std::process::exit(1);
-        });
-    });
-    stopped
 }
 
 /// Limits the number of parallel jobs: at most one per file and [`MAX_JOBS_PER_CORE`] per core.

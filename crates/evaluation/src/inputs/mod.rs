@@ -10,6 +10,7 @@ pub mod image_times;
 pub mod manual_points;
 pub mod mount_comparison;
 mod position_fixes;
+pub mod stopping;
 pub mod stored_flights;
 pub mod stored_frames;
 pub mod time_list;

@@ -199,12 +199,13 @@ fn add_diagnosis(
         diagnose_frame(processed, setup, orientation)
             .map_or_else(|cause| cause, |found| found.text())
     };
-    match (is_needed.then(cause).flatten(), &mut record.reason) {
+    record.cause = is_needed.then(cause).flatten();
+    match (&record.cause, &mut record.reason) {
         (Some(cause), Some(reason)) => {
             // The cause replaces the general remedy of an adjustment that failed.
             *reason = format!("{}; {cause}", problem.as_deref().unwrap_or(reason));
         }
-        (Some(cause), None) => record.remarks.push(cause),
+        (Some(cause), None) => record.remarks.push(cause.clone()),
         (None, _) => {}
     }
 }

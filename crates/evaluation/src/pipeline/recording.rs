@@ -464,11 +464,16 @@ fn incidence_record(
 }
 
 fn curve_record(p: &CurvePoint) -> CurveRecord {
+    let [ground, root] = p.other_deflections_m.map_or([None; 2], |all| all.map(Some));
     CurveRecord {
         arc_length_m: p.arc_length_m,
         span_m: p.span_m,
         deflection_m: p.deflection_m.value,
         sigma_deflection_m: p.deflection_m.sigma,
+        deflection_ground_m: estimate_value(ground),
+        sigma_deflection_ground_m: estimate_sigma(ground),
+        deflection_root_m: estimate_value(root),
+        sigma_deflection_root_m: estimate_sigma(root),
         twist_deg: p.twist_rad.map(|t| t.value.to_degrees()),
         sigma_twist_deg: p.twist_rad.and_then(|t| t.sigma).map(f64::to_degrees),
         incidence: incidence_record(p.slope_rad, p.streamwise_twist_rad),

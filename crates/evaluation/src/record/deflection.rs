@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::MarkerRecord;
+use super::{CurveRecord, MarkerRecord};
 use wingd_measure::adjust::DeflectionReference;
 
 /// Deflection of the outermost marker: the same in every frame, predicted by the adjusted shape where it is not measured.
@@ -53,28 +53,37 @@ impl Tip {
 
     /// Returns the deflection relative to `reference` and its standard deviation, m.
     pub fn deflection(&self, reference: DeflectionReference) -> Option<(f64, Option<f64>)> {
-        match reference {
-            DeflectionReference::Survey => Some((self.deflection_m, self.sigma_deflection_m)),
-            DeflectionReference::Ground => {
-                Some((self.deflection_ground_m?, self.sigma_deflection_ground_m))
-            }
-            DeflectionReference::Root => {
-                Some((self.deflection_root_m?, self.sigma_deflection_root_m))
-            }
-        }
+        let survey = Some(self.deflection_m);
+        let (value, sigma) = [
+            (survey, self.sigma_deflection_m),
+            (self.deflection_ground_m, self.sigma_deflection_ground_m),
+            (self.deflection_root_m, self.sigma_deflection_root_m),
+        ][reference as usize];
+        Some((value?, sigma))
+    }
+}
+
+impl CurveRecord {
+    /// Returns the deflection relative to `reference` and its standard deviation, m.
+    pub fn deflection(&self, reference: DeflectionReference) -> Option<(f64, Option<f64>)> {
+        let survey = Some(self.deflection_m);
+        let (value, sigma) = [
+            (survey, self.sigma_deflection_m),
+            (self.deflection_ground_m, self.sigma_deflection_ground_m),
+            (self.deflection_root_m, self.sigma_deflection_root_m),
+        ][reference as usize];
+        Some((value?, sigma))
     }
 }
 
 impl MarkerRecord {
     /// Returns the deflection relative to `reference` and its standard deviation, m.
     pub fn deflection(&self, reference: DeflectionReference) -> (Option<f64>, Option<f64>) {
-        match reference {
-            DeflectionReference::Survey => (self.deflection_m, self.sigma_deflection_m),
-            DeflectionReference::Ground => {
-                (self.deflection_ground_m, self.sigma_deflection_ground_m)
-            }
-            DeflectionReference::Root => (self.deflection_root_m, self.sigma_deflection_root_m),
-        }
+        [
+            (self.deflection_m, self.sigma_deflection_m),
+            (self.deflection_ground_m, self.sigma_deflection_ground_m),
+            (self.deflection_root_m, self.sigma_deflection_root_m),
+        ][reference as usize]
     }
 }
 

@@ -6,19 +6,14 @@
 //! | `table` | records, detections, summaries | text for a terminal |
 //! | `aircraft` | a store | the aircraft data of each shot |
 //! | `source` | a store | the data of a report |
-//! | `stress` | the bending lines of a flight, the stiffness | moments, extremes, cycles, damage |
+//! | `kinds` | messages of many frames | one line for each kind of message |
 //! | `frame_ranking` | records | the frames to check first |
-//! | `compare` | two result sets | changes |
 //! | `overview` | a store | one line per series of a flight, without reading full records |
-//! | `html` | the data of a report | one page that opens offline |
-//! | `export` | the data of a report | CSV, Parquet, VTK |
 //! | `protocol` | the record of an image | the protocol of its adjustment as text |
-//! | `plan_figure` | a plan | resolution and predicted uncertainty along the span, SVG |
-//! | `layout_figure` | a layout of markers | the wing from above, to scale, and the camera view, SVG |
-//! | `overlay` | a frame and its detections | the frame with the detections drawn on it |
 
 pub mod aircraft;
 pub mod frame_ranking;
+pub mod kinds;
 pub mod overview;
 pub mod protocol;
 pub mod source;
@@ -200,6 +195,8 @@ pub struct ReportData {
     pub frames: Vec<FullRecord>,
     /// Unused lines of the aircraft data, and the number of samples; `None` without aircraft data.
     pub feed: Option<(UnusedLines, usize)>,
+    /// Ids of the store's other flights.
+    pub other_flights: Vec<String>,
     /// Names and texts that the user adds to the head, such as aircraft and author.
     pub fields: Vec<(String, String)>,
     /// Unreadable files and refused series.

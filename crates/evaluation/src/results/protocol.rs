@@ -194,11 +194,6 @@ fn correlation_text(record: &ImageRecord) -> String {
     out
 }
 
-/// Returns the correlations of a solution's parameters as a lower triangle; `None` if there are none.
-pub fn correlation_grid(record: &ImageRecord) -> Option<Grid> {
-    correlation_matrix(record).map(|(names, rows)| lower_triangle_table(names, &rows))
-}
-
 fn lower_triangle_table(names: &[String], rows: &[Vec<f64>]) -> Grid {
     let numbers: Vec<String> = (1..=names.len()).map(|k| k.to_string()).collect();
     let mut titles = vec!["<parameter"];

@@ -67,7 +67,7 @@ fn curve_point(span_m: f64, tip_deflection_m: f64) -> CurveRecord {
         sigma_deflection_m: Some(0.006 * share),
         twist_deg: Some(2.7 * share),
         sigma_twist_deg: Some(0.2 * share),
-        incidence: IncidenceRecord::default(),
+        ..CurveRecord::default()
     }
 }
 

@@ -80,6 +80,11 @@ pub fn read_flight_with_pictures(
     if let Some(chosen) = find_named_or_newest_flight(&disk, root, choice.flight)? {
         let set = select_results(&disk, &chosen, choice, &mut data.warnings)?;
         data.site = data.site.or_else(|| stored_site(root, set.as_ref()?));
+        let flights = catalogue::list_flights(&disk, root)?.into_iter();
+        data.other_flights = flights
+            .map(|f| f.id)
+            .filter(|id| *id != chosen.id)
+            .collect();
         let track = read_aircraft_track(&disk, root, &chosen, &mut data.notes)?;
         data.feed = (!track.is_empty()).then(|| (track.unused, track.len()));
         for series in catalogue::list_series(&disk, &chosen)? {

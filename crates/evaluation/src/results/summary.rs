@@ -190,14 +190,18 @@ pub fn summarise_series(series: &[SeriesData]) -> Vec<SeriesSummary> {
         .collect()
 }
 
-/// Returns the reference of the deflections that all frames of the series have in common.
+/// Returns the reference of all deflections of a page: the most precise one that tips and curves have in common.
 pub fn common_reference(series: &[SeriesData]) -> DeflectionReference {
-    Tip::most_precise_reference(
-        series
-            .iter()
-            .flat_map(solved_records)
-            .filter_map(|r| r.tip.as_ref()),
-    )
+    let records = || series.iter().flat_map(solved_records);
+    let reference = Tip::most_precise_reference(records().filter_map(|r| r.tip.as_ref()));
+    let points = records().flat_map(|r| &r.curve);
+    let mut points = points.chain(series.iter().flat_map(|s| &s.curve));
+    // Results of older programs have curves relative to the survey alone.
+    if points.all(|point| point.deflection(reference).is_some()) {
+        reference
+    } else {
+        DeflectionReference::Survey
+    }
 }
 
 /// Returns the hours of each series since the first one; if a start time is unknown, the number of the series.
@@ -292,7 +296,9 @@ fn mean_curve_point(curves: &[&Vec<CurveRecord>], index: usize) -> Option<CurveR
     let mean_value = |f: CurveQuantity| {
         Mean::from_values(&points.iter().filter_map(|p| f(p)).collect::<Vec<_>>())
     };
-    let deflection = mean_value(&|p| Some((p.deflection_m, p.sigma_deflection_m)))?;
+    let [survey, ground, root] =
+        DeflectionReference::ALL.map(|reference| mean_value(&|p| p.deflection(reference)));
+    let deflection = survey?;
     let twist = mean_value(&|p| Some((p.twist_deg?, p.sigma_twist_deg)));
     let slope = mean_value(&|p| Some((p.incidence.slope_deg?, p.incidence.sigma_slope_deg)));
     let streamwise = mean_value(&|p| {
@@ -306,6 +312,10 @@ fn mean_curve_point(curves: &[&Vec<CurveRecord>], index: usize) -> Option<CurveR
         span_m: mean_value(&|p| Some((p.span_m, None)))?.value,
         deflection_m: deflection.value,
         sigma_deflection_m: deflection.sigma,
+        deflection_ground_m: ground.map(|mean| mean.value),
+        sigma_deflection_ground_m: ground.and_then(|mean| mean.sigma),
+        deflection_root_m: root.map(|mean| mean.value),
+        sigma_deflection_root_m: root.and_then(|mean| mean.sigma),
         twist_deg: twist.map(|t| t.value),
         sigma_twist_deg: twist.and_then(|t| t.sigma),
         incidence: IncidenceRecord {

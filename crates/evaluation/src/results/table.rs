@@ -1,6 +1,7 @@
 //! Tables shared by the terminal and the report.
 
 use super::MarkerCount;
+use super::kinds::{MessageKind, gather_messages};
 use super::summary::{Mean, SeriesSummary};
 use crate::grid::ColumnDefinition::{One, Pair};
 use crate::grid::Grid;
@@ -19,7 +20,10 @@ pub fn results_text(records: &[ImageRecord], wide: bool) -> String {
     match records {
         // A frame that could not be read has only a reason.
         [one] if one.markers.iter().any(|m| m.used || m.u_px.is_some()) => {
-            out.push_str(&format!("\n{}", marker_table(one).text_with_width(wide)));
+            out.push_str(&format!(
+                "\n{}",
+                marker_table(one, reference).text_with_width(wide)
+            ));
         }
         [one] if !one.is_solved() => {}
         _ => {
@@ -283,12 +287,7 @@ fn image_rows(rows: &[(&ImageRecord, MarkerCount)], reference: DeflectionReferen
 }
 
 /// Builds the table of the markers of one image, for the terminal and the report.
-pub fn marker_table(record: &ImageRecord) -> Grid {
-    let reference = record
-        .tip
-        .as_ref()
-        .and_then(|tip| tip.reference)
-        .unwrap_or_default();
+pub fn marker_table(record: &ImageRecord, reference: DeflectionReference) -> Grid {
     let deflection = |m: &MarkerRecord| {
         let (value, sigma) = m.deflection(reference);
         format_rounded(value, sigma, 3)
@@ -311,16 +310,13 @@ pub fn marker_table(record: &ImageRecord) -> Grid {
         }),
         Pair("deflection / m", "sigma / m", &deflection),
         One("~w", &|m| format_fixed(m.w_test, 1)),
-        One("<remark", &marker_remark),
+        One("<remark", &|m| marker_remark(m).to_owned()),
     ])
 }
 
-fn marker_remark(m: &MarkerRecord) -> String {
-    match (&m.reason, m.used) {
-        (Some(reason), _) => reason.clone(),
-        (None, true) => String::new(),
-        (None, false) => "not used".to_owned(),
-    }
+fn marker_remark(m: &MarkerRecord) -> &str {
+    let other = if m.used { "" } else { "not used" };
+    m.reason.as_deref().unwrap_or(other)
 }
 
 /// Lists unused markers with the reason and the number of frames.
@@ -328,47 +324,42 @@ pub fn unused_markers(records: &[ImageRecord]) -> Grid {
     unused_markers_of_series(records.iter().map(|r| (String::new(), r)))
 }
 
-/// Lists the unused markers of several series; each record comes with the prefix of its name.
+/// Lists the unused markers of several series, one line for each kind of reason; each record comes with the prefix of its
+/// name.
 pub fn unused_markers_of_series<'a>(
     records: impl Iterator<Item = (String, &'a ImageRecord)>,
 ) -> Grid {
-    let mut seen: Vec<(String, String, usize, String)> = Vec::new();
-    for (prefix, r) in records.filter(|(_, r)| r.is_solved()) {
-        for m in r.markers.iter().filter(|m| !m.used) {
-            let reason = marker_remark(m);
-            match seen.iter_mut().find(|s| s.0 == m.id && s.1 == reason) {
-                Some(s) => s.2 += 1,
-                None => seen.push((m.id.clone(), reason, 1, format!("{prefix}{}", r.image))),
-            }
-        }
-    }
-    seen.sort_by(|a, b| a.0.cmp(&b.0));
-    Grid::for_rows(&seen).columns(&[
-        One("<marker", &|s| s.0.clone()),
-        One("<reason", &|s| s.1.clone()),
-        One("frames", &|s| s.2.to_string()),
-        One("<first in", &|s| s.3.clone()),
+    let unused = records
+        .filter(|(_, r)| r.is_solved())
+        .flat_map(|(prefix, r)| {
+            let place = format!("{prefix}{}", r.image);
+            let markers = r.markers.iter().filter(|m| !m.used);
+            markers.map(move |m| (marker_remark(m), place.clone(), m.id.as_str()))
+        });
+    let mut kinds = gather_messages(unused);
+    kinds.iter_mut().for_each(|kind| kind.subjects.sort());
+    kinds.sort_by(|a, b| a.subjects.cmp(&b.subjects));
+    Grid::for_rows(&kinds).columns(&[
+        One("<marker", &|kind| kind.subjects.join(", ")),
+        One("<reason", &|kind| kind.common_text().to_owned()),
+        One("frames", &|kind| kind.count.to_string()),
+        One("<first in", &|kind| kind.first.clone()),
     ])
 }
 
-/// Lists failures and remarks, each once with the number of its images.
+/// Lists failures and remarks, each kind once with the number of its images.
 fn image_notes(records: &[ImageRecord]) -> String {
-    let mut seen: Vec<(&str, &str, usize)> = Vec::new();
-    for r in records {
-        for text in r.reason.iter().chain(&r.remarks) {
-            match seen.iter_mut().find(|known| known.0 == text) {
-                Some(known) => known.2 += 1,
-                None => seen.push((text, &r.image, 0)),
-            }
-        }
-    }
-    let line = |(text, image, more): &(&str, &str, usize)| match more {
+    let texts = records.iter().flat_map(|r| {
+        let all = r.reason.iter().chain(&r.remarks);
+        all.map(move |text| (text.as_str(), r.image.clone(), ""))
+    });
+    let line = |kind: &MessageKind| match (kind.count, &kind.text, &kind.first) {
         // The message for an unreadable file begins with its name.
-        0 if text.starts_with(image) => format!("{text}\n"),
-        0 => format!("{image}: {text}\n"),
-        _ => format!("{image} and {more} more: {text}\n"),
+        (1, text, image) if text.starts_with(image) => format!("{text}\n"),
+        (1, text, image) => format!("{image}: {text}\n"),
+        (n, text, image) => format!("{image} and {} more: {text}\n", n - 1),
     };
-    seen.iter().map(line).collect()
+    gather_messages(texts).iter().map(line).collect()
 }
 
 #[cfg(test)]

@@ -313,10 +313,20 @@ impl ParameterLayout {
 
     /// Iterates over all unknowns: the term and the column within it.
     pub fn unknowns(&self) -> impl Iterator<Item = (&PlacedTerm, usize)> {
-        self.terms
-            .iter()
-            .flat_map(|placed| (0..placed.term.size).map(move |k| (placed, k)))
+        columns_of(&self.terms)
     }
+
+    /// Iterates over the unknowns of the root's motion.
+    pub fn root_unknowns(&self) -> impl Iterator<Item = (&PlacedTerm, usize)> {
+        columns_of(&self.root)
+    }
+}
+
+fn columns_of(terms: &[PlacedTerm]) -> impl Iterator<Item = (&PlacedTerm, usize)> {
+    let columns = |placed: &PlacedTerm| 0..placed.term.size;
+    terms
+        .iter()
+        .flat_map(move |placed| columns(placed).map(move |k| (placed, k)))
 }
 
 /// Marker of a block, and the position of its observations in the block.

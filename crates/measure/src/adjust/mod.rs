@@ -309,8 +309,10 @@ pub struct CurvePoint {
     pub arc_length_m: f64,
     /// Wing-frame X in flight, m.
     pub span_m: f64,
-    /// Deflection of the bending axis, m.
+    /// Deflection of the bending axis relative to the survey, m.
     pub deflection_m: Estimate,
+    /// Deflection relative to the ground frame and to the root's tangent, m; `None` with the profile method.
+    pub other_deflections_m: Option<[Estimate; 2]>,
     /// Change of the slope along the span, tip up positive, rad; `None` with the profile method.
     pub slope_rad: Option<Estimate>,
     /// Twist of the section, nose up positive, rad; `None` with the profile method.

@@ -329,9 +329,12 @@ impl<'a> FrameOutcome<'a> {
     fn deflection_curve(&self) -> (Vec<CurvePoint>, Gradient, f64) {
         let moved = self.moved_sections(AxisCurve::standard_arcs_m(self.solved.input.scene));
         let (curve, count) = (&moved.curve, moved.sections.len());
-        let functions = self.reported_functions(&moved.sections);
+        let mut functions = self.reported_functions(&moved.sections);
+        // Deflections relative to ground frame and root tangent, before their differences are added.
+        functions.splice(1..1, [functions[0].clone(), functions[0].clone()]);
         let mut gradient = self.empty_gradient(functions.len() * count, &[]);
         self.add_section_functions(&mut gradient, &moved, &functions);
+        self.add_curve_references(&mut gradient, &moved, &mut functions);
         let mut by_deflection = DVector::zeros(functions.len() * count);
         let (mut moment, mut fourth) = (0.0, 0.0);
         for (k, (section, deflection)) in curve.bent.iter().zip(&functions[0]).enumerate() {
@@ -348,9 +351,10 @@ impl<'a> FrameOutcome<'a> {
             arc_length_m: curve.arcs_m[k],
             span_m: curve.bent[k].axis_m.x,
             deflection_m: all[0][k],
-            slope_rad: Some(all[1][k]),
-            twist_rad: side.map(|_| all[2][k]),
-            streamwise_twist_rad: all.get(3).map(|of_all| of_all[k]),
+            other_deflections_m: Some([all[1][k], all[2][k]]),
+            slope_rad: Some(all[3][k]),
+            twist_rad: side.map(|_| all[4][k]),
+            streamwise_twist_rad: all.get(5).map(|of_all| of_all[k]),
         };
         let parabola = Gradient {
             global: DMatrix::from_columns(&[&gradient.global * &by_deflection]),

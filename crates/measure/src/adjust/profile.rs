@@ -411,6 +411,7 @@ impl ProfileAdjustment<'_> {
                 arc_length_m: ground,
                 span_m: self.geometry.setup.root_offset_m + self.parabola_span_m(ground),
                 deflection_m: self.parabola_deflection(ground, scale),
+                other_deflections_m: None,
                 slope_rad: None,
                 twist_rad: None,
                 streamwise_twist_rad: None,

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::{DVector, Vector2, Vector3};
 
-use super::beam::SectionMotion;
+use super::beam::{BeamSection, SectionMotion};
 use super::curve::AxisCurve;
 use super::marker_state::MarkerState;
 use super::scene::PredictedPixel;
@@ -142,6 +142,24 @@ impl ParameterTerm {
                 moves.displacement_of(k, marker, DisplacementEpoch::OnGround)
             }
             _ => Vector3::zeros(),
+        }
+    }
+
+    /// d height of the sections along the curve in the ground frame, m per unit of the unknown; empty if they are not affected.
+    pub fn ground_rise(&self, curve: &AxisCurve) -> Vec<f64> {
+        let sections = curve.flat.iter();
+        match self.unknown {
+            Unknown::GroundTwist => sections.map(|s| s.by_twist[0].displacement_m.y).collect(),
+            Unknown::GroundBend => {
+                let rise = |s: &BeamSection| s.axis_by_bending[0].y;
+                let (Some(tip), Some(arc_m)) = (curve.flat.last(), curve.arcs_m.last()) else {
+                    return vec![];
+                };
+                // Scaled as the markers' displacements: 1 m at the tip, extrapolated with the square of the length.
+                let eta = arc_m / curve.scene.ground.axis.length_m;
+                sections.map(|s| rise(s) * eta * eta / rise(tip)).collect()
+            }
+            _ => vec![],
         }
     }
 

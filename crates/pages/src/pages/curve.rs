@@ -46,7 +46,8 @@ pub fn deflection_curve(overview: &FlightOverview, height: f64) -> Markup {
         ..FigureTrack::from_points("", MAIN_COLOUR, points)
     }];
     let x = Axis::from_hours(all_abscissas(&tracks), begun.map(|stamp| stamp.utc));
-    let y = Axis::from_values(all_values(&tracks).chain([0.0]), "tip deflection / m");
+    let label = format!("tip deflection {} / m", overview.reference.description());
+    let y = Axis::from_values(all_values(&tracks).chain([0.0]), &label);
     Figure {
         name,
         height,

@@ -26,7 +26,8 @@ pub fn flight_page(overview: &FlightOverview, address: &str, with_report: bool) 
             a href={ "/files/" (id) "/SHA256SUMS" } { "SHA256SUMS" }
         }
         div.figure { (curve::deflection_curve(overview, 190.0)) }
-        p.caption { "Deflection of the outermost marker " (overview.reference.description()) ": mean of each series, with 1 sigma of one frame." }
+        @let deflection = format!("mean tip deflection {} / m", overview.reference.description());
+        p.caption { "Deflection of the outermost marker: mean of each series, with 1 sigma of one frame." }
         @if let Some((line, deflection)) = overview.greatest() { p { (greatest_deflection(line, deflection, overview.reference)) } }
         h2 { "Missing frames and results" }
         @if missing.is_empty() { p { "Nothing: every shot has a frame, every frame a result." } } @else {
@@ -39,15 +40,15 @@ pub fn flight_page(overview: &FlightOverview, address: &str, with_report: bool) 
         }
         h2 { "Series" }
         table.stack {
-            thead { tr { th { "series" } th { "begun" } th.n { "frames" } th.n { "solved" } th.n { "mean tip deflection / m" } th.n { "sigma / m" } th.n { "scatter / m" } } }
-            tbody { @for line in overview.series.iter().rev() { (render_series_row(id, line)) } }
+            thead { tr { th { "series" } th { "begun" } th.n { "frames" } th.n { "solved" } th.n { (deflection) } th.n { "sigma / m" } th.n { "scatter / m" } } }
+            tbody { @for line in overview.series.iter().rev() { (render_series_row(id, line, &deflection)) } }
         }
         (download_recipes(id, address))
     };
     render_read_only_page(&format!("Flight {id}"), &html! {}, &content)
 }
 
-fn render_series_row(flight: &str, line: &SeriesOverview) -> Markup {
+fn render_series_row(flight: &str, line: &SeriesOverview, title: &str) -> Markup {
     let (deflection, sigma) = format_rounded(
         line.tip_deflection_m.map(|m| m.value),
         line.tip_deflection_m.and_then(|m| m.sigma),
@@ -58,7 +59,7 @@ fn render_series_row(flight: &str, line: &SeriesOverview) -> Markup {
         td data-name="begun" { @if let Some(begun) = &line.begun { (format_minute(begun)) } }
         td.n data-name="frames" { (line.frames) " of " (line.planned) }
         td.n data-name="solved" { (line.solved) }
-        td.n data-name="mean tip deflection / m" { (deflection) }
+        td.n data-name=(title) { (deflection) }
         td.n data-name="sigma / m" { (sigma) }
         td.n data-name="scatter / m" { (table::scatter_text(line.tip_deflection_m)) }
     } }

@@ -54,7 +54,7 @@
   };
   const reportedDeflection = (tip) => {
     const [deflection, sigma, words] = DEFLECTIONS[tip?.reference] ?? DEFLECTIONS.survey;
-    return { deflection: tip?.[deflection], sigma: tip?.[sigma], words };
+    return { deflection: tip?.[deflection], sigma: tip?.[sigma], words, keys: [deflection, sigma] };
   };
 
   const solved = () => newest.result.status === "ok";
@@ -75,7 +75,7 @@
     tile("age", `${seconds(since(came))} ago`, `expected every ${number(interval(), 2)} s`, style);
     const tip = reportedDeflection(result.tip);
     measured("deflection", tip.deflection, tip.sigma, 3, "m");
-    if (solved()) text("deflection-name", `Tip deflection ${tip.words}`);
+    if (solved()) text("deflection-name", `Deflection of ${result.tip?.marker ?? "the tip"} ${tip.words}`);
     measured("twist", pair.twist_deg, pair.sigma_twist_deg, 2, "°");
     measured("streamwise", pair.streamwise_twist_deg, pair.sigma_streamwise_twist_deg, 2, "°");
     const recent = history.filter((one) => since(one.came) < RATE_S);
@@ -131,7 +131,7 @@
   };
 
   // Draws points [x, y, sigma, doubt]; BREAK ends a line, as does a change of `doubt`. `lost` is the time from which results are
-  // missing. Returns a sentence about the band, which is magnified to at most an eighth of the height.
+  // missing. Returns a sentence about the band.
   const plot = (id, points, xRange, { note = "", noteStyle = "", lost = null, low = Infinity }) => {
     const seen = points.filter(isPoint);
     const values = [...seen.flatMap((p) => [p[1] - (p[2] ?? 0), p[1] + (p[2] ?? 0)]), low].filter(isNumber);
@@ -139,27 +139,27 @@
     words.textContent = seen.length > 0 ? note : note || "No result yet";
     mark(words, `note ${noteStyle}`);
     const [bottom, top] = seen.length > 0 ? steady(id, Math.min(...values), Math.max(...values)) : [0, 1];
-    const widest = Math.max(0, ...seen.map((p) => p[2] ?? 0));
-    const enlarged = [50, 20, 10, 5, 2].find((factor) => widest * factor < 0.12 * (top - bottom)) ?? 1;
-    const ofKind = (doubt) => points.map((p) => (isPoint(p) && p[3] === doubt ? [p[0], p[1], isNumber(p[2]) ? enlarged * p[2] : null] : BREAK));
+    byId(id).classList.toggle("empty", seen.length === 0);
+    const ofKind = (doubt) => points.map((p) => (isPoint(p) && p[3] === doubt ? p : BREAK));
     const figure = figures.get(id);
     figure.setPoints(0, ofKind(false));
     figure.setPoints(1, ofKind(true));
     figure.setPoints(2, lost === null ? [] : [lost, xRange[1]].map((x) => [x, (bottom + top) / 2, top - bottom]));
     figure.setView([xRange, [bottom, top]]);
-    return seen.length === 0 ? "" : `Band: 1 sigma${enlarged > 1 ? `, magnified ${enlarged} times` : ""}.`;
+    return seen.length === 0 ? "" : "Band: 1 sigma.";
   };
 
   const curve = () => {
     const { result, came } = newest;
     const fresh = freshness(came);
     style("curve", `graph ${fresh}`);
-    const points = solved() ? (result.curve ?? []).map((p) => [p.span_m, p.deflection_m, p.sigma_deflection_m, rejected(result)]) : [];
+    const { keys: [value, sigma], words } = reportedDeflection(result.tip);
+    const points = solved() ? (result.curve ?? []).map((p) => [p.span_m, p[value], p[sigma], rejected(result)]) : [];
     const note = !solved() ? `No numbers in frame ${result.number}` : fresh ? `${seconds(since(came))} old`
       : rejected(result) ? "Test rejected" : "";
     const range = points.length > 0 ? [points[0][0], points[points.length - 1][0]] : [0, 1];
     const band = plot("curve", points, range, { note, noteStyle: fresh ? "" : "degraded", low: 0 });
-    text("curve-caption", band && `Deflection of the bending axis, against the survey. ${band}`);
+    text("curve-caption", band && `Deflection of the bending axis, ${words}. ${band}`);
   };
 
   const overTime = (id, words, valueOf) => {
@@ -221,19 +221,27 @@
     }
   };
 
-  const take = (result) => {
+  // Adds a result of this age to the history.
+  const remember = (result, age) => {
     const pair = (result.status === "ok" && (result.torsion ?? [])[0]) || {};
     const tip = reportedDeflection(result.status === "ok" ? result.tip : null);
-    // The age of a result counts from its exposure: arrival by this browser's clock minus the latency.
-    const [time, came] = [Date.parse(result.exposure_time) / 1000, performance.now() - result.latency_ms];
+    const [time, came] = [Date.parse(result.exposure_time) / 1000, performance.now() - age];
     // If the clock was set back or the recorder restarted, a new history begins.
-    if (history.length > 0 && (time < history[history.length - 1].time || result.number <= newest.result.number)) history.length = 0;
-    newest = { result, came, time };
+    const last = history[history.length - 1];
+    if (last && (time < last.time || result.number <= last.number)) history.length = 0;
     history.push({
+      number: result.number,
       time, came, latency: result.latency_ms, rejected: rejected(result),
       deflection: tip.deflection, deflectionSigma: tip.sigma, words: tip.words, twist: pair.twist_deg, twistSigma: pair.sigma_twist_deg,
     });
     while (history.length > 0 && time - history[0].time > SPAN_S) history.shift();
+    return { result, came, time };
+  };
+
+  const take = (result) => {
+    // The age of a result counts from its exposure: arrival by this browser's clock minus the latency.
+    newest = remember(result, result.latency_ms);
+    const { came } = newest;
     frames.set(result.number, { came, outlines: result.outlines ?? [] });
     while (frames.size > 100) frames.delete(frames.keys().next().value);
   };
@@ -300,6 +308,8 @@
       then(event.data && JSON.parse(event.data));
     });
     on("message", (result) => { link = { open: true }; take(result); });
+    // What came before this page was opened.
+    on("past", (results) => { for (const one of results) remember(one, one.age_ms); });
     on("state", (state) => { link = { open: true }; daemon = state; });
     on("down", ({ reason }) => { link = { open: false, why: reason }; tick(); });
     on("full", ({ reason }) => lose(`${reason}; retrying every ${FULL_MS / 1000} s`, FULL_MS));

@@ -68,7 +68,7 @@ fn live_figure(id: &str, name: &str, x_label: &str, y_label: &str) -> Markup {
     };
     html! {
         section { h2 { (name) }
-            div.graph id=(id) { p.note {} (figure.draw()) }
+            div.graph.empty id=(id) { p.note {} (figure.draw()) }
             p.caption id={ (id) "-caption" } {} }
     }
 }

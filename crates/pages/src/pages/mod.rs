@@ -160,10 +160,9 @@ fn status_tiles(site: &Site, newest: Option<&FlightOverview>) -> Markup {
     let state = |d: &RecorderState| format!("{}, {}", d.health, d.activity);
     let state = daemon.as_ref().map_or("no recorder".to_owned(), state);
     let last = last.map_or("none".to_owned(), format_minute);
-    let fits = |hours: Option<f64>| match hours {
-        None => "recording time unknown".to_owned(),
-        Some(h) if h >= MAX_SHOWN_HOURS => format!("over {MAX_SHOWN_HOURS:.0} h"),
-        Some(h) => format!("{h:.0} h"),
+    let fits = |hours: f64| match hours {
+        h if h >= MAX_SHOWN_HOURS => format!("over {MAX_SHOWN_HOURS:.0} h"),
+        h => format!("{h:.0} h"),
     };
     let reasons = daemon
         .as_ref()
@@ -175,15 +174,14 @@ fn status_tiles(site: &Site, newest: Option<&FlightOverview>) -> Markup {
         ul.tiles {
             li.alert[daemon.as_ref().is_some_and(|d| !d.is_healthy)] {
                 b { (state) }
-                @if daemon.is_some() { "the recorder" } @else { "these pages show a store only" }
+                @if daemon.is_some() { "the recorder" } @else { "is attached to this page" }
             }
             li { b { (last) } "last frame" }
             @if let Some(next) = next { li { b { (format_fixed(Some(next / 60.0), 0)) " min" } "until the next series" } }
             @if let Some((hours, free_mb)) = room {
-                li.alert[hours.is_some_and(|h| h < 12.0)] {
-                    b { (fits(hours)) }
-                    "of recording time left, " (free_mb) " MB free"
-                }
+                @if let Some(hours) = hours {
+                    li.alert[hours < 12.0] { b { (fits(hours)) } "of recording time left, " (free_mb) " MB free" }
+                } @else { li { b { (free_mb) " MB" } "free" } }
             }
         }
         @for reason in reasons { p.warning { (reason) } }
@@ -191,7 +189,8 @@ fn status_tiles(site: &Site, newest: Option<&FlightOverview>) -> Markup {
     }
 }
 
-/// Returns the hours of recording that fit at the newest flight's rate, and the free space above the reserve, MB.
+/// Returns the hours of recording that fit at the newest flight's rate, if a recorder runs, and the free space above the
+/// reserve, MB.
 fn remaining_recording(
     site: &Site,
     newest: Option<&FlightOverview>,
@@ -201,6 +200,7 @@ fn remaining_recording(
     let reserve_mb = daemon.map_or(0, |d| d.reserve_mb);
     let free = free.saturating_sub(reserve_mb * 1_000_000);
     let pace = newest
+        .filter(|_| daemon.is_some())
         .and_then(FlightOverview::bytes_per_hour)
         .filter(|pace| *pace > 0.0);
     Some((pace.map(|pace| free as f64 / pace), free / 1_000_000))

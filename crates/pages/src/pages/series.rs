@@ -98,8 +98,9 @@ pub fn frame_page(series: &SeriesData, shot: &ShotData, record: Option<&ImageRec
         p { a href={ "/files/" (place) "/" (image) } download { (image) ", as the camera delivered it" } }
         @if let Some(sha256) = &shot.sha256 { p.caption { "SHA-256 " code { (sha256) } } }
         @if let Some(record) = record.filter(|r| !r.markers.is_empty()) {
-            h2 { "Markers" }
-            div.scroll tabindex="0" { (table::marker_table(record).html()) }
+            @let reference = record.tip.as_ref().and_then(|tip| tip.reference).unwrap_or_default();
+            h2 { "Markers, deflections " (reference.description()) }
+            div.scroll tabindex="0" { (table::marker_table(record, reference).html()) }
         }
     };
     render_read_only_page(&format!("{} of {}", image, series.name), &trail, &content)

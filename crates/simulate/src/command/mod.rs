@@ -17,6 +17,7 @@ use crate::set::{
 };
 use wingd_base::failure::{Completion, Failure, TaskResult};
 use wingd_base::output::{print_line, progress_bar};
+use wingd_evaluation::inputs::stopping::{is_stopped, watch_signals};
 use wingd_evaluation::installation;
 use wingd_evaluation::installation::Installation;
 use wingd_evaluation::number::count_text;
@@ -183,11 +184,19 @@ pub fn run(args: &SimulateArgs) -> TaskResult<Completion> {
         .file_name()
         .map_or("set".into(), |name| name.to_string_lossy());
     let bar = progress_bar(frames.len(), "rendering");
-    write_set(&args.output, &name, (&scene, &specified), &frames, || {
-        bar.inc(1)
-    })
-    .map_err(|e| Failure::Failed(format!("{e:#}")))?;
+    watch_signals();
+    let go_on = || {
+        bar.inc(1);
+        !is_stopped()
+    };
+    let rendered = write_set(&args.output, &name, (&scene, &specified), &frames, go_on)
+        .map_err(|e| Failure::Failed(format!("{e:#}")))?;
     bar.finish_and_clear();
+    if rendered < frames.len() {
+        let (n, folder) = (frames.len(), args.output.display());
+        let text = format!("stopped: {rendered} of {n} frames with their truth are in {folder}");
+        return Err(Failure::Failed(text));
+    }
     print_line(&format!(
         "{} with truth in {}",
         count_text(frames.len(), "frame"),

@@ -16,15 +16,15 @@ use wingd_evaluation::installation::{ManualObservation, ManualPosition, POINT_SI
 use wingd_measure::raster::Raster;
 use wingd_measure::setup::{Setup, Shape};
 
-/// Writes `installation/`, `frames/` and `truth.json` below `directory`, with the installation as in `specified`; `done` is
-/// called after each frame.
+/// Writes `installation/`, `frames/` and `truth.json` below `directory`, with the installation as in `specified`, and
+/// returns the number of frames. After each frame `go_on` says whether another one follows.
 pub fn write_set(
     directory: &Path,
     name: &str,
     (scene, specified): (&Scene, &Setup),
     frames: &[SetFrame],
-    done: impl Fn(),
-) -> Result<()> {
+    go_on: impl Fn() -> bool,
+) -> Result<usize> {
     installation::write_installation(&directory.join("installation"), specified, None, [""; 2])
         .map_err(|(file, error)| anyhow!("cannot write {}: {error}", file.display()))?;
     let folder = directory.join("frames");
@@ -36,15 +36,19 @@ pub fn write_set(
             .ok_or_else(|| anyhow!("the lens has no pixels"))?;
         write_jpeg(&folder.join(&frame.image), &raster, frame.quality)?;
         entries.push(frame_truth_json(frame, &scene.truth(&frame.shot)));
-        done();
+        if !go_on() {
+            break;
+        }
     }
     if let Some(ground) = frames.first() {
         write_point_marks(&folder, specified, ground, &scene.truth(&ground.shot))?;
     }
+    let count = entries.len();
     let truth = json!({ "set": name, "frames": entries });
     let file = directory.join("truth.json");
     fs::write(&file, serde_json::to_string_pretty(&truth)?)
-        .with_context(|| format!("cannot write {}", file.display()))
+        .with_context(|| format!("cannot write {}", file.display()))?;
+    Ok(count)
 }
 
 /// Writes `marks.csv`: the places of the points in the ground frame, with the error of a person who marks them; nothing

@@ -42,8 +42,10 @@ pub fn verify_copy(
     if is_same_path(root, copy) {
         return stays("the copy is the store itself");
     }
-    if catalogue::store_id(disk, copy) != Some(id) {
-        return stays("the copy belongs to another store");
+    match catalogue::store_id(disk, copy) {
+        None => return stays("there is no copy, or it is no store"),
+        Some(other) if other != id => return stays("the copy belongs to another store"),
+        Some(_) => {}
     }
     let there = FlightRef {
         id: flight.id.clone(),

@@ -16,6 +16,7 @@ use wingd_base::failure::{Completion, Failure, TaskResult};
 use wingd_base::output::{print_line, write_output};
 use wingd_evaluation::boards;
 use wingd_evaluation::inputs::batch;
+use wingd_evaluation::inputs::stopping::run_long_task;
 use wingd_evaluation::installation;
 use wingd_evaluation::record::Reason;
 use wingd_measure::calibrate::Board;
@@ -80,7 +81,8 @@ pub(super) fn run(args: &CalibrateArgs, cameras: OpenCamera) -> TaskResult<Compl
             .map_err(|error| Failure::from_write_error(file, &error, CHECK_WRITE_ACCESS))
     };
     write_corners(&pictures, None)?;
-    let judged = calibrate_and_judge(&mut pictures, &board, args.select)?;
+    let judge = || calibrate_and_judge(&mut pictures, &board, args.select);
+    let judged = run_long_task("calibrating", judge)?;
     write_corners(&pictures, Some(&judged.calibration))?;
     write_and_report(args, &pictures, &judged)
 }

@@ -1,7 +1,7 @@
 //! `wingd export --table live` reads block by block, so that memory does not grow with the length of a recording.
 
 use super::sink::{ExportEnd, FileMetadata, RowSink, finish_export};
-use super::{ExportArgs, FormatName, add_provenance, recorder_metadata};
+use super::{ExportArgs, add_provenance, recorder_metadata};
 use crate::export::LiveColumns;
 use wingd_base::failure::{Completion, Failure, TaskResult};
 use wingd_base::output::{byte_progress, print_notes};
@@ -89,15 +89,9 @@ fn write_flight_rows(
 }
 
 fn check_live_options(args: &ExportArgs) -> TaskResult<()> {
-    let wrong = match args.format {
-        FormatName::Vtk => Some("--format vtk has no live results; use csv, parquet or jsonl"),
-        _ if args.inputs.is_some() => {
-            Some("--inputs cannot be used with live results, which are never solved again; omit it")
-        }
-        _ => args
-            .installation
-            .is_some()
-            .then_some("--installation is used only for vtk; omit it"),
-    };
-    wrong.map_or(Ok(()), |what| Err(Failure::Usage(what.to_owned())))
+    if args.inputs.is_some() || args.installation.is_some() {
+        let what = "--inputs and --installation cannot be used with live results, which are never solved again; omit them";
+        return Err(Failure::Usage(what.to_owned()));
+    }
+    Ok(())
 }

@@ -128,7 +128,7 @@ impl RowSink {
                         .into(),
                 )
             }
-            FormatName::Csv | FormatName::Vtk | FormatName::Netcdf => Ok(Self::Csv(Box::new(
+            FormatName::Csv | FormatName::Netcdf => Ok(Self::Csv(Box::new(
                 CsvWriter::begin(args.open_output()?, &columns).map_err(io_error_from_csv)?,
             ))),
         }

@@ -18,6 +18,7 @@ use wingd_base::output::{print_json, print_line, write_output};
 use wingd_evaluation::grid::ColumnDefinition::One;
 use wingd_evaluation::grid::Grid;
 use wingd_evaluation::inputs::default_paths::{load_installation, resolve_installation};
+use wingd_evaluation::inputs::stopping::run_long_task;
 use wingd_evaluation::installation::Installation;
 use wingd_evaluation::number::format_fixed;
 use wingd_evaluation::results::table;
@@ -96,12 +97,14 @@ pub(super) fn run(args: &PlanArgs) -> TaskResult<Completion> {
     }
     let (mut joint, mut with_prior) = (None, None);
     if plan.prediction.is_some() {
-        joint = flight_precision(&installation, &options, frames)?;
+        let predict = || flight_precision(&installation, &options, frames);
+        joint = run_long_task("predicting a flight", predict)?;
         with_prior = prior_precision(&installation, &options, frames)?;
     }
     let requirement = args.want.map(|sigma_m| Requirement { sigma_m, frames });
+    let check = |wanted| plan::check_requirement(setup, orientation, &options, &wanted);
     let proposal =
-        requirement.map(|wanted| plan::check_requirement(setup, orientation, &options, &wanted));
+        requirement.map(|wanted| run_long_task("looking for a layout", || check(wanted)));
     let proposal = proposal.transpose().map_err(plan_failure)?;
     if let Some(folder) = &args.layout {
         let assumed = || plan::assumed_attitude(setup, orientation, &options).map_err(plan_failure);
@@ -119,7 +122,10 @@ pub(super) fn run(args: &PlanArgs) -> TaskResult<Completion> {
         write_layout(folder, layout, &facts, &attitude, options.tip_deflection_m)?;
     }
     let variants = draft
-        .map(|draft| plan::predict_variants(&draft, setup, &options))
+        .map(|draft| {
+            let predict = || plan::predict_variants(&draft, setup, &options);
+            run_long_task("predicting variants", predict)
+        })
         .unwrap_or_default();
     if args.json {
         let mut all = requirement::plan_json(

@@ -156,8 +156,6 @@ class InteractiveFigure extends Figure {
   }
 
   addZoom() {
-    addButton(this.tools, "+", "zoom in", () => this.zoomBy(0.5));
-    addButton(this.tools, "−", "zoom out", () => this.zoomBy(2));
     addButton(this.tools, "All", "show the full range", () => this.resetZoom());
     this.svg.addEventListener("dblclick", () => this.resetZoom());
     addSelection(this.svg, 24, ([left, right, top, bottom]) => {
@@ -205,13 +203,6 @@ class InteractiveFigure extends Figure {
     const [low, high] = [ends.reduce((a, b) => Math.min(a, b)), ends.reduce((a, b) => Math.max(a, b))];
     const room = 0.04 * (high - low) || 0.5;
     this.setView([x, [low - room, high + room]]);
-  }
-
-  zoomBy(factor) {
-    const [low, high] = this.view[0];
-    const [middle, half] = [(low + high) / 2, (factor * (high - low)) / 2];
-    this.selected = [middle - half, middle + half];
-    this.fitView();
   }
 
   resetZoom() {
@@ -301,7 +292,7 @@ class InteractiveFigure extends Figure {
     copy.querySelector(".area").setAttribute("viewBox", `0 0 ${width} ${height}`);
     copy.querySelector(".area > g").removeAttribute("transform");
     const named = this.tracks.length > 1 ? this.visibleTracks() : [];
-    const across = named.some((track) => track.name.length > 27) ? 3 : 5;
+    const across = 3;
     const total = height + 80 + 17 * Math.ceil(named.length / across);
     const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
     for (const [key, value] of Object.entries({ width: 1040, height: total, viewBox: `0 0 1040 ${total}` })) svg.setAttribute(key, value);
@@ -309,7 +300,8 @@ class InteractiveFigure extends Figure {
     svg.append(copy);
     named.forEach((track, k) => {
       const [x, y] = [60 + (k % across) * (width / across), height + 86 + 17 * Math.floor(k / across)];
-      const size = track.group.querySelector(".curve") ? [20, 3] : [6, 6];
+      const dot = track.group.querySelector(".dot");
+      const size = dot === null ? [20, 3] : dot.matches(".small") ? [4, 4] : [8, 8];
       addSvgElement(svg, "rect", { x, y: y - 6, width: size[0], height: size[1], fill: track.group.getAttribute("stroke") });
       addSvgElement(svg, "text", { x: x + 26, y, "font-size": 12, "font-family": "Arial, sans-serif", fill: "#333b46" }, track.name.slice(0, 48));
     });

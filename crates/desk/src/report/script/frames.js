@@ -1,6 +1,6 @@
 // Viewer of single frames: image, positions, curve, 3D view of the wing, markers. It starts with the frame that ranks first.
 
-// 3D view of the wing, rotated by the pointer, buttons or the arrow keys.
+// 3D view of the wing, rotated by the pointer or buttons.
 class WingView {
   constructor(figure) {
     this.figure = figure;
@@ -20,20 +20,13 @@ class WingView {
     svg.addEventListener("pointerdown", (event) => { last = [event.clientX, event.clientY]; svg.setPointerCapture(event.pointerId); });
     svg.addEventListener("pointermove", (event) => {
       if (last === null) return;
-      this.rotateBy((event.clientX - last[0]) / 150, (event.clientY - last[1]) / 150);
+      const [across, down] = [event.clientX - last[0], event.clientY - last[1]].map((px) => px / 150);
+      this.turn = [this.turn[0] + across, Math.max(-Math.PI / 2, Math.min(Math.PI / 2, this.turn[1] + down))];
+      this.draw();
       last = [event.clientX, event.clientY];
     });
     for (const end of ["pointerup", "pointercancel"]) svg.addEventListener(end, () => { last = null; });
-    figure.handleKey = (event) => {
-      const turn = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }[event.key];
-      if (turn !== undefined) { event.preventDefault(); this.rotateBy(...turn); }
-    };
     new ResizeObserver(() => this.draw()).observe(svg);
-  }
-
-  rotateBy(across, down) {
-    this.turn = [this.turn[0] + across, Math.max(-Math.PI / 2, Math.min(Math.PI / 2, this.turn[1] + down))];
-    this.draw();
   }
 
   setFrame(frame) {
@@ -61,8 +54,8 @@ class WingView {
 
   // Sets ranges with one scale for both axes.
   setScale(points) {
-    if (points.length === 0) return;
     const { width, height } = this.figure.svg.getBoundingClientRect();
+    if (points.length === 0 || width === 0) return;
     const ranges = [0, 1].map((k) => [Math.min(...points.map((p) => p[k])), Math.max(...points.map((p) => p[k]))]);
     const metres = Math.max((ranges[0][1] - ranges[0][0]) / width, (ranges[1][1] - ranges[1][0]) / height, 1e-6) * 0.55;
     this.figure.setView(ranges.map(([low, high], k) => [-1, 1].map((side) => (low + high) / 2 + side * metres * [width, height][k])));
@@ -111,9 +104,9 @@ class FrameViewer {
     this.select.value = index;
     const frame = this.data.frames[index];
     const name = `${frame.series} ${frame.image}`;
-    const [heading, status, title] = this.root.querySelectorAll(":scope > h3, :scope > p[role=status]");
+    const [heading, status, title] = this.root.querySelectorAll(":scope > h3, :scope > p[role=status], :scope > details span");
     heading.textContent = name;
-    title.textContent = `Markers of ${name}`;
+    title.textContent = name;
     status.textContent = frame.said;
     status.classList.toggle("warning", frame.warned);
     for (const one of this.root.querySelectorAll("[data-frame]")) one.hidden = one.dataset.frame !== `${frame.series}/${frame.image}`;
@@ -130,6 +123,7 @@ class FrameViewer {
     for (const figure of [this.positions, this.curve]) figure.resetZoom();
     this.wing.setFrame(frame);
     this.table.tBodies[0].replaceChildren();
+    this.table.querySelector("[aria-sort]")?.removeAttribute("aria-sort");
     for (const cells of frame.rows) {
       const row = addElement(this.table.tBodies[0], "tr", {});
       cells.forEach((cell, k) => addElement(row, "td", { className: this.classes[k] }, cell));

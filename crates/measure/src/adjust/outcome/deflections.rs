@@ -57,16 +57,10 @@ impl FrameOutcome<'_> {
             put(ground, leaning - on_ground);
             put(root, leaning - on_ground);
         }
-        for placed in &self.layout.root {
-            for k in 0..placed.term.size {
-                self.layout.add_derivative(
-                    gradient,
-                    placed.scope,
-                    k,
-                    root,
-                    -placed.term.position_derivative(k, state).y,
-                );
-            }
+        for (placed, k) in self.layout.root_unknowns() {
+            let by = placed.term.position_derivative(k, state).y;
+            self.layout
+                .add_derivative(gradient, placed.scope, k, root, -by);
         }
     }
 }

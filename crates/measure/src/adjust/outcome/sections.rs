@@ -205,6 +205,40 @@ impl FrameOutcome<'_> {
         }
     }
 
+    /// Subtracts from function 1 the deflection of each section in the ground frame, and from function 2 that of the root, too.
+    pub(super) fn add_curve_references(
+        &self,
+        gradient: &mut Gradient,
+        moved: &MovedSections,
+        functions: &mut [Vec<SectionFunction>],
+    ) {
+        let (curve, count) = (&moved.curve, moved.sections.len());
+        let fit = &self.solved.fit;
+        let local = &fit.groups[self.solved.group].local;
+        for (placed, k) in self.layout.unknowns() {
+            let value = placed.value(k, &fit.global, local);
+            for (s, rise) in placed.term.ground_rise(curve).into_iter().enumerate() {
+                for (f, function) in functions.iter_mut().enumerate().skip(1).take(2) {
+                    function[s].value -= rise * value;
+                    self.layout
+                        .add_derivative(gradient, placed.scope, k, f * count + s, -rise);
+                }
+            }
+        }
+        for (placed, k) in self.layout.root_unknowns() {
+            let motions = placed.term.section_derivatives(k, curve);
+            for (s, by) in motions.iter().enumerate() {
+                let rise = by.displacement_m.y;
+                self.layout
+                    .add_derivative(gradient, placed.scope, k, 2 * count + s, -rise);
+            }
+        }
+        for (function, section) in functions[2].iter_mut().zip(&curve.bent) {
+            let from_root_m = section.axis_m - curve.root_m;
+            function.value -= self.values.root_displacement_m(&from_root_m).y;
+        }
+    }
+
     /// Direction of the flow, wing frame, if the installation has one and the side of the wing is known.
     pub fn flow_in_wing(&self) -> Option<Vector3<f64>> {
         let flow = self
