@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import io
 import os
 from collections.abc import Iterable
 from typing import Any
@@ -63,7 +64,7 @@ def open_shape(file: Any, drop_variables: str | Iterable[str] | None = None) -> 
     Parameters
     ----------
     file
-        NetCDF file of ``wingd export --format netcdf --table shape``.
+        NetCDF file of ``wingd export --format netcdf --table shape``, or its URL ``s3://BUCKET/FILE``.
 
     Returns
     -------
@@ -74,18 +75,23 @@ def open_shape(file: Any, drop_variables: str | Iterable[str] | None = None) -> 
     """
     # Datasets have the accessor `.wingd` from here on.
     importlib.import_module("wingd.shapes")
-    if isinstance(file, str | os.PathLike) and not os.path.exists(file):
+    name = file
+    if isinstance(file, str) and file.startswith("s3://"):
+        from wingd.objects import read_object
+
+        file = io.BytesIO(read_object(file))
+    elif isinstance(file, str | os.PathLike) and not os.path.exists(file):
         raise FileNotFoundError(f"{os.fspath(file)}: no such file")
     try:
         raw = xr.open_dataset(file, engine=_engine(file), drop_variables=drop_variables, cache=False)
     except (ValueError, TypeError, OSError, KeyError) as error:
-        raise WingdError(f"{file}: is not a NetCDF file that can be read: {error}") from error
+        raise WingdError(f"{name}: is not a NetCDF file that can be read: {error}") from error
     if "displacement" not in raw or "arc_length" not in raw:
-        raise WingdError(f"{file}: is not a shape; write it with `wingd export STORE --format netcdf --table shape`")
+        raise WingdError(f"{name}: is not a shape; write it with `wingd export STORE --format netcdf --table shape`")
     version = int(float(raw.attrs.get("format_version", 1)))
     if version > FORMAT_VERSION:
         raise WingdError(
-            f"{file}: has format version {version}; this package reads up to {FORMAT_VERSION}: update wingd for Python"
+            f"{name}: has format version {version}; this package reads up to {FORMAT_VERSION}: update wingd for Python"
         )
     raw = _decode_texts(raw)
     if version < 2:

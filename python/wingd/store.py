@@ -12,7 +12,6 @@ import os
 import shutil
 import subprocess
 import tempfile
-import tomllib
 import warnings
 from collections.abc import Iterator, Sequence
 from functools import cached_property, lru_cache
@@ -25,7 +24,6 @@ import xarray as xr
 
 from wingd import WingdError, __version__
 from wingd.backend import open_shape
-from wingd.shapes import DEFAULT_ROOT_SIGMA_M
 from wingd.values import FRAME, WingdWarning
 
 #: Stations of shapes that are read from a store: so that `sel(eta=.5)` is one of them.
@@ -44,11 +42,11 @@ def open(
     ----------
     path
         A store, a lake (``s3://BUCKET/PREFIX`` or ``file:///DIRECTORY``), or one or several files of
-        ``wingd export --format netcdf --table shape``.
+        ``wingd export --format netcdf --table shape`` (also ``s3://BUCKET/FILE.nc``).
     installation
         Installation to adjust with, if not the one kept in the store.
     """
-    if isinstance(path, str) and path.startswith(("s3://", "file://")):
+    if isinstance(path, str) and path.startswith(("s3://", "file://")) and not path.endswith(".nc"):
         return Lake(path)
     files = [path] if isinstance(path, str | os.PathLike) else list(path)
     first = Path(files[0])
@@ -58,7 +56,7 @@ def open(
         if not (first / "store.toml").exists():
             raise WingdError(f"{first}: is not a store: store.toml is missing")
         return Store(first, installation)
-    return Exported([Path(f) for f in files])
+    return Exported(files)
 
 
 # --- the program ----------------------------------------------------------------------------------------------------
@@ -207,17 +205,7 @@ class Flight:
         arguments = ["--format", "netcdf", "--table", "shape", "--eta", stations]
         arguments += ["--installation", self.installation] if self.installation else []
         arguments += ["--full-factors"] if full else []
-        shapes = open_shape(_export(self.store, self.name, arguments, ".nc", self._inputs()))
-        return shapes.assign_attrs(self._root_sigma() | shapes.attrs)
-
-    def _root_sigma(self) -> dict[str, float]:
-        """Return the standard deviation of the bending root, m, if the installations state one."""
-        folders = [Path(self.installation)] if self.installation else sorted((self.store / "installations").glob("*"))
-        found = set()
-        for folder in folders:
-            with (folder / "installation.toml").open("rb") as file:
-                found.add(tomllib.load(file).get("wing", {}).get("root_offset_sigma_m", DEFAULT_ROOT_SIGMA_M))
-        return {"root_offset_sigma_m": float(max(found))} if found else {}
+        return open_shape(_export(self.store, self.name, arguments, ".nc", self._inputs()))
 
     def shape(
         self,
@@ -320,7 +308,7 @@ class Store:
 class Exported:
     """Shapes in files of ``wingd export``; needs no program."""
 
-    def __init__(self, files: Sequence[Path]):
+    def __init__(self, files: Sequence[str | os.PathLike[str]]):
         self.files = list(files)
         self.parts = [open_shape(file) for file in self.files]
 
