@@ -145,17 +145,18 @@ def _stable(poles: dict[int, list[Mode]]) -> list[tuple[int, Mode]]:
     accepted = []
     for order in ORDERS[:-2]:
         for mode in poles[order]:
-            again = [
-                any(
-                    abs(other.hz / mode.hz - 1) < far
-                    and abs(other.damping - mode.damping) < damped * mode.damping
-                    and mac(other.shape, mode.shape) > min_mac
+            again = 0
+            for further in (one for one in ORDERS if order < one <= order + 6):
+                near = [
+                    other.damping
                     for other in poles[further]
+                    if abs(other.hz / mode.hz - 1) < far and mac(other.shape, mode.shape) > min_mac
+                ]
+                # A mode may split into poles of which one has too little damping and the other too much.
+                again += (
+                    bool(near) and min(near) < (1 + damped) * mode.damping and max(near) > (1 - damped) * mode.damping
                 )
-                for further in ORDERS
-                if order < further <= order + 6
-            ]
-            if sum(again) >= 2:
+            if again >= 2:
                 accepted.append((order, mode))
     return accepted
 
