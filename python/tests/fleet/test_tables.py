@@ -9,8 +9,9 @@ import sys
 import pyarrow as pa
 import pytest
 
+from demo import engines, synthesise
 from demo.prepare import WEIGHT_KG, call, fly, recorder_of
-from wingd.fleet import charts, engines, iceberg, parquet, records, report, snapshot, solves, synthesise, task
+from wingd.fleet import charts, desk, iceberg, parquet, records, report, snapshot, solves, task
 from wingd.fleet.corrections import ATTRIBUTES
 from wingd.fleet.desk import Desk
 from wingd.fleet.lake import FleetError, Flight, Lake
@@ -53,7 +54,7 @@ def test_every_engine_reads_old_and_new_flights_the_same(solved, tmp_path, capsy
     snapshot.make(solved, tmp_path / "work")
     assert engines.compare(solved, "onboard", tmp_path / "cache")
     assert capsys.readouterr().out.count(" 30 ") == 4, "thirty frames by each of four"
-    files = [str(path) for path in engines.files(solved, "shots", ["onboard"], tmp_path / "cache")]
+    files = [str(path) for path in desk.files(solved, "shots", ["onboard"], tmp_path / "cache")]
     import pandas
     import polars
     import pyarrow.dataset as ds
@@ -78,7 +79,7 @@ def test_a_snapshot_answers_as_the_flights_do(solved, tmp_path):
 
 def test_snapshot_files_are_sorted_by_aircraft_and_day(solved, tmp_path):
     snapshot.make(solved, tmp_path / "work")
-    (file,) = engines.files(solved, "markers", ["onboard"], tmp_path / "cache")
+    (file,) = desk.files(solved, "markers", ["onboard"], tmp_path / "cache")
     content = parquet.read(file.read_bytes())
     order = list(zip(content["aircraft"].to_pylist(), content["utc"].to_pylist(), strict=False))
     assert order == sorted(order) and len(order) == 540

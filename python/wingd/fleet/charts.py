@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 # Colours distinguishable by colour-blind readers (Okabe and Ito), dark enough on white.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#a0522d", "#cc79a7", "#56718a", "#b8860b", "#444444")
@@ -20,7 +20,6 @@ class Series:
     name: str
     points: Sequence[tuple[float, float, float | None]]
     line: bool = False
-    extra: dict = field(default_factory=dict)
 
 
 def ticks(low: float, high: float, least: float = 0.0, count: int = STEPS) -> list[float]:
