@@ -139,12 +139,13 @@ def _export(store: Path, flight: str | None, arguments: Sequence[str], suffix: s
 
 
 def read_table(file: str | os.PathLike[str]) -> pd.DataFrame:
-    """Read a table of ``wingd export`` (CSV or Parquet); times become UTC timestamps."""
-    table = (
-        pd.read_parquet(file)
-        if str(file).endswith(".parquet")
-        else pd.read_csv(file, dtype={"image": str, "series": str}, low_memory=False)
-    )
+    """Read a table of ``wingd export`` (CSV, Parquet or JSON lines); times become UTC timestamps."""
+    if str(file).endswith(".parquet"):
+        table = pd.read_parquet(file)
+    elif str(file).endswith(".jsonl"):
+        table = pd.read_json(file, lines=True)
+    else:
+        table = pd.read_csv(file, dtype={"image": str, "series": str}, low_memory=False)
     for name in ("utc", "exposure_time", "time"):
         if name in table and not pd.api.types.is_datetime64_any_dtype(table[name]):
             table[name] = pd.to_datetime(table[name], utc=True, errors="coerce", format="ISO8601")

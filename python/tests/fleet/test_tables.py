@@ -257,9 +257,16 @@ def test_synthetic_flights_say_so_and_their_truth_is_found_again(solved, tmp_pat
         synthesise.make(made, Lake(f"file://{tmp_path / 'twice'}"), 1)
 
 
-def test_axes_have_round_steps():
-    assert charts.ticks(0.03, 0.97) == pytest.approx([0.2, 0.4, 0.6, 0.8])
-    assert charts.ticks(5, 5) == [5]
+def test_a_figure_is_an_element_of_a_page():
+    points = [(20_000.0 + k, 0.1 * k, 0.05) for k in range(500)]
+    figure = charts.chart(
+        [charts.Series("<a>", points), charts.Series("b", points[:2], line=True)], "day", "y", "of < x", True
+    )
+    assert figure == charts.chart(
+        [charts.Series("<a>", points), charts.Series("b", points[:2], line=True)], "day", "y", "of < x", True
+    )
+    assert "http" not in figure and "&lt;a&gt;" in figure and len(figure) < 60_000
+    assert "No data" in charts.chart([charts.Series("none", [])], "x", "y", "of nothing")
 
 
 def test_a_bucket_is_read_as_a_directory_is(wingd, solved, server, tmp_path):
