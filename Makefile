@@ -15,6 +15,8 @@ WINGD ?= $(CURDIR)/target/release/wingd
 # A program of yours is taken as it is.
 PROGRAM := $(if $(filter $(CURDIR)/target/release/wingd,$(WINGD)),build)
 export RAY_USAGE_STATS_ENABLED := 0
+# Threads of small matrices wait for each other on a busy machine.
+export OPENBLAS_NUM_THREADS ?= 1
 # Without any network but the loopback.
 ALONE := $(PYTHON_VENV)/bin/python -m demo.alone
 
@@ -24,7 +26,7 @@ DEMO_FEATURES := --no-default-features --features desk
 BOARD := $(CURDIR)/target/board
 BOARD_FEATURES := --no-default-features --features board
 
-.PHONY: help demo test test-long test-mutations table check lint bench compare docs docs-figures pictures test-browser browser-dependencies package package-desk package-aarch64 test-machine test-soak test-powercut test-python test-python-long constraints fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
+.PHONY: help demo test test-long test-mutations table check lint bench compare docs docs-figures pictures gallery test-browser browser-dependencies package package-desk package-aarch64 test-machine test-soak test-powercut test-python test-python-long constraints fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
@@ -47,6 +49,7 @@ help:
 	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
 	@echo 'make test-browser  each interaction of a report, marking by clicking, the live page through its faults, in Chromium (installs it)'
 	@echo 'make pictures      the screenshots of the pages: docs/images'
+	@echo 'make gallery       docs/gallery.md with the figures of the notebooks, from this program'
 	@echo 'make test-machine  cameras, GPIO and systemd in virtual machines'
 	@echo 'make test-soak     30 minutes of flood, slow readers, hanging camera and full disk at once (MINUTES)'
 	@echo 'make fleet-demo    two aircraft, two wings on this machine: S3 server, upload, another calibration, corrections, damage, report'
@@ -112,6 +115,10 @@ test-browser: demo build browser-dependencies
 # The screenshots of the pages, docs/images/*.png, from this program.
 pictures: build browser-dependencies
 	node tests/browser/pictures.mjs target/release/wingd docs/images
+
+# The notebooks' figures, docs/images/gallery, and the page that shows them.
+gallery: $(PYTHON_VENV)/installed-test $(PROGRAM)
+	cd python && $(PYTHON_VENV)/bin/python -m demo.gallery $(WINGD) $(CURDIR)/docs
 
 # Debian's browser; playwright-core without the browsers that it would download.
 browser-dependencies:

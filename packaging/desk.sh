@@ -41,6 +41,8 @@ END
     chmod 755 "$root/usr/bin/wingd-$name"
 done
 find "$root/$place" -name __pycache__ -prune -exec rm -rf {} +
+# Compiled once: users cannot write beside the modules, and each command would take 5 s longer. Some tests of libraries do not compile.
+"$python" -m compileall -qq --invalidation-mode unchecked-hash -s "$root" -p / "$root/$place" || true
 cp docs/fleet.md docs/fleet/*.md CHANGELOG.md "$root/usr/share/doc/wingd-desk/"
 cat LICENSE* >"$root/usr/share/doc/wingd-desk/copyright"
 install -d -m 755 "$root/DEBIAN"

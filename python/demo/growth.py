@@ -9,9 +9,10 @@ import sys
 import time
 from pathlib import Path
 
-from wingd.fleet import desk, engines, report, snapshot, solves, synthesise, task
+from wingd.fleet import desk, report, snapshot, solves, task
 from wingd.fleet.lake import Lake
 
+from . import engines, synthesise
 from .prepare import call, fly, record, weigh
 
 SIZES = (20, 200, 2000)

@@ -68,6 +68,29 @@ def record(wingd: str, folder: Path) -> Path:
     return folder / "store"
 
 
+def solve_jointly(wingd: str, folder: Path) -> Path:
+    """Create a store as :func:`record`, with aircraft data, and solve it with an installation that has a stiffness and CAD axes."""
+    store, installation = record(wingd, folder), folder / "installation"
+    if installation.exists():
+        return store
+    weigh(wingd, store)
+    kept = next((store / "installations").iterdir())
+    shutil.copytree(kept, installation, ignore=shutil.ignore_patterns("SHA256SUMS"))
+    main = installation / "installation.toml"
+    more = '\n[structure]\nstiffness = "structure.csv"\n\n[cad]\ntie_points = "tie_points.csv"\nup = "z"\n'
+    main.write_text(main.read_text() + more)
+    sections = "s_m,ei_n_m2,sigma_ei_n_m2\n2,4.0e8,1.2e7\n10,1.6e8,4.8e6\n"
+    (installation / "structure.csv").write_text(sections)
+    # The CAD model's origin is elsewhere.
+    with (installation / "survey.csv").open() as survey:
+        points = [(row["id"], *(float(row[f"{axis}_m"]) for axis in "xyz")) for row in csv.DictReader(survey)][:12]
+    tie_points = (f"{name},{x},{y},{z},{x - 30},{y - 50},{z + 1}" for name, x, y, z in points)
+    header = "id,x_m,y_m,z_m,cad_x_m,cad_y_m,cad_z_m"
+    (installation / "tie_points.csv").write_text("\n".join([header, *tie_points]) + "\n")
+    call(wingd, "solve", str(store), "--joint", "--installation", str(installation))
+    return store
+
+
 def fly(wingd: str, folder: Path, *simulated: str) -> Path:
     """Create a recorder's store with a simulated flight, with live results between its series, in `folder`, unless it exists."""
     if (folder / "flown").exists():

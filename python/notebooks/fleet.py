@@ -32,6 +32,7 @@ assert mean.sigma.values[-1] > 0.8 * single
 # %%
 import matplotlib.pyplot as plt  # noqa: E402
 
+plt.style.use(wingd.plot.STYLE)
 figure, axes = plt.subplots()
 for name, values in shapes.items():
     values.plot(ax=axes, label=name)

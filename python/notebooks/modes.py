@@ -7,6 +7,7 @@
 # %%
 import numpy as np
 
+import wingd
 from wingd import modes
 
 rate, count = 20.0, 4_000
@@ -32,6 +33,7 @@ assert all(abs(mode.hz - truth) < 4 * mode.sigma_hz for mode, truth in zip(found
 # %%
 import matplotlib.pyplot as plt  # noqa: E402
 
+plt.style.use(wingd.plot.STYLE)
 figure, axes = plt.subplots()
 for mode in found:
     axes.errorbar(places, mode.shape, mode.sigma_shape, marker="o", label=f"{mode.hz:.2f} Hz")

@@ -1,7 +1,7 @@
 # %% [markdown]
 # # A surface moved by the measured shape
 #
-# Nodes of a surface move with the sections of the wing; each node has a standard deviation. The surface of this example is the upper skin
+# Nodes of a surface move with the sections of the wing. Each node has a standard deviation. The surface of this example is the upper skin
 # through the surveyed markers. `deform` takes files and meshes that meshio or pyvista read, with `axes=` and `unit=`.
 
 # %%
@@ -35,6 +35,7 @@ assert 1.5 < moved.displacement_m[outermost, 2] < 3.0 and 0 < moved.sigma_m[oute
 # %%
 import matplotlib.pyplot as plt  # noqa: E402
 
+plt.style.use(wingd.plot.STYLE)
 figure, axes = plt.subplots(figsize=(7, 3))
 drawn = axes.scatter(moved.arc_m, moved.displacement_m[:, 2], c=moved.sigma_m[:, 2] * 1e3)
 figure.colorbar(drawn, label="standard deviation / mm")

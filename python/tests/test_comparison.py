@@ -257,6 +257,10 @@ def test_load_correction_against_a_computation(shape):
         ("arc_length_m,displacement_z_m\n", "has no stations"),
         ("arc_length_m,displacement_z_m,displacement_z_m\n0,0,0\n", "two columns"),
         ("arc_length_m,displacement_z_m\n0,0\n9,1\n200,2\n", "line 4, arc_length_m = 200"),
+        (
+            "arc_length_m,displacement_z_m\n0,0\n9,100\n26,2300\n",
+            "line 3, .* = 100: no point of a wing of 26 m moves so far",
+        ),
         ("", "not a CSV table"),
     ],
 )

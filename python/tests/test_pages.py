@@ -58,3 +58,12 @@ def test_commands_and_options_that_the_pages_name_exist():
             wrong.append(f"{place}: no such command")
     assert not wrong, "\n".join(wrong)
     assert checked > 20
+
+
+def test_the_gallery_is_what_its_command_writes():
+    from demo.gallery import page
+
+    text = (ROOT / "docs" / "gallery.md").read_text()
+    assert text == page(), "run `make gallery`"
+    figures = [ROOT / "docs" / name for name in re.findall(r"!\[.*?\]\((.*?)\)", text)]
+    assert len(figures) == 9 and all(figure.stat().st_size < 60_000 for figure in figures)

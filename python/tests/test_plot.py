@@ -20,7 +20,7 @@ def frames():
 def test_axes_name_quantity_unit_and_reference(frames):
     ax = frames.isel(frame=0).wingd.displacement().plot(label="measured")
     assert (
-        ax.get_ylabel() == "z of the displacement, relative to the survey / m"
+        ax.get_ylabel() == "z of the displacement, relative to\nthe survey / m"
         and ax.get_xlabel() == "arc length from the root / m"
     )
     band = ax.collections[0].get_paths()[0].vertices
@@ -42,7 +42,7 @@ def test_a_comparison_shades_where_it_differs(frames):
     assert (
         len(axes) == 2
         and axes[0].patches
-        and axes[0].get_ylabel() == "difference of z of the displacement, relative to the survey / m"
+        and axes[0].get_ylabel() == "difference of z of the displacement,\nrelative to the survey / m"
     )
 
 

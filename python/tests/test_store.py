@@ -36,9 +36,7 @@ def place(tmp_path, monkeypatch):
     folder = tmp_path / "program"
     folder.mkdir()
     (folder / "version").write_text(wingd.__version__)
-    data = fly(Wing(), [2.0, 1.9, 1.8, 1.7], seed=5)
-    del data.attrs["root_offset_sigma_m"]
-    write(data, folder / "shape.nc")
+    write(fly(Wing(), [2.0, 1.9, 1.8, 1.7], seed=5), folder / "shape.nc")
     (folder / "moments.csv").write_text(
         "flight,image,exposure_time,arc_length_m,bending_moment_nm,sigma_bending_moment_nm,sigma_stiffness_nm\n"
         "f0001,0002.jpg,2026-06-01T08:00:01Z,10,2e6,5e4,3e4\nf0001,0001.jpg,2026-06-01T08:00:00Z,10,1e6,5e4,3e4\n"
@@ -64,8 +62,6 @@ def place(tmp_path, monkeypatch):
         (series / "results.jsonl").write_text("{}")
         (series / "0001.jpg").write_bytes(b"jpeg")
     (root / "store.toml").write_text("")
-    (root / "installations" / "1234").mkdir(parents=True)
-    (root / "installations" / "1234" / "installation.toml").write_text("[wing]\nroot_offset_sigma_m = 0.05\n")
     return root, folder
 
 
@@ -101,7 +97,6 @@ def test_tables_of_a_store(place):
     assert str(shots["utc"].dtype).startswith("datetime64") and shots.loc[("s000001", "0002.jpg"), "status"] == "ok"
     shape = opened["f0001"].shape(where="mach between .785 and .805")
     assert int(shape["frames"]) == 2
-    assert shape.attrs["root_offset_sigma_m"] == 0.05
     moments = opened["f0001"].moments
     assert list(moments["moment_nm"]) == [1e6, 2e6] and list(moments["s_m"]) == [10, 10]
     assert wingd.loads.extremes(moments).loc[10.0, "sigma_greatest_nm"] == pytest.approx(5e4)
@@ -151,7 +146,7 @@ def test_exported_files_need_no_program(tmp_path, monkeypatch):
     assert 3 <= difference.test().freedom <= 6
     assert "weight_kg" in opened["f0001"].shots
     with pytest.raises(WingdError, match="flight f0001 twice"):
-        wingd.open([one, one]).names  # noqa: B018
+        wingd.open([one, one])
     other = write(fly(Wing(name="L2", recorder="R2"), [2.0], seed=7), tmp_path / "c.nc")
     assert wingd.open([one, other]).names == ["R1/f0001", "R2/f0001"]
     with pytest.raises(WingdError, match="no bending moments"):

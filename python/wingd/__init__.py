@@ -30,7 +30,7 @@ _PUBLIC = {
     "values": "wingd.values",
 }
 
-__all__ = ["WingdError", "__version__", *_PUBLIC]
+__all__ = ["WingdError", "WingdWarning", "__version__", *_PUBLIC]
 
 
 class WingdError(Exception):
@@ -38,6 +38,10 @@ class WingdError(Exception):
 
     Commands print it without a traceback and exit with status 1.
     """
+
+
+class WingdWarning(UserWarning):
+    """A fact that changes how a result is to be read."""
 
 
 def __getattr__(name: str) -> Any:

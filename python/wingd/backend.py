@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import io
 import os
 from collections.abc import Iterable
 from typing import Any
@@ -13,9 +14,9 @@ from xarray.backends import BackendEntrypoint
 from xarray.indexes import PandasIndex
 
 from wingd import WingdError
-from wingd.values import FRAME, STATION, digest
+from wingd.values import STATION
 
-#: Newest format that this package reads (attribute ``format_version``; files without it are of version 1).
+#: Format that this package reads (attribute ``format_version``).
 FORMAT_VERSION = 2
 #: Kinds of sources: dimensions of factors, whose keys are the variables ``KIND_sources``.
 KINDS = ("lasting", "shared", "own", "fit")
@@ -63,7 +64,7 @@ def open_shape(file: Any, drop_variables: str | Iterable[str] | None = None) -> 
     Parameters
     ----------
     file
-        NetCDF file of ``wingd export --format netcdf --table shape``.
+        NetCDF file of ``wingd export --format netcdf --table shape``, or its URL ``s3://BUCKET/FILE``.
 
     Returns
     -------
@@ -74,23 +75,24 @@ def open_shape(file: Any, drop_variables: str | Iterable[str] | None = None) -> 
     """
     # Datasets have the accessor `.wingd` from here on.
     importlib.import_module("wingd.shapes")
-    if isinstance(file, str | os.PathLike) and not os.path.exists(file):
+    name = file
+    if isinstance(file, str) and file.startswith("s3://"):
+        from wingd.objects import read_object
+
+        file = io.BytesIO(read_object(file))
+    elif isinstance(file, str | os.PathLike) and not os.path.exists(file):
         raise FileNotFoundError(f"{os.fspath(file)}: no such file")
     try:
         raw = xr.open_dataset(file, engine=_engine(file), drop_variables=drop_variables, cache=False)
     except (ValueError, TypeError, OSError, KeyError) as error:
-        raise WingdError(f"{file}: is not a NetCDF file that can be read: {error}") from error
+        raise WingdError(f"{name}: is not a NetCDF file that can be read: {error}") from error
     if "displacement" not in raw or "arc_length" not in raw:
-        raise WingdError(f"{file}: is not a shape; write it with `wingd export STORE --format netcdf --table shape`")
+        raise WingdError(f"{name}: is not a shape; write it with `wingd export STORE --format netcdf --table shape`")
     version = int(float(raw.attrs.get("format_version", 1)))
-    if version > FORMAT_VERSION:
-        raise WingdError(
-            f"{file}: has format version {version}; this package reads up to {FORMAT_VERSION}: update wingd for Python"
-        )
-    raw = _decode_texts(raw)
-    if version < 2:
-        raw = _complete_first_version(raw)
-    return index_stations(raw)
+    if version != FORMAT_VERSION:
+        remedy = "update wingd for Python" if version > FORMAT_VERSION else "export it again"
+        raise WingdError(f"{name}: has format version {version}; this package reads {FORMAT_VERSION}: {remedy}")
+    return index_stations(_decode_texts(raw))
 
 
 def index_stations(data: xr.Dataset) -> xr.Dataset:
@@ -121,60 +123,3 @@ def _decode_texts(raw: xr.Dataset) -> xr.Dataset:
             decoded = np.array([t.decode("utf-8", "replace").rstrip("\0") for t in array.values.ravel()], dtype=str)
             texts[name] = (array.dims, decoded.reshape(array.shape), array.attrs)
     return raw.assign(texts)
-
-
-def _number(text: Any) -> float:
-    try:
-        return float(text)
-    except (TypeError, ValueError):
-        return np.nan
-
-
-def _complete_first_version(raw: xr.Dataset) -> xr.Dataset:
-    """Give a file of the first version what later ones write: coordinates, digests of sources, numbers as numbers."""
-    attrs = dict(raw.attrs)
-    for name in ("length_to_tip_m", "outermost_marker_m"):
-        attrs[name] = _number(attrs.get(name))
-    attrs.pop("thermal_scale", None)
-    flow = [_number(part) for part in str(attrs.pop("flow_direction", "")).split(",")]
-    if len(flow) == 2 and np.isfinite(flow).all():
-        attrs["flow_direction"] = flow
-    provenance, flight = attrs.get("provenance", ""), attrs.pop("flight", "")
-    files = sorted(part for part in provenance.split(",") if ".sha256" in part and "frames" not in part)
-    jointly = "lasting" in raw.dims
-    names = raw["image"].values
-    # A flight's factors are reduced for the frames and stations of this file.
-    keys = {
-        "lasting": digest("lasting", *files, raw.sizes.get("lasting", 0)),
-        "shared": digest("shared", provenance, raw["arc_length"].values.tobytes(), *names),
-        "fit": digest("fit", *files),
-    }
-    frames = raw.sizes[FRAME]
-    out = (
-        raw.set_coords("eta")
-        .swap_dims(station=STATION)
-        .assign(
-            {
-                **{f"{kind}_sources": (FRAME, np.full(frames, key)) for kind, key in keys.items()},
-                "own_sources": (FRAME, [digest("own", flight, provenance, name) for name in names]),
-                "jointly": (FRAME, np.full(frames, float(jointly))),
-                "flight": (FRAME, np.full(frames, flight)),
-                "inputs": (FRAME, np.full(frames, digest(provenance))),
-                "thermal_scale": (FRAME, _thermal_scale(raw)),
-            }
-        )
-    )
-    out = out.drop_vars("marker_id").assign_coords(axis=["x", "y", "z"], marker=raw["marker_id"].values)
-    out.attrs = attrs
-    return out
-
-
-def _thermal_scale(raw: xr.Dataset) -> np.ndarray:
-    """Return the ratio of the axis' length in flight to that on the ground, (frames,); NaN with few stations."""
-    if raw.sizes["station"] < 10 or raw["arc_length"].values[0] > 1e-9:
-        return np.full(raw.sizes[FRAME], np.nan)
-    ground = raw["ground_position"].values
-    length = [
-        np.linalg.norm(np.diff(p, axis=-2), axis=-1).sum(axis=-1) for p in (ground, ground + raw["displacement"].values)
-    ]
-    return length[1] / length[0]

@@ -309,6 +309,11 @@ def read_computation(source: str | os.PathLike[str] | pd.DataFrame) -> tuple[pd.
             raise WingdError(
                 f"{name}: has {column} without {column.removeprefix('sigma_')}; add it or remove the column"
             )
+    for column in {*columns} & {c for c in COLUMNS if c.startswith("displacement")}:
+        for row in np.flatnonzero(numbers[column].abs() > arc.max()):
+            raise WingdError(
+                f"{place(int(row), column)}: no point of a wing of {arc.max():g} m moves so far; give metres"
+            )
     return numbers.reset_index(drop=True), name
 
 

@@ -1,10 +1,8 @@
-"""Trees of keyed files of other programs: YAML, OpenCV's JSON and XML, and Python literals, each value with its line."""
+"""Trees of keyed files of other programs: YAML, OpenCV's JSON and XML, and mrcal's literals, each value with its line."""
 
 from __future__ import annotations
 
-import ast
 import re
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -99,7 +97,7 @@ def parse_keyed(file: Path, syntax: str) -> Node:
     file
         Path of the file.
     syntax
-        ``yaml``, ``json`` (with the comments that OpenCV writes), ``xml`` of OpenCV, or ``literal`` of Python.
+        ``yaml``, ``json`` (with the comments that OpenCV writes), ``xml`` of OpenCV, or ``literal`` of mrcal.
 
     Raises
     ------
@@ -110,7 +108,9 @@ def parse_keyed(file: Path, syntax: str) -> Node:
     try:
         if syntax == "xml":
             return _parse_xml(file, text)
-        return _parse_literal(file, text) if syntax == "literal" else _parse_yaml(file, text, syntax == "json")
+        # mrcal writes Python literals: lists, texts in quotes and comments are those of YAML, but bytes are not.
+        text = re.sub(r"""\bb(['"])(?:[^'"\\\n]|\\.)*\1""", "''", text) if syntax == "literal" else text
+        return _parse_yaml(file, text, syntax == "json")
     except (RecursionError, MemoryError):
         raise fault(file, f"is more than {MAX_DEPTH} levels deep", "name a camera file") from None
 
@@ -231,43 +231,3 @@ def _parse_xml(file: Path, text: str) -> Node:
         cause = str(error).split(":")[0]
         raise fault(file, f"is not XML ({cause})", "export it again", line=error.lineno) from None
     return roots[0]
-
-
-def _parse_literal(file: Path, text: str) -> Node:
-    """Parse a Python literal, as mrcal writes it."""
-    remedy = "write it as mrcal does: {'key': [ 1.0, 2.0, ], }"
-    # In parentheses, blank lines and comments may come before the literal.
-    source = f"(\n{text}\n)"
-    lines = source.encode().split(b"\n")
-    try:
-        with warnings.catch_warnings(action="ignore"):
-            tree = ast.parse(source, str(file), mode="eval").body
-    except (SyntaxError, ValueError) as error:
-        line = max(1, (getattr(error, "lineno", None) or 2) - 1)
-        raise fault(file, f"is not a Python literal ({getattr(error, 'msg', error)})", remedy, line=line) from None
-    build = _Builder(file)
-
-    def convert(node: ast.expr, depth: int) -> Node:
-        line = node.lineno - 1
-        build.visit(line, depth)
-        if isinstance(node, ast.Dict):
-            entries = []
-            for key, value in zip(node.keys, node.values, strict=True):
-                if not (isinstance(key, ast.Constant) and isinstance(key.value, str)):
-                    raise fault(file, "has a key that is not a text", remedy, line=line)
-                entries.append((key.value, convert(value, depth + 1)))
-            return build.map(line, entries)
-        if isinstance(node, ast.List | ast.Tuple):
-            return Node(file, line, [convert(item, depth + 1) for item in node.elts])
-        sign = ""
-        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
-            sign, node = "-" if isinstance(node.op, ast.USub) else "", node.operand
-        if isinstance(node, ast.Constant):
-            value = node.value
-            if isinstance(value, bytes | str):
-                return Node(file, line, value.decode("latin-1") if isinstance(value, bytes) else value)
-            # A number as written: Python also takes 1_0 and 0x10.
-            return Node(file, line, sign + lines[node.lineno - 1][node.col_offset : node.end_col_offset].decode())
-        raise fault(file, "has an expression where a value belongs", remedy, line=line)
-
-    return convert(tree, 0)

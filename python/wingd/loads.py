@@ -444,7 +444,7 @@ def spectrum(history: Any, column: str | None = None, rate_hz: float | None = No
     -------
     pandas.DataFrame
         ``frequency_hz``, ``density`` (square of the unit per Hz), ``sigma_density`` (of the average over segments) and
-        ``noise`` (density of the stated sigma as white noise; NaN without one).
+        ``noise`` (density of the standard deviations as white noise; NaN without them).
     """
     from scipy.signal import welch
 
@@ -475,5 +475,9 @@ def spectrum(history: Any, column: str | None = None, rate_hz: float | None = No
     # Segments that overlap by half count as 9/11 of independent ones (Welch 1967, Hann window).
     sigma = density / np.sqrt(max(averaged * 9 / 11, 1.0))
     stated = next((c for c in (f"sigma_{column}", column.replace("tip_", "tip_sigma_")) if c in table), None)
-    noise = np.nan if stated is None else float(np.nanmean(table[stated].astype(float) ** 2)) * 2 / rate
+    variance = np.nan if stated is None else float(np.nanmean(table[stated].astype(float) ** 2))
+    if column == "moment_nm" and "sigma_by_stiffness_nm" in table:
+        # The error of the stiffness is common to all frames: a scale, not noise.
+        variance -= float(np.nanmean(table["sigma_by_stiffness_nm"].astype(float) ** 2))
+    noise = variance * 2 / rate
     return pd.DataFrame({"frequency_hz": frequency, "density": density, "sigma_density": sigma, "noise": noise})

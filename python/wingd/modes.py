@@ -13,14 +13,10 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.csv
-import pyarrow.json
-import pyarrow.parquet as pq
+import pandas as pd
 
-from .fleet.lake import FleetError
-from .fleet.parquet import schema
+from wingd import WingdError
+from wingd.store import read_table
 
 # Progress bars of pyOMA2 are for notebooks.
 os.environ.setdefault("TQDM_DISABLE", "1")
@@ -31,7 +27,7 @@ try:
     from pyoma2.setup.single import SingleSetup
     from scipy.interpolate import CubicSpline
 except ImportError as missing:
-    raise FleetError(f"{missing.name} is not installed; pip install 'wingd[modes]'") from None
+    raise WingdError(f"{missing.name} is not installed; pip install 'wingd[modes]'") from None
 
 # pyOMA2 logs each step of each run.
 logging.getLogger("pyoma2").setLevel(logging.ERROR)
@@ -75,17 +71,16 @@ def mac(one: np.ndarray, other: np.ndarray) -> float:
     return float(abs(np.vdot(one, other)) ** 2 / (np.vdot(one, one).real * np.vdot(other, other).real))
 
 
-def read(path: Path) -> pa.Table:
+def read(path: Path) -> pd.DataFrame:
     """Read an export of live results; the file extension determines the format."""
-    readers = {".parquet": pq.read_table, ".csv": pa.csv.read_csv, ".jsonl": pa.json.read_json}
-    if path.suffix not in readers:
-        raise FleetError(
+    if path.suffix not in (".parquet", ".csv", ".jsonl"):
+        raise WingdError(
             f"{path}: has none of the extensions .parquet, .csv, .jsonl; create it with wingd export --table live"
         )
     try:
-        return readers[path.suffix](path)
-    except pa.ArrowInvalid as error:
-        raise FleetError(f"{path}: cannot be read: {error}; create it with wingd export --table live") from None
+        return read_table(path)
+    except ValueError as error:
+        raise WingdError(f"{path}: cannot be read: {error}; create it with wingd export --table live") from None
 
 
 def points(names: list[str], kind: str) -> dict[str, str]:
@@ -97,7 +92,7 @@ def points(names: list[str], kind: str) -> dict[str, str]:
     else:
         wanted = {name for name in all_of if f"u_{name}_px" in names}
     if len(wanted) < 2:
-        raise FleetError(
+        raise WingdError(
             f"the export has no deflections of {kind}; create it with wingd export --table live of this version"
         )
     return {name: all_of[name] for name in sorted(wanted)}
@@ -145,17 +140,18 @@ def _stable(poles: dict[int, list[Mode]]) -> list[tuple[int, Mode]]:
     accepted = []
     for order in ORDERS[:-2]:
         for mode in poles[order]:
-            again = [
-                any(
-                    abs(other.hz / mode.hz - 1) < far
-                    and abs(other.damping - mode.damping) < damped * mode.damping
-                    and mac(other.shape, mode.shape) > min_mac
+            again = 0
+            for further in (one for one in ORDERS if order < one <= order + 6):
+                near = [
+                    other.damping
                     for other in poles[further]
+                    if abs(other.hz / mode.hz - 1) < far and mac(other.shape, mode.shape) > min_mac
+                ]
+                # A mode may split into poles of which one has too little damping and the other too much.
+                again += (
+                    bool(near) and min(near) < (1 + damped) * mode.damping and max(near) > (1 - damped) * mode.damping
                 )
-                for further in ORDERS
-                if order < further <= order + 6
-            ]
-            if sum(again) >= 2:
+            if again >= 2:
                 accepted.append((order, mode))
     return accepted
 
@@ -226,20 +222,14 @@ def even(times_s: np.ndarray, deflections: np.ndarray) -> list[tuple[np.ndarray,
     return pieces
 
 
-def _aircraft(content: pa.Table) -> dict[str, float | None]:
+def _aircraft(content: pd.DataFrame) -> dict[str, float]:
     """Return means of the aircraft data, with standard deviations from the scatter in the window and the data's own sigma."""
     said = {}
-    for name in schema("live"):
-        sigma = f"sigma_{name}"
-        if name in AIRCRAFT and name in content.column_names:
-            mean = pc.mean(content[name]).as_py()
-            own = (
-                pc.mean(pc.power(content[sigma].cast(pa.float64()), 2)).as_py()
-                if sigma in content.column_names
-                else None
-            )
-            said[name] = mean
-            said[sigma] = None if mean is None else ((own or 0.0) + (pc.variance(content[name]).as_py() or 0.0)) ** 0.5
+    for name in AIRCRAFT:
+        if name in content:
+            own = (content[f"sigma_{name}"] ** 2).mean() if f"sigma_{name}" in content else 0.0
+            said |= {name: content[name].mean()}
+            said[f"sigma_{name}"] = np.sqrt(np.nan_to_num(own) + content[name].var(ddof=0))
     return said
 
 
@@ -248,35 +238,33 @@ AIRCRAFT = (
 )  # fmt: skip
 
 
-def rows(content: pa.Table, seconds: float, lowest_hz: float, count: int, kind: str) -> list[dict]:
+def rows(content: pd.DataFrame, seconds: float, lowest_hz: float, count: int, kind: str) -> list[dict]:
     """Return a row for each mode in each window of `seconds` s."""
     if seconds * lowest_hz < 20:
-        raise FleetError(
+        raise WingdError(
             f"--seconds {seconds:g}: is less than 20 periods of {lowest_hz:g} Hz; give more, or a higher --lowest-hz"
         )
-    found = []
-    whose = [name for name in WHOSE if name in content.column_names]
-    keys = content.select(whose).group_by(whose).aggregate([]).to_pylist() if whose else [{}]
-    for key in keys:
-        own = content
-        for name, value in key.items():
-            own = own.filter(pc.is_null(own[name]) if value is None else pc.equal(own[name], value))
-        found += [{**key, **row} for row in _rows(own, seconds, lowest_hz, count, kind)]
-    return found
+    whose = [name for name in WHOSE if name in content]
+    groups = content.groupby(whose, dropna=False, sort=False) if whose else [((), content)]
+    return [
+        {**dict(zip(whose, key, strict=True)), **row}
+        for key, own in groups
+        for row in _rows(own, seconds, lowest_hz, count, kind)
+    ]
 
 
-def _seconds(content: pa.Table) -> np.ndarray:
+def _seconds(content: pd.DataFrame) -> np.ndarray:
     """Return the times of the exposures, s: since boot if available, because clock corrections do not affect it."""
-    if "since_boot_s" in content.column_names:
-        return content["since_boot_s"].to_numpy().astype(float)
-    if "exposure_time" in content.column_names:
-        return content["exposure_time"].cast(pa.timestamp("us")).cast(pa.int64()).to_numpy() / 1e6
-    raise FleetError("the export lacks since_boot_s and exposure_time; create it with wingd export --table live")
+    if "since_boot_s" in content:
+        return content["since_boot_s"].to_numpy(dtype=float)
+    if "exposure_time" in content:
+        return ((content["exposure_time"] - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)).to_numpy()
+    raise WingdError("the export lacks since_boot_s and exposure_time; create it with wingd export --table live")
 
 
-def _rows(content: pa.Table, seconds: float, lowest_hz: float, count: int, kind: str) -> list[dict]:
-    columns = points(content.column_names, kind)
-    deflections = np.column_stack([content[name].to_numpy().astype(float) for name in columns.values()])
+def _rows(content: pd.DataFrame, seconds: float, lowest_hz: float, count: int, kind: str) -> list[dict]:
+    columns = points(list(content), kind)
+    deflections = content[list(columns.values())].to_numpy(dtype=float)
     times = _seconds(content)
     # Points of another installation in the same table are empty here.
     there = np.isfinite(deflections).any(axis=0)
@@ -296,29 +284,28 @@ def _rows(content: pa.Table, seconds: float, lowest_hz: float, count: int, kind:
             if len(part) < LEAST_SHARE * seconds * rate_hz:
                 continue
             began, ended = grid[part[0]], grid[part[-1]]
-            inside = content.filter(pa.array((times >= began) & (times <= ended)))
+            inside = content[(times >= began) & (times <= ended)]
             about = _about(inside, began, ended, rate_hz, missing / len(grid), len(chosen))
             arcs = {labels[k]: _arc(inside, labels[k]) for k in chosen}
             try:
                 modes = identify(even_deflections[part], rate_hz, lowest_hz, count)
             except np.linalg.LinAlgError as error:
-                raise FleetError(f"{about['began']}: {error}; take a higher --lowest-hz or longer --seconds") from None
+                raise WingdError(f"{about['began']}: {error}; take a higher --lowest-hz or longer --seconds") from None
             for number, mode in enumerate(modes, 1):
                 found.append({**about, **_numbers(number, mode, arcs), **_aircraft(inside)})
     return found
 
 
-def _arc(content: pa.Table, label: str) -> float | None:
+def _arc(content: pd.DataFrame, label: str) -> float | None:
     name = f"arc_length_{label}_m"
-    return pc.mean(content[name]).as_py() if name in content.column_names else None
+    return content[name].mean() if name in content else None
 
 
-def _about(content: pa.Table, began: float, ended: float, rate_hz: float, missing: float, count: int) -> dict:
-    moment = "exposure_time" if "exposure_time" in content.column_names else "utc"
-    extremes = pc.min_max(content[moment]).as_py() if moment in content.column_names else {"min": None, "max": None}
+def _about(content: pd.DataFrame, began: float, ended: float, rate_hz: float, missing: float, count: int) -> dict:
+    moment = next((name for name in ("exposure_time", "utc") if name in content), None)
     return {
-        "began": extremes["min"],
-        "ended": extremes["max"],
+        "began": content[moment].min() if moment else None,
+        "ended": content[moment].max() if moment else None,
         "seconds": round(ended - began, 3),
         "results": len(content),
         "rate_hz": round(rate_hz, 4),
@@ -344,29 +331,24 @@ def _numbers(number: int, mode: Mode, arcs: dict[str, float | None]) -> dict:
 
 def write(found: list[dict], output: Path | None, stream) -> None:
     """Write CSV, or the format given by the output's extension."""
-    names = list(dict.fromkeys(name for row in found for name in row))
-    content = pa.table({name: [row.get(name) for row in found] for name in names})
-    if output is None:
-        sink = pa.BufferOutputStream()
-        pa.csv.write_csv(content, sink)
-        stream.write(sink.getvalue().to_pybytes().decode())
-    elif output.suffix == ".parquet":
-        pq.write_table(content, output)
-    elif output.suffix == ".csv":
-        pa.csv.write_csv(content, output)
+    table = pd.DataFrame(found)
+    if output is not None and output.suffix == ".parquet":
+        table.to_parquet(output, index=False)
+    elif output is None or output.suffix == ".csv":
+        table.to_csv(output or stream, index=False)
     else:
-        raise FleetError(f"{output}: give a name with the extension .csv or .parquet")
+        raise WingdError(f"{output}: give a name with the extension .csv or .parquet")
 
 
 def run(
     exports: list[Path], seconds: float, lowest_hz: float, count: int, kind: str, output: Path | None, stream
 ) -> int:
-    """Run the command; raises FleetError if no mode was found."""
+    """Run the command; raises WingdError if no mode was found."""
     found = []
     for path in exports:
         found += rows(read(path), seconds, lowest_hz, count, kind)
     if not found:
-        raise FleetError(
+        raise WingdError(
             f"no mode above {lowest_hz:g} Hz in windows of {seconds:g} s; try longer windows, a higher rate of live results, or data from rougher air"
         )
     write(found, output, stream)

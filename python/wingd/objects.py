@@ -95,6 +95,23 @@ def open_bucket(url: str, option: str, timeout: str, checksum: str | None = None
         raise PlaceError(f"environment: AWS_*: {redacted(str(error))[:300]}; set them as in docs/fleet.md") from None
 
 
+def read_object(url: str) -> bytes:
+    """Return the bytes of ``s3://BUCKET/KEY``.
+
+    Raises
+    ------
+    WingdError
+        There is no such object, or the server refuses it.
+    """
+    place, _, name = url.rpartition("/")
+    try:
+        return bytes(open_bucket(place, url, "600s").get(name).bytes())
+    except (BaseError, OSError) as error:
+        missing = isinstance(error, FileNotFoundError) and "no such object"
+        text = server_error(error) or missing or redacted(str(error))[:300]
+        raise WingdError(f"{url}: {text}") from None
+
+
 def open_directory(folder: Path, option: str) -> LocalStore:
     """Open a directory as an object store; it is created.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import textwrap
 from collections.abc import Iterable
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
 
 #: Style sheet of all figures.
 STYLE = str(Path(__file__).with_name("wingd.mplstyle"))
-#: Opacity of a band of one standard deviation.
-BAND = 0.25
+#: Opacity of a band of one standard deviation, and longest line of a label, characters.
+BAND, LABEL_WIDTH = 0.25, 36
 
 
 @contextmanager
@@ -32,10 +33,11 @@ def axes(ax: Any = None, **figure: Any) -> Any:
         yield ax if ax is not None else plt.subplots(**figure)[1]
 
 
-def axis_label(values: Values) -> str:
-    """Return quantity, unit and reference of values for an axis."""
+def axis_label(values: Values, of: str = "") -> str:
+    """Return quantity, unit and reference of values for an axis, in lines that fit beside it; `of` stands before."""
     unit = {"rad": "deg"}.get(values.unit, values.unit)
-    return f"{values.label} / {unit}" if unit else values.label
+    text = f"{of}{values.label} / {unit}" if unit else f"{of}{values.label}"
+    return textwrap.fill(text, LABEL_WIDTH)
 
 
 def draw_values(values: Values, ax: Any = None, label: str | None = None, **style: Any) -> Any:
@@ -95,7 +97,7 @@ def draw_comparison(comparison: Comparison, ax: Any = None, **style: Any) -> Any
     """Draw each quantity of a comparison: difference with a band, and where it exceeds two sigmas; returns the axes."""
     names = list(comparison.quantities)
     if ax is None:
-        with axes(None, nrows=len(names), sharex=True, squeeze=False, figsize=(6.4, 2.4 * len(names))) as grid:
+        with axes(None, nrows=len(names), sharex=True, squeeze=False, figsize=(6.4, 2.8 * len(names))) as grid:
             ax = grid[:, 0]
     for each, name in zip(np.atleast_1d(ax), names, strict=False):
         values = comparison.quantities[name]
@@ -104,7 +106,7 @@ def draw_comparison(comparison: Comparison, ax: Any = None, **style: Any) -> Any
         bands = comparison.test().bands
         for band in bands[bands["quantity"] == name].itertuples():
             each.axvspan(band.from_m, band.to_m, color="C3", alpha=0.08, linewidth=0)
-        each.set_ylabel(f"difference of {axis_label(values)}")
+        each.set_ylabel(axis_label(values, "difference of "))
     return ax
 
 
@@ -118,7 +120,7 @@ def draw_spectrum(spectrum: pd.DataFrame, ax: Any = None, unit: str = "", **styl
             rows["frequency_hz"], low, rows["density"] + rows["sigma_density"], color=line.get_color(), alpha=BAND
         )
         if rows["noise"].notna().all():
-            ax.plot(rows["frequency_hz"], rows["noise"], "--", color="0.5", label="stated noise")
+            ax.plot(rows["frequency_hz"], rows["noise"], "--", color="0.5", label="noise of the results")
             ax.legend()
         ax.set_xlabel("frequency / Hz")
         ax.set_ylabel(f"power spectral density / ({unit or 'unit'})²/Hz")

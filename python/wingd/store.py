@@ -12,7 +12,6 @@ import os
 import shutil
 import subprocess
 import tempfile
-import tomllib
 import warnings
 from collections.abc import Iterator, Sequence
 from functools import cached_property, lru_cache
@@ -25,7 +24,6 @@ import xarray as xr
 
 from wingd import WingdError, __version__
 from wingd.backend import open_shape
-from wingd.shapes import DEFAULT_ROOT_SIGMA_M
 from wingd.values import FRAME, WingdWarning
 
 #: Stations of shapes that are read from a store: so that `sel(eta=.5)` is one of them.
@@ -44,11 +42,11 @@ def open(
     ----------
     path
         A store, a lake (``s3://BUCKET/PREFIX`` or ``file:///DIRECTORY``), or one or several files of
-        ``wingd export --format netcdf --table shape``.
+        ``wingd export --format netcdf --table shape`` (also ``s3://BUCKET/FILE.nc``).
     installation
         Installation to adjust with, if not the one kept in the store.
     """
-    if isinstance(path, str) and path.startswith(("s3://", "file://")):
+    if isinstance(path, str) and path.startswith(("s3://", "file://")) and not path.endswith(".nc"):
         return Lake(path)
     files = [path] if isinstance(path, str | os.PathLike) else list(path)
     first = Path(files[0])
@@ -58,7 +56,7 @@ def open(
         if not (first / "store.toml").exists():
             raise WingdError(f"{first}: is not a store: store.toml is missing")
         return Store(first, installation)
-    return Exported([Path(f) for f in files])
+    return Exported(files)
 
 
 # --- the program ----------------------------------------------------------------------------------------------------
@@ -141,12 +139,13 @@ def _export(store: Path, flight: str | None, arguments: Sequence[str], suffix: s
 
 
 def read_table(file: str | os.PathLike[str]) -> pd.DataFrame:
-    """Read a table of ``wingd export`` (CSV or Parquet); times become UTC timestamps."""
-    table = (
-        pd.read_parquet(file)
-        if str(file).endswith(".parquet")
-        else pd.read_csv(file, dtype={"image": str, "series": str}, low_memory=False)
-    )
+    """Read a table of ``wingd export`` (CSV, Parquet or JSON lines); times become UTC timestamps."""
+    if str(file).endswith(".parquet"):
+        table = pd.read_parquet(file)
+    elif str(file).endswith(".jsonl"):
+        table = pd.read_json(file, lines=True)
+    else:
+        table = pd.read_csv(file, dtype={"image": str, "series": str}, low_memory=False)
     for name in ("utc", "exposure_time", "time"):
         if name in table and not pd.api.types.is_datetime64_any_dtype(table[name]):
             table[name] = pd.to_datetime(table[name], utc=True, errors="coerce", format="ISO8601")
@@ -207,17 +206,7 @@ class Flight:
         arguments = ["--format", "netcdf", "--table", "shape", "--eta", stations]
         arguments += ["--installation", self.installation] if self.installation else []
         arguments += ["--full-factors"] if full else []
-        shapes = open_shape(_export(self.store, self.name, arguments, ".nc", self._inputs()))
-        return shapes.assign_attrs(self._root_sigma() | shapes.attrs)
-
-    def _root_sigma(self) -> dict[str, float]:
-        """Return the standard deviation of the bending root, m, if the installations state one."""
-        folders = [Path(self.installation)] if self.installation else sorted((self.store / "installations").glob("*"))
-        found = set()
-        for folder in folders:
-            with (folder / "installation.toml").open("rb") as file:
-                found.add(tomllib.load(file).get("wing", {}).get("root_offset_sigma_m", DEFAULT_ROOT_SIGMA_M))
-        return {"root_offset_sigma_m": float(max(found))} if found else {}
+        return open_shape(_export(self.store, self.name, arguments, ".nc", self._inputs()))
 
     def shape(
         self,
@@ -264,125 +253,104 @@ def select_frames(
     return chosen.isel(frame=0) if frame is not None and chosen.sizes[FRAME] == 1 else chosen.wingd.mean()
 
 
-class Store:
-    """Flights on disk."""
+class _Flights:
+    """Flights by name: a store, exported files, or a lake."""
 
-    def __init__(self, path: Path, installation: str | None = None):
-        self.path, self.installation = path, installation
+    def __init__(self, place: Any):
+        self.place = place
 
     def __repr__(self) -> str:
-        return f"<wingd.Store {self.path}: {', '.join(self.names)}>"
+        return f"<wingd.{type(self).__name__} {self.place}: {', '.join(self.names)}>"
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the flights, in order."""
+        raise NotImplementedError
+
+    def _flight(self, name: str) -> Any:
+        raise NotImplementedError
+
+    def _row(self, name: str) -> dict[str, Any]:
+        raise NotImplementedError
+
+    def __iter__(self) -> Iterator[Any]:
+        return (self[name] for name in self.names)
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self.names:
+            raise WingdError(f"{self.place}: there is no flight {name}; known are {', '.join(self.names) or 'none'}")
+        return self._flight(name)
+
+    @cached_property
+    def flights(self) -> pd.DataFrame:
+        """A row per flight: its start (UTC), and what is known of it without reading its frames."""
+        rows = pd.DataFrame([{"flight": name, **self._row(name)} for name in self.names])
+        return rows.set_index("flight", drop=False) if len(rows) else pd.DataFrame(columns=["flight", "started"])
+
+    def shape(self, *arguments: Any, **options: Any) -> xr.Dataset:
+        """Return the shape of the only flight; see :meth:`Flight.shape`."""
+        if len(self.names) != 1:
+            raise WingdError(f"{self.place}: has the flights {', '.join(self.names)}; write store[FLIGHT].shape(...)")
+        return self[self.names[0]].shape(*arguments, **options)
+
+
+class Store(_Flights):
+    """Flights on disk; rows have series, frames, solved frames, and the extremes of the tip deflection (m)."""
+
+    def __init__(self, path: Path, installation: str | None = None):
+        super().__init__(path)
+        self.path, self.installation = path, installation
 
     @property
     def names(self) -> list[str]:
         """Names of the flights, in order."""
         return sorted(p.name for p in (self.path / "flights").glob("*") if (p / "flight.json").exists())
 
-    def __iter__(self) -> Iterator[Flight]:
-        return (self[name] for name in self.names)
-
-    def __getitem__(self, name: str) -> Flight:
-        if name not in self.names:
-            raise WingdError(f"{self.path}: there is no flight {name}; known are {', '.join(self.names) or 'none'}")
+    def _flight(self, name: str) -> Flight:
         return Flight(self.path, name, self.installation)
 
-    @cached_property
-    def flights(self) -> pd.DataFrame:
-        """A row per flight: start (UTC), series, frames, solved frames, and the extremes of the tip deflection (m)."""
-        rows = []
-        for flight in self:
-            started = json.loads((self.path / "flights" / flight.name / "flight.json").read_text())["started"]["utc"]
-            shots = flight.shots
-            tip = shots.loc[shots["status"] == "ok"]
-            # Reported deflections of several references are not one quantity.
-            reference = "tip_deflection_ground_m"
-            row = {
-                "flight": flight.name,
-                "started": pd.Timestamp(started),
-                "series": shots["series"].nunique(),
-                "frames": len(shots),
-                "solved": len(tip),
-            }
-            if reference in tip:
-                row |= {f"{k}_{reference}": getattr(tip[reference], k)() for k in ("min", "max")}
-            rows.append(row)
-        return (
-            pd.DataFrame(rows).set_index("flight", drop=False) if rows else pd.DataFrame(columns=["flight", "started"])
-        )
-
-    def shape(self, *arguments: Any, **options: Any) -> xr.Dataset:
-        """Return the shape of the only flight; see :meth:`Flight.shape`."""
-        if len(self.names) != 1:
-            raise WingdError(f"{self.path}: has the flights {', '.join(self.names)}; write store[FLIGHT].shape(...)")
-        return self[self.names[0]].shape(*arguments, **options)
+    def _row(self, name: str) -> dict[str, Any]:
+        started = json.loads((self.path / "flights" / name / "flight.json").read_text())["started"]["utc"]
+        shots = self[name].shots
+        solved = shots.loc[shots["status"] == "ok"]
+        row = {"started": pd.Timestamp(started), "series": shots["series"].nunique(), "frames": len(shots)}
+        row["solved"] = len(solved)
+        # Reported deflections of several references are not one quantity.
+        tip = "tip_deflection_ground_m"
+        return row | ({f"{k}_{tip}": getattr(solved[tip], k)() for k in ("min", "max")} if tip in solved else {})
 
 
-class Exported:
-    """Shapes in files of ``wingd export``; needs no program."""
+class Exported(_Flights):
+    """Shapes in files of ``wingd export``; needs no program. Of several recorders, flights are RECORDER/FLIGHT."""
 
-    def __init__(self, files: Sequence[Path]):
-        self.files = list(files)
-        self.parts = [open_shape(file) for file in self.files]
-
-    def __repr__(self) -> str:
-        return f"<wingd.Exported {', '.join(map(str, self.files))}>"
+    def __init__(self, files: Sequence[str | os.PathLike[str]]):
+        super().__init__(", ".join(map(str, files)))
+        found: dict[tuple[str, str], xr.Dataset] = {}
+        for part in map(open_shape, files):
+            recorder = np.broadcast_to(part.coords.get("recorder_id", ""), part.sizes[FRAME])
+            keys = np.array([recorder, part["flight"].values], dtype=str)
+            for key in dict.fromkeys(zip(*keys, strict=True)):
+                if key in found:
+                    raise WingdError(f"the files {self.place} have flight {key[1]} twice; open one of them")
+                rows = np.flatnonzero((keys == np.array(key)[:, None]).all(axis=0))
+                found[key] = part if len(rows) == part.sizes[FRAME] else part.isel(frame=rows)
+        several = len({recorder for recorder, _ in found}) > 1
+        self._found = {f"{r}/{f}" if several else f: data for (r, f), data in found.items()}
 
     @property
     def names(self) -> list[str]:
-        """Names of the flights; of several recorders ``RECORDER/FLIGHT``."""
-        return list(self._places())
+        """Names of the flights."""
+        return list(self._found)
 
-    def _places(self) -> dict[str, tuple[xr.Dataset, np.ndarray]]:
-        found: dict[tuple[str, str], tuple[xr.Dataset, np.ndarray]] = {}
-        for part in self.parts:
-            recorder = (
-                part.coords["recorder_id"].values
-                if "recorder_id" in part.coords
-                else np.full(part.sizes[FRAME], part.attrs.get("recorder_id", ""))
-            )
-            for key in dict.fromkeys(zip(recorder, part["flight"].values, strict=True)):
-                if key in found:
-                    raise WingdError(
-                        f"the files {', '.join(map(str, self.files))} have flight {key[1]} twice; open one of them"
-                    )
-                found[key] = part, np.flatnonzero((recorder == key[0]) & (part["flight"].values == key[1]))
-        several = len({recorder for recorder, _ in found}) > 1
-        return {f"{r}/{f}" if several else str(f): place for (r, f), place in found.items()}
+    def _flight(self, name: str) -> ExportedFlight:
+        return ExportedFlight(name, self._found[name])
 
-    def __getitem__(self, name: str) -> ExportedFlight:
-        places = self._places()
-        if name not in places:
-            raise WingdError(f"there is no flight {name}; known are {', '.join(places)}")
-        part, rows = places[name]
-        return ExportedFlight(name, part if len(rows) == part.sizes[FRAME] else part.isel(frame=rows))
-
-    def __iter__(self) -> Iterator[ExportedFlight]:
-        return (self[name] for name in self.names)
-
-    @property
-    def flights(self) -> pd.DataFrame:
-        """A row per flight: first exposure, series, frames, solved frames."""
-        rows = []
-        for flight in self:
-            data = flight.frames()
-            solved = np.isfinite(data["sigma_displacement"].values).any(axis=(1, 2)).sum()
-            series = {str(i).partition("/")[0] for i in data["image"].values}
-            rows.append(
-                {
-                    "flight": flight.name,
-                    "started": pd.Timestamp(data["time"].values.min(), tz="UTC"),
-                    "series": len(series),
-                    "frames": data.sizes[FRAME],
-                    "solved": solved,
-                }
-            )
-        return pd.DataFrame(rows).set_index("flight", drop=False)
-
-    def shape(self, *arguments: Any, **options: Any) -> xr.Dataset:
-        """Return the shape of the only flight; see :meth:`Flight.shape`."""
-        if len(self.names) != 1:
-            raise WingdError(f"the files have the flights {', '.join(self.names)}; write store[FLIGHT].shape(...)")
-        return self[self.names[0]].shape(*arguments, **options)
+    def _row(self, name: str) -> dict[str, Any]:
+        data = self._found[name]
+        series = {str(i).partition("/")[0] for i in data["image"].values}
+        solved = np.isfinite(data["sigma_displacement"].values).any(axis=(1, 2)).sum()
+        row = {"started": pd.Timestamp(data["time"].values.min(), tz="UTC"), "series": len(series)}
+        return row | {"frames": data.sizes[FRAME], "solved": solved}
 
 
 class ExportedFlight:
@@ -413,51 +381,34 @@ class ExportedFlight:
         return select_frames(self._data, series, frame, where, self.name)
 
 
-class Lake:
-    """Flights of an object store; a flight is downloaded into the cache when it is used."""
+class Lake(_Flights):
+    """Flights of an object store, RECORDER/FLIGHT; a flight is downloaded into the cache when it is used."""
 
     def __init__(self, url: str):
         from wingd.fleet.lake import Lake as Objects
         from wingd.fleet.state import State
 
         self.url = url.rstrip("/")
+        super().__init__(self.url)
         self._objects = Objects(self.url)
         self._folder = cache_folder() / "lakes" / hashlib.sha256(self.url.encode()).hexdigest()[:16]
         self._state = State(self._objects, self._folder / "state")
         self._state.read_manifests()
+        self._places = {str(flight): flight for flight in self._state.flights}
 
     @property
     def names(self) -> list[str]:
         """Names of the flights: RECORDER/FLIGHT."""
-        return [str(flight) for flight in self._state.flights]
+        return list(self._places)
 
-    @property
-    def flights(self) -> pd.DataFrame:
-        """A row per flight: recorder, aircraft, start."""
-        rows = []
-        for flight in self._state.flights:
-            about = self._state.about(flight)
-            rows.append(
-                {
-                    "flight": str(flight),
-                    "aircraft": about.aircraft,
-                    "wing": about.wing,
-                    "started": pd.Timestamp(about.started),
-                }
-            )
-        return (
-            pd.DataFrame(rows).set_index("flight", drop=False)
-            if rows
-            else pd.DataFrame(columns=["flight", "aircraft", "wing", "started"])
-        )
+    def _row(self, name: str) -> dict[str, Any]:
+        about = self._state.about(self._places[name])
+        return {"aircraft": about.aircraft, "wing": about.wing, "started": pd.Timestamp(about.started)}
 
-    def __getitem__(self, name: str) -> Flight:
+    def _flight(self, name: str) -> Flight:
         from wingd.fleet import records, task
-        from wingd.fleet.lake import Flight as Place
 
-        if name not in self.names:
-            raise WingdError(f"{self.url}: there is no flight {name}; known are {', '.join(self.names) or 'none'}")
-        place = Place.parse(name)
+        place = self._places[name]
         manifest = records.read(self._objects, place.manifest)
         store = self._folder / str(manifest["seal"])[:16]
         if not store.exists():
@@ -466,6 +417,3 @@ class Lake:
                 task.fetch(self._objects, place, manifest, Path(folder) / "store")
                 os.replace(Path(folder) / "store", store)
         return Flight(store, place.flight)
-
-    def __iter__(self) -> Iterator[Flight]:
-        return (self[name] for name in self.names)

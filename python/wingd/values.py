@@ -25,6 +25,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.stats import chi2
 
 from wingd import WingdError
+from wingd import WingdWarning as WingdWarning
 
 #: Dimensions along which keys may differ, and of the stations.
 FRAME, STATION = "frame", "eta"
@@ -44,10 +45,6 @@ COMBINATIONS = 3
 MAX_COVARIANCE, MAX_FACTOR = 20_000, 4 << 30
 #: Significance level of a verdict.
 ALPHA = 0.01
-
-
-class WingdWarning(UserWarning):
-    """A fact that changes how a result is to be read."""
 
 
 def digest(*parts: object) -> str:

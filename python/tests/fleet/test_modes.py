@@ -9,13 +9,13 @@ import os
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from wingd import modes
+from wingd import WingdError, modes
 from wingd.commands import fleet as cli
-from wingd.fleet.lake import FleetError
 
 RATE_HZ, STATIONS = 10.0, 20
 # Frequency in Hz, damping, rms of the tip in m.
@@ -131,8 +131,8 @@ def test_noise_has_no_modes_and_wrong_exports_say_what_to_do(tmp_path, capsys):
     pq.write_table(pa.table({"since_boot_s": [1.0, 2.0]}), tmp_path / "other.parquet")
     assert cli.main(["modes", str(tmp_path / "other.parquet")]) == 1
     assert "no deflections of stations" in capsys.readouterr().err
-    with pytest.raises(FleetError, match="less than 20 periods"):
-        modes.rows(pa.table({"since_boot_s": [1.0]}), 10, 1.0, 3, "stations")
+    with pytest.raises(WingdError, match="less than 20 periods"):
+        modes.rows(pd.DataFrame({"since_boot_s": [1.0]}), 10, 1.0, 3, "stations")
     (tmp_path / "live.txt").write_text("")
     assert cli.main(["modes", str(tmp_path / "live.txt")]) == 1
 

@@ -9,8 +9,9 @@ import sys
 import pyarrow as pa
 import pytest
 
+from demo import engines, synthesise
 from demo.prepare import WEIGHT_KG, call, fly, recorder_of
-from wingd.fleet import charts, engines, iceberg, parquet, records, report, snapshot, solves, synthesise, task
+from wingd.fleet import charts, desk, iceberg, parquet, records, report, snapshot, solves, task
 from wingd.fleet.corrections import ATTRIBUTES
 from wingd.fleet.desk import Desk
 from wingd.fleet.lake import FleetError, Flight, Lake
@@ -53,7 +54,7 @@ def test_every_engine_reads_old_and_new_flights_the_same(solved, tmp_path, capsy
     snapshot.make(solved, tmp_path / "work")
     assert engines.compare(solved, "onboard", tmp_path / "cache")
     assert capsys.readouterr().out.count(" 30 ") == 4, "thirty frames by each of four"
-    files = [str(path) for path in engines.files(solved, "shots", ["onboard"], tmp_path / "cache")]
+    files = [str(path) for path in desk.files(solved, "shots", ["onboard"], tmp_path / "cache")]
     import pandas
     import polars
     import pyarrow.dataset as ds
@@ -78,7 +79,7 @@ def test_a_snapshot_answers_as_the_flights_do(solved, tmp_path):
 
 def test_snapshot_files_are_sorted_by_aircraft_and_day(solved, tmp_path):
     snapshot.make(solved, tmp_path / "work")
-    (file,) = engines.files(solved, "markers", ["onboard"], tmp_path / "cache")
+    (file,) = desk.files(solved, "markers", ["onboard"], tmp_path / "cache")
     content = parquet.read(file.read_bytes())
     order = list(zip(content["aircraft"].to_pylist(), content["utc"].to_pylist(), strict=False))
     assert order == sorted(order) and len(order) == 540
@@ -256,9 +257,16 @@ def test_synthetic_flights_say_so_and_their_truth_is_found_again(solved, tmp_pat
         synthesise.make(made, Lake(f"file://{tmp_path / 'twice'}"), 1)
 
 
-def test_axes_have_round_steps():
-    assert charts.ticks(0.03, 0.97) == pytest.approx([0.2, 0.4, 0.6, 0.8])
-    assert charts.ticks(5, 5) == [5]
+def test_a_figure_is_an_element_of_a_page():
+    points = [(20_000.0 + k, 0.1 * k, 0.05) for k in range(500)]
+    figure = charts.chart(
+        [charts.Series("<a>", points), charts.Series("b", points[:2], line=True)], "day", "y", "of < x", True
+    )
+    assert figure == charts.chart(
+        [charts.Series("<a>", points), charts.Series("b", points[:2], line=True)], "day", "y", "of < x", True
+    )
+    assert "http" not in figure and "&lt;a&gt;" in figure and len(figure) < 60_000
+    assert "No data" in charts.chart([charts.Series("none", [])], "x", "y", "of nothing")
 
 
 def test_a_bucket_is_read_as_a_directory_is(wingd, solved, server, tmp_path):

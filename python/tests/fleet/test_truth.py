@@ -277,9 +277,9 @@ def test_what_is_withdrawn_is_gone_and_does_not_come_back(wingd, recorders, solv
     left = {table: [row for row in rows if row[1] == stays.recorder] for table, rows in before.items()}
     assert answers(solved) == left
     with pytest.raises(FleetError, match="compact"):
-        from wingd.fleet import engines
+        from wingd.fleet import desk
 
-        engines.files(solved, "shots", None, tmp_path / "cache")
+        desk.files(solved, "shots", None, tmp_path / "cache")
     # Not by the next run, not by another upload, not by a new snapshot.
     for solve in SOLVES:
         assert State(solved).missing(solve) == []

@@ -192,12 +192,6 @@ def _keep(command) -> None:
     sub.add_argument("--work", type=Path, help="folder for temporary files, emptied at the end")
     sub = command("iceberg", "Write Iceberg tables for the current snapshot (an extra of the package)")
     sub.add_argument("--catalogue", required=True, metavar="URI", help="sqlite:///FILE, or a REST catalogue's URL")
-    sub = command("synthesise", "Write synthetic flights, derived from real ones, into another lake, for tests of size")
-    sub.add_argument("--to", required=True, help="target lake")
-    sub.add_argument("--flights", type=int, required=True)
-    sub = command("engines", "Compare what pandas, polars, DuckDB and pyarrow read from the tables")
-    sub.add_argument("--solve", required=True, metavar="NAME")
-    _cache(sub)
 
 
 def _stop(number, frame) -> None:

@@ -10,16 +10,15 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import xarray as xr
+from wingd import WingdError, WingdWarning
 
-from wingd import WingdError
-from wingd.values import FRAME, WingdWarning
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Stations of tables.
-TENTHS = tuple(np.round(np.linspace(0.1, 1.0, 10), 1))
+TENTHS = tuple(k / 10 for k in range(1, 11))
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -52,6 +51,8 @@ def parse_numbers(text: str) -> list[float]:
 
 def read_frames(text: str, where: str | None = None) -> xr.Dataset:
     """Return the frames that `text` selects."""
+    import numpy as np
+
     import wingd
 
     place, rest = text, ""
@@ -74,7 +75,9 @@ def read_frames(text: str, where: str | None = None) -> xr.Dataset:
 
 def count_frames(shape: xr.Dataset) -> int:
     """Return the number of frames with a shape."""
-    return int(np.isfinite(shape["sigma_displacement"].values).any(axis=(1, 2)).sum()) if FRAME in shape.dims else 1
+    import numpy as np
+
+    return int(np.isfinite(shape["sigma_displacement"].values).any(axis=(1, 2)).sum()) if "frame" in shape.dims else 1
 
 
 def to_json(value: Any) -> str:
@@ -85,7 +88,7 @@ def to_json(value: Any) -> str:
             return {k: clean(v) for k, v in item.items()}
         if isinstance(item, Sequence) and not isinstance(item, str):
             return [clean(v) for v in item]
-        item = item.item() if isinstance(item, np.generic) else item
+        item = item.item() if hasattr(item, "dtype") else item
         return None if isinstance(item, float) and not math.isfinite(item) else item
 
     return json.dumps(clean(value))

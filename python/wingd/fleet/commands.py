@@ -190,11 +190,11 @@ def repair(args) -> int:
 
 def files(args) -> None:
     """List files with all published rows of a table."""
-    from . import engines, parquet
+    from . import desk, parquet
 
     if args.table not in parquet.TABLES:
         raise FleetError(f"--table {args.table}: give one of {', '.join(parquet.TABLES)}")
-    for path in engines.files(Lake(args.lake), args.table, args.solve, _cache(args)):
+    for path in desk.files(Lake(args.lake), args.table, args.solve, _cache(args)):
         print(path)
 
 
@@ -229,20 +229,6 @@ def query(args) -> None:
         asked.write_csv(args.sql, sys.stdout)
     else:
         asked.show(args.sql)
-
-
-def synthesise(args) -> None:
-    """Write synthetic flights into another lake."""
-    from . import synthesise as made
-
-    made.make(Lake(args.lake), Lake(args.to), args.flights)
-
-
-def engines(args) -> int:
-    """Compare what several engines read."""
-    from . import engines as readers
-
-    return 0 if readers.compare(Lake(args.lake), args.solve, _cache(args)) else 1
 
 
 def modes(args) -> int:

@@ -10,7 +10,6 @@ from . import records
 from .lake import NAME, Damaged, FleetError, Flight, Lake
 
 ATTRIBUTES = ("aircraft", "aircraft_type", "wing")
-DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
 FLIGHT = re.compile(r"f\d+")
 # Minimum number of leading characters that may identify a recorder, if they are unique.
 SHORT_ID = 4

@@ -224,6 +224,19 @@ class Desk:
         return [one for one in self.published if one.solve == solve]
 
 
+def files(lake: Lake, table: str, solves: list[str] | None, cache: Path) -> list[Path]:
+    """Return local files with all published rows of a table, digests verified. Files of a directory are used in place."""
+    now = snapshot.current(State(lake))
+    if now is None:
+        raise FleetError(f"{lake.url}: there is no snapshot of the current state; write one with `wingd-fleet compact`")
+    listed = now.files.get(table, {})
+    wanted = [file for solve in (solves or sorted(listed)) for file in listed.get(solve, [])]
+    found = [Desk.local(lake, cache, (file["key"], file["sha256"], file["columns"])) for file in wanted]
+    if faults := [one for one in found if isinstance(one, str)]:
+        raise Damaged(faults)
+    return found
+
+
 class _Wrong(Exception):
     """The downloaded bytes do not match their digest."""
 

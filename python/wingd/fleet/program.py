@@ -18,8 +18,6 @@ from .lake import FleetError, Passing
 
 # A flight of 1,000 frames takes minutes; a call that takes a day hangs.
 TIMEOUT_S = 24 * 3600
-# Exit status for errors in configuration or installation.
-AT_FAULT = 78
 # Exit status of a Rust program that panicked.
 PANICKED = 101
 # linux/prctl.h

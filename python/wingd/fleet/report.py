@@ -18,7 +18,6 @@ ROWS = 25
 DRAWN = 8
 # Number of load classes per aircraft in a figure.
 BINS = 10
-SECONDS_A_DAY = 86_400.0
 
 
 def write(desk: Desk, output: Path, solve: str | None = None, against: str | None = None, made: bool = False) -> None:
@@ -44,6 +43,56 @@ def _number(value, digits: int) -> str:
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "–"
     return f"{value:.{digits}f}"
+
+
+#: Columns of the views: heading, digits (None: text), factor.
+_COLUMNS: dict[str, tuple[str, int | None, float]] = {
+    "aircraft": ("aircraft", None, 1),
+    "wing": ("wing", None, 1),
+    "aircraft_type": ("type", None, 1),
+    "flights": ("flights", 0, 1),
+    "frames": ("frames", 0, 1),
+    "tip_marker": ("tip marker", None, 1),
+    "deflection_m": ("mean deflection, m", 3, 1),
+    "scatter_of_mean_m": ("scatter of flights over root n, mm", 1, 1000),
+    "least_m": ("minimum, m", 3, 1),
+    "most_m": ("maximum, m", 3, 1),
+    "sigma_frame_m": ("sigma of a frame, mm", 1, 1000),
+    "side": ("side", None, 1),
+    "eta": ("eta", 2, 1),
+    "arc_length_m": ("arc length from the root, m", 3, 1),
+    "load_t": ("mean load, t", 1, 1),
+    "sigma_m": ("sigma of the mean, mm", 1, 1000),
+    "offset_m": ("offset from the line of its type and side, mm", 1, 1000),
+    "over_sigma": ("offset over sigma", 1, 1),
+    "recorder_id": ("recorder", None, 1),
+    "within_mrad": ("within a flight, mrad", 3, 1),
+    "between_mrad": ("from flight to flight, mrad", 3, 1),
+    "sigma_mrad": ("sigma of a frame, mrad", 3, 1),
+    "used_share": ("markers used, %", 1, 100),
+    "sigma_px": ("median sigma, px", 3, 1),
+    "residual_px": ("residuals, px", 3, 1),
+    "beyond_share": ("beyond 3.29 sigma, %", 2, 100),
+    "reason": ("reason", None, 1),
+    "markers": ("markers", 0, 1),
+    "flight": ("flight", None, 1),
+    "shots": ("shots", 0, 1),
+    "ok": ("solved", 0, 1),
+    "results": ("results", 0, 1),
+    "rate_hz": ("results per second", 2, 1),
+    "solved_share": ("solved, %", 1, 100),
+    "scatter_m": ("its scatter, mm", 1, 1000),
+    "mean_m": ("mean difference, mm", 2, 1000),
+    "rms_m": ("rms, mm", 2, 1000),
+    "won": ("newly solved", 0, 1),
+    "lost": ("no longer solved", 0, 1),
+    "why": ("reason", None, 1),
+}
+
+
+def _columns(keys: str, **others: tuple[str, int | None, float]) -> list[tuple[str, str, int | None, float]]:
+    """Return columns in order, with other headings where a view means something else by a name."""
+    return [(key, *(_COLUMNS | others)[key]) for key in keys.split()]
 
 
 def table(rows: list[dict], columns: Sequence[tuple[str, str, int | None, float]], limit: int = ROWS) -> str:
@@ -101,34 +150,15 @@ def _head(desk: Desk, solve: str, made: bool) -> str:
 
 def _deflection(desk: Desk, solve: str) -> str:
     rows = desk.rows("FROM deflection_by_aircraft WHERE solve = ? ORDER BY aircraft_type, aircraft, wing", [solve])
-    columns = [
-        ("aircraft", "aircraft", None, 1),
-        ("wing", "wing", None, 1),
-        ("aircraft_type", "type", None, 1),
-        ("flights", "flights", 0, 1),
-        ("frames", "frames", 0, 1),
-        ("tip_marker", "tip marker", None, 1),
-        ("deflection_m", "mean deflection of the tip marker, m", 3, 1),
-        ("scatter_of_mean_m", "scatter of flights over root n, mm", 1, 1000),
-        ("least_m", "minimum, m", 3, 1),
-        ("most_m", "maximum, m", 3, 1),
-        ("sigma_frame_m", "sigma of a frame, mm", 1, 1000),
-    ]
+    columns = _columns(
+        "aircraft wing aircraft_type flights frames tip_marker deflection_m scatter_of_mean_m least_m most_m sigma_frame_m",
+        deflection_m=("mean deflection of the tip marker, m", 3, 1),
+    )
     text = _load(desk, solve) if desk.has_load else _without_load(desk, solve)
     shapes = desk.rows(
         "FROM shape_by_wing WHERE solve = ? ORDER BY aircraft_type, side, eta, arc_length_m, aircraft, wing", [solve]
     )
-    along = [
-        ("aircraft_type", "type", None, 1),
-        ("side", "side", None, 1),
-        ("eta", "eta", 2, 1),
-        ("arc_length_m", "arc length from the root, m", 3, 1),
-        ("aircraft", "aircraft", None, 1),
-        ("flights", "flights", 0, 1),
-        ("load_t", "mean load, t", 1, 1),
-        ("deflection_m", "mean deflection, m", 3, 1),
-        ("sigma_m", "sigma of the mean, mm", 1, 1000),
-    ]
+    along = _columns("aircraft_type side eta arc_length_m aircraft flights load_t deflection_m sigma_m")
     apart = "".join(f'<p class="warning">{html.escape(sentence)}.</p>' for sentence in desk.shapes_apart(solve))
     return (
         f"<h2>Deflection</h2>{apart}{text}<h3>Along the span</h3>{table(shapes, along, 4 * ROWS)}"
@@ -230,19 +260,10 @@ def _load(desk: Desk, solve: str) -> str:
         "ORDER BY max(abs(over_sigma)) OVER (PARTITION BY aircraft, wing) DESC NULLS LAST, aircraft, wing, arc_length_m",
         [solve],
     )
-    columns = [
-        ("aircraft", "aircraft", None, 1),
-        ("wing", "wing", None, 1),
-        ("aircraft_type", "type", None, 1),
-        ("side", "side", None, 1),
-        ("eta", "eta", 2, 1),
-        ("arc_length_m", "arc length from the root, m", 3, 1),
-        ("flights", "flights", 0, 1),
-        ("offset_m", "offset from the line of its type and side, mm", 1, 1000),
-        ("scatter_of_mean_m", "scatter of flights over root n, mm", 1, 1000),
-        ("sigma_m", "sigma of its mean shape, mm", 1, 1000),
-        ("over_sigma", "offset over sigma", 1, 1),
-    ]
+    columns = _columns(
+        "aircraft wing aircraft_type side eta arc_length_m flights offset_m scatter_of_mean_m sigma_m over_sigma",
+        sigma_m=("sigma of its mean shape, mm", 1, 1000),
+    )
     caption = (
         "Places are compared at equal arc lengths, not at tip markers. Errors of survey, camera and mounting stay in the mean of "
         "an aircraft's flights as far as these share them; of frames that were adjusted singly, all errors count as common."
@@ -296,15 +317,7 @@ def _mount(desk: Desk, solve: str) -> str:
     rows = desk.rows(
         "FROM mount_by_aircraft WHERE solve = ? ORDER BY within_mrad DESC NULLS LAST, aircraft, wing", [solve]
     )
-    columns = [
-        ("aircraft", "aircraft", None, 1),
-        ("wing", "wing", None, 1),
-        ("recorder_id", "recorder", None, 1),
-        ("flights", "flights", 0, 1),
-        ("within_mrad", "within a flight, mrad", 3, 1),
-        ("between_mrad", "from flight to flight, mrad", 3, 1),
-        ("sigma_mrad", "sigma of a frame, mrad", 3, 1),
-    ]
+    columns = _columns("aircraft wing recorder_id flights within_mrad between_mrad sigma_mrad")
     flights = desk.rows(
         "SELECT aircraft, wing, epoch(began) / 86400 AS day, sqrt(x_mrad ** 2 + y_mrad ** 2 + z_mrad ** 2) AS turn, within_mrad "
         "FROM mount_by_flight WHERE solve = ? AND began IS NOT NULL ORDER BY began",
@@ -333,39 +346,19 @@ def _mount(desk: Desk, solve: str) -> str:
 
 def _detection(desk: Desk, solve: str) -> str:
     rows = desk.rows("FROM detection WHERE solve = ? ORDER BY used_share, aircraft, wing", [solve])
-    columns = [
-        ("aircraft", "aircraft", None, 1),
-        ("wing", "wing", None, 1),
-        ("recorder_id", "recorder", None, 1),
-        ("frames", "frames", 0, 1),
-        ("used_share", "markers used, %", 1, 100),
-        ("sigma_px", "median sigma, px", 3, 1),
-        ("residual_px", "residuals, px", 3, 1),
-        ("beyond_share", "beyond 3.29 sigma, %", 2, 100),
-    ]
+    columns = _columns("aircraft wing recorder_id frames used_share sigma_px residual_px beyond_share")
     reasons = desk.rows(
         "SELECT reason, sum(markers) AS markers, count(DISTINCT aircraft) AS aircraft FROM marker_reasons WHERE solve = ? "
         "GROUP BY reason ORDER BY markers DESC",
         [solve],
     )
-    why = [
-        ("reason", "reason", None, 1),
-        ("markers", "markers", 0, 1),
-        ("aircraft", "aircraft", 0, 1),
-    ]
+    why = _columns("reason markers aircraft", aircraft=("aircraft", 0, 1))
     return f"<h2>Detection</h2>{table(rows, columns)}<h3>Markers not used</h3>{table(reasons, why, 10)}"
 
 
 def _failing(desk: Desk, solve: str) -> str:
     rows = desk.rows("FROM failing_flights WHERE solve = ? ORDER BY ok, shots - ok DESC, aircraft, flight", [solve])
-    columns = [
-        ("aircraft", "aircraft", None, 1),
-        ("recorder_id", "recorder", None, 1),
-        ("flight", "flight", None, 1),
-        ("shots", "shots", 0, 1),
-        ("ok", "solved", 0, 1),
-        ("reason", "most frequent reason", None, 1),
-    ]
+    columns = _columns("aircraft recorder_id flight shots ok reason", reason=("most frequent reason", None, 1))
     said = desk.state.failures(solve)
     lost = [
         {"flight": str(flight), "why": said[flight][-1] if flight in said else "no task has finished yet"}
@@ -381,7 +374,7 @@ def _failing(desk: Desk, solve: str) -> str:
         for flight, one, record in desk.withdrawn()
         if one == solve
     ]
-    why = [("flight", "flight", None, 1), ("why", "reason", None, 1)]
+    why = _columns("flight why")
     return (
         f"<h2>Failures</h2><h3>Flights with shots without a result</h3>{table(rows, columns)}"
         f"<h3>Flights without tables of this solve</h3>{table(lost + coming, why)}"
@@ -394,17 +387,11 @@ def _live(desk: Desk, solve: str) -> str:
     if not of:
         return ""
     rows = desk.rows("FROM live_by_flight WHERE solve = ? ORDER BY solved_share, began", [of[0]["solve"]])
-    columns = [
-        ("aircraft", "aircraft", None, 1),
-        ("wing", "wing", None, 1),
-        ("flight", "flight", None, 1),
-        ("results", "results", 0, 1),
-        ("rate_hz", "results per second", 2, 1),
-        ("solved_share", "solved, %", 1, 100),
-        ("deflection_m", "mean deflection of the tip, m", 3, 1),
-        ("scatter_m", "its scatter, mm", 1, 1000),
-        ("sigma_m", "sigma of a result, mm", 1, 1000),
-    ]
+    columns = _columns(
+        "aircraft wing flight results rate_hz solved_share deflection_m scatter_m sigma_m",
+        deflection_m=("mean deflection of the tip, m", 3, 1),
+        sigma_m=("sigma of a result, mm", 1, 1000),
+    )
     caption = "Live results as uploaded; they are not solved again."
     return f'<h2>Live results</h2>{table(rows, columns)}<p class="caption">{caption}</p>'
 
@@ -415,17 +402,12 @@ def _compared(desk: Desk, one: str | None, other: str) -> str:
     rows = desk.rows(
         "FROM compared_by_aircraft(?, ?) ORDER BY abs(mean_m) DESC NULLS LAST, aircraft, wing", [one, other]
     )
-    columns = [
-        ("aircraft", "aircraft", None, 1),
-        ("wing", "wing", None, 1),
-        ("frames", "common frames", 0, 1),
-        ("mean_m", "mean difference, mm", 2, 1000),
-        ("rms_m", "rms, mm", 2, 1000),
-        ("most_m", "maximum, mm", 2, 1000),
-        ("over_sigma", "rms over sigma", 2, 1),
-        ("won", "newly solved", 0, 1),
-        ("lost", "no longer solved", 0, 1),
-    ]
+    columns = _columns(
+        "aircraft wing frames mean_m rms_m most_m over_sigma won lost",
+        frames=("common frames", 0, 1),
+        most_m=("maximum, mm", 2, 1000),
+        over_sigma=("rms over sigma", 2, 1),
+    )
     drawn = [(row["aircraft"], row["wing"]) for row in rows[:DRAWN]]
     points = desk.rows(
         "SELECT aircraft, wing, deflection_one_m AS x, 1000 * difference_m AS y, 1000 * sigma_m AS s FROM compared(?, ?) "

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
 from wingd import WingdError
@@ -36,19 +37,6 @@ _CHUNK = 5000
 
 def _length(points: Array) -> Array:
     return np.linalg.norm(np.diff(points, axis=-2), axis=-1).sum(axis=-1)
-
-
-def _slope_matrix(arcs: Array) -> Array:
-    """Return the matrix of slopes at knots from values: of the parabola through each knot and its neighbours."""
-    n = len(arcs)
-    rise = np.zeros((n - 1, n))
-    index = np.arange(n - 1)
-    rise[index, index], rise[index, index + 1] = -1 / np.diff(arcs), 1 / np.diff(arcs)
-    if n == 2:
-        return np.repeat(rise, 2, axis=0)
-    middle = np.clip(np.arange(n), 1, n - 2)
-    bend = (rise[middle] - rise[middle - 1]) / (arcs[middle + 1] - arcs[middle - 1])[:, None]
-    return rise[middle - 1] + bend * (2 * arcs - arcs[middle - 1] - arcs[middle])[:, None]
 
 
 class Deformation:
@@ -115,9 +103,13 @@ class Deformation:
                 factor[:, :3] = moved[:1] + (moved - moved[:1]) / self.scale - by_scale
                 self._scale_factor = np.zeros_like(self._scale_factor)
             self.scale = float(_length(ground_m + displacement_m) / on_ground)
-        self.arc_m, self.factor, self._slope_matrix = arc_m, factor, _slope_matrix(arc_m)
+        self.arc_m, self.factor = arc_m, factor
         self._values = np.hstack([ground_m, displacement_m, rotation])
-        self._slopes = self._slope_matrix @ self._values
+        # Slopes of the parabola through each section and its neighbours.
+        by_value = np.gradient(np.eye(len(arc_m)), arc_m, axis=0, edge_order=min(len(arc_m) - 1, 2))
+        self._slopes = by_value @ self._values
+        self._curve = CubicHermiteSpline(arc_m, self._values, self._slopes)
+        self._weights = CubicHermiteSpline(arc_m, np.eye(len(arc_m)), by_value)
 
     @classmethod
     def from_dataset(cls, shape: xr.Dataset, frame: str | None = None, thermal: bool = True) -> Deformation:
@@ -176,28 +168,6 @@ class Deformation:
         ground, displacement, rotation = np.split(self._values, 3, axis=1)
         return Deformation(self.arc_m, ground, displacement + moved[:, :3], rotation + moved[:, 3:])
 
-    def _weights(self, arc: Array) -> Array:
-        """Return the weights of the sections' values at arc lengths; shape (points, n)."""
-        k = np.clip(np.searchsorted(self.arc_m, arc, side="right"), 1, len(self.arc_m) - 1)
-        step = self.arc_m[k] - self.arc_m[k - 1]
-        t = (arc - self.arc_m[k - 1]) / step
-        rows = np.arange(len(arc))
-        weights = self._slope_matrix[k - 1] * ((t - 2 * t**2 + t**3) * step)[:, None]
-        weights += self._slope_matrix[k] * ((t**3 - t**2) * step)[:, None]
-        weights[rows, k - 1] += 1 - 3 * t**2 + 2 * t**3
-        weights[rows, k] += 3 * t**2 - 2 * t**3
-        return weights
-
-    def _axis(self, arc: Array) -> tuple[Array, Array]:
-        """Return values and slopes of axis, displacement and rotation at arc lengths; shape (points, 9) each."""
-        k = np.clip(np.searchsorted(self.arc_m, arc, side="right"), 1, len(self.arc_m) - 1)
-        low, a, b = self._values[k - 1], self._slopes[k - 1], self._slopes[k]
-        step = (self.arc_m[k] - self.arc_m[k - 1])[:, None]
-        t = (arc - self.arc_m[k - 1])[:, None] / step
-        rise = (self._values[k] - low) / step
-        second, third = rise * 3 - a * 2 - b, a + b - rise * 2
-        return low + (a + (second + third * t) * t) * (t * step), a + (second * 2 + third * (3 * t)) * t
-
     def find_feet(self, points_m: Array) -> tuple[Array, Array]:
         """Find the section through each point.
 
@@ -234,7 +204,7 @@ class Deformation:
             if not len(active):
                 break
             arc[active] = moved
-            values[active], slopes[active] = self._axis(moved)
+            values[active], slopes[active] = self._curve(moved), self._curve(moved, 1)
         tangent = _unit(slopes[:, :3])
         arm = points - values[:, :3]
         beyond = np.where(low == high, np.einsum("pi,pi->p", arm, tangent), 0.0)
@@ -271,7 +241,7 @@ class Deformation:
         points, arc = points[outboard], arc[outboard]
         weight = _blend_weight(arc / (BLEND_FRACTION * self.length_m))[:, None]
         at = np.minimum(arc, self.length_m)
-        values, _ = self._axis(at)
+        values = self._curve(at)
         arm = points - values[:, :3]
         turn = values[:, 6:] * weight
         turned = Rotation.from_rotvec(turn).apply(arm)

@@ -143,11 +143,12 @@ def _axes() -> set[str]:
 def _node_numbers(path: Path, header: Any, rows: list[Any], id_column: str) -> IntArray | None:
     names = header.cells
     if id_column not in names:
-        looks = [n for n in names if re.sub(r"[^a-z]", "", n.lower()) in _NUMBER_NAMES]
-        if looks or id_column != "id":
-            key = looks[0] if looks else id_column
-            problem = "looks like the numbers of the nodes, but is not called id" if looks else "is not a column"
-            raise fault(path, problem, f"rename it to id, or give --id {key}", line=header.line, key=key)
+        if id_column != "id":
+            raise fault(path, "is not a column", f"the header has {', '.join(names)}", line=header.line, key=id_column)
+        looks = next((n for n in names if re.sub(r"[^a-z]", "", n.lower()) in _NUMBER_NAMES), None)
+        if looks:
+            problem = "looks like the numbers of the nodes, but is not called id"
+            raise fault(path, problem, f"rename it to id, or give --id {looks}", line=header.line, key=looks)
         return None
     k, ids, lines = names.index(id_column), [], {}
     for row in rows:

@@ -16,11 +16,11 @@ use wingd_evaluation::installation::Installation;
 use wingd_measure::adjust::{GlobalTest, JointShape, ShapeMean};
 use wingd_measure::geometry::TransformFit;
 use wingd_measure::observation::Estimate;
-use wingd_measure::setup::WingSide;
+use wingd_measure::setup::{Width, WingSide};
 
 /// Version of the format; later versions add variables and change no meaning.
 const FORMAT_VERSION: i32 = 2;
-/// Fraction of the variance that reduced factors may lose.
+/// Fraction of the variance of a value, and of its deviation from the mean of the frames, that reduced factors may lose.
 const LOST_VARIANCE: f64 = 1e-4;
 
 /// Shape of a frame, or mean of several.
@@ -347,6 +347,10 @@ fn facts(
         ("factors", text(if is_full { "full" } else { "reduced" })),
         ("length_to_tip_m", number(shape.length_m)),
         ("outermost_marker_m", number(shape.reach_m)),
+        (
+            "root_offset_sigma_m",
+            number(setup.uncertainty[Width::RootOffset]),
+        ),
     ];
     facts.extend(setup.flow_direction.map(|flow| {
         (

@@ -248,17 +248,13 @@ impl FrameOutcome<'_> {
     }
 }
 
-/// Reduces factors of several frames with common sources to fewer common sources.
+/// Reduces factors of frames to fewer common sources.
 pub(super) fn reduce_factors(factors: Vec<DMatrix<f64>>) -> Vec<DMatrix<f64>> {
-    if factors.first().is_none_or(|factor| factor.ncols() == 0) {
-        return factors;
-    }
     let basis = principal_sources(&factors, LOST_VARIANCE);
     factors.into_iter().map(|factor| factor * &basis).collect()
 }
 
-/// Returns a basis of the common sources of factors (sources x reduced sources, orthonormal columns), so that the factors in
-/// it lose at most `lost` of the variances of their rows, each counted as 1.
+/// Returns an orthonormal basis (sources x reduced sources), in which no row loses more than `lost` of its variance.
 pub fn principal_sources(factors: &[DMatrix<f64>], lost: f64) -> DMatrix<f64> {
     let sources = factors.first().map_or(0, DMatrix::ncols);
     if sources == 0 {
@@ -268,8 +264,7 @@ pub fn principal_sources(factors: &[DMatrix<f64>], lost: f64) -> DMatrix<f64> {
     for factor in factors {
         let mut scaled = factor.clone();
         for mut row in scaled.row_iter_mut() {
-            let sigma = row.norm();
-            row /= if sigma > 0.0 { sigma } else { 1.0 };
+            row.try_normalize_mut(0.0);
         }
         normal.gemm_tr(1.0, &scaled, &scaled, 1.0);
     }
@@ -277,13 +272,19 @@ pub fn principal_sources(factors: &[DMatrix<f64>], lost: f64) -> DMatrix<f64> {
         eigenvectors,
         eigenvalues,
     } = SymmetricEigen::new(normal);
-    let mut order: Vec<usize> = (0..sources).collect();
-    order.sort_by(|a, b| eigenvalues[*a].total_cmp(&eigenvalues[*b]));
-    let mut sum = 0.0;
-    order.retain(|k| {
-        sum += eigenvalues[*k].max(0.0);
-        sum > lost
-    });
-    order.reverse();
-    eigenvectors.select_columns(&order)
+    let mut order = Vec::from_iter(0..sources);
+    order.sort_by(|a, b| eigenvalues[*b].total_cmp(&eigenvalues[*a]));
+    let directions = eigenvectors.select_columns(&order);
+    let mut kept = 0;
+    for factor in factors {
+        for row in (factor * &directions).row_iter() {
+            let mut left = lost * row.norm_squared();
+            let omits = |entry: &&f64| {
+                left -= *entry * *entry;
+                left >= 0.0
+            };
+            kept = kept.max(sources - row.iter().rev().take_while(omits).count());
+        }
+    }
+    directions.columns(0, kept).into_owned()
 }

@@ -64,6 +64,7 @@ impl ShapeExport {
         let arcs = &self.shape.arcs_m;
         // Rounded, so that a given fraction is found as such.
         let eta = |arc_m: &f64| (arc_m / self.shape.length_m * 1e12).round() * 1e-12;
+        let sources = SOURCES.map(|source| (source, data_size(&data.dimensions, source)));
         let mut add = |name: &str, unit, meaning: &str, dimensions: &[&'static str], values| {
             add_array(data, (name, unit, meaning), dimensions, values)
         };
@@ -94,14 +95,10 @@ impl ShapeExport {
             &["section"],
             numbers(self.sections_m.clone()),
         );
-        for source in &SOURCES {
-            let count = data_size(&data.dimensions, source);
+        for (source, count) in sources {
             let counts = numbers((0..count).map(|k| k as f64).collect());
-            add_array(data, (source, "1", "source of errors"), &[source], counts);
+            add(source, "1", "source of errors", &[source], counts);
         }
-        let mut add = |name: &str, unit, meaning: &str, dimensions: &[&'static str], values| {
-            add_array(data, (name, unit, meaning), dimensions, values)
-        };
         let meaning = "bending axis on the ground, survey frame";
         let values = numbers(self.ground_m.clone());
         add("ground_position", "m", meaning, &["eta", "axis"], values);

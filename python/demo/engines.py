@@ -6,24 +6,8 @@ import math
 import time
 from pathlib import Path
 
-from . import snapshot
-from .lake import Damaged, FleetError, Lake
-from .state import State
-
-
-def files(lake: Lake, table: str, solves: list[str] | None, cache: Path) -> list[Path]:
-    """Return local files with all published rows of a table, digests verified. Files of a directory are used in place."""
-    from .desk import Desk
-
-    now = snapshot.current(State(lake))
-    if now is None:
-        raise FleetError(f"{lake.url}: there is no snapshot of the current state; write one with `wingd-fleet compact`")
-    listed = now.files.get(table, {})
-    wanted = [file for solve in (solves or sorted(listed)) for file in listed.get(solve, [])]
-    found = [Desk.local(lake, cache, (file["key"], file["sha256"], file["columns"])) for file in wanted]
-    if faults := [one for one in found if isinstance(one, str)]:
-        raise Damaged(faults)
-    return found
+from wingd.fleet.desk import files
+from wingd.fleet.lake import Lake
 
 
 def _pandas(files: list[str]):

@@ -12,10 +12,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from . import parquet, records, snapshot, solves
-from .lake import SYNTHETIC, FleetError, Flight, Lake
-from .records import sha256
-from .state import State
+from wingd.fleet import parquet, records, snapshot, solves
+from wingd.fleet.lake import SYNTHETIC, FleetError, Flight, Lake
+from wingd.fleet.records import sha256
+from wingd.fleet.state import State
 
 SOLVES = ("onboard", "recalibrated")
 SEED = 20261125
