@@ -30,6 +30,8 @@ WINGD = ROOT / "target/release/wingd"
 # Factor within which times agree: other programs run on the machines that check them.
 TIMES = 2.0
 TIMED = ("benches", "recorder")
+# Figures are of all draws, as in make test-long.
+os.environ["WINGD_DRAWS"] = "all"
 
 
 def run(*command):
