@@ -20,7 +20,7 @@ sed -i -e 's#^path = "store"#path = "/var/lib/wingd/store"#' -e 's#^socket = .*#
     -e 's#"live.sock"#"/run/wingd/live.sock"#' \
     -e 's#^folder = .*#folder = "/var/lib/wingd/frames"#' "$root/etc/wingd/wingd.toml"
 grep -q '^path = "/var/lib/wingd/store"' "$root/etc/wingd/wingd.toml" || { echo "config/wingd.toml: no [store] path to set" >&2; exit 1; }
-for page in README.md LICENSE* CHANGELOG.md docs/operations.md docs/operations/camera.md docs/operations/flights-to-the-desk.md docs/reference/*.md docs/licences.md docs/evaluation.md docs/troubleshooting.md docs/store.md docs/store/column.py; do
+for page in README.md LICENSE* CHANGELOG.md docs/operations.md docs/operations/camera.md docs/operations/flights-to-the-desk.md docs/reference/*.md docs/licences.md docs/evaluation.md docs/faq.md docs/troubleshooting.md docs/store.md docs/store/column.py; do
     [ ! -f "$page" ] || put 644 "$page" "usr/share/doc/wingd/$(basename "$page")"
 done
 for schema in docs/schema/*.schema.json; do put 644 "$schema" "usr/share/doc/wingd/schema/$(basename "$schema")"; done

@@ -18,8 +18,8 @@ const COMMON_OPTIONS: [(&str, &str); 9] = [
     ("--flight", "Flight"),
     ("--inputs", ""),
 ];
-/// Column of the purpose of an option, characters.
-const PURPOSE_COLUMN: usize = 30;
+/// Width of a line of options, characters.
+const PAGE_COLUMNS: usize = 110;
 
 fn help_of(arguments: &[&str]) -> String {
     let output = Command::new(env!("CARGO_BIN_EXE_wingd"))
@@ -85,16 +85,23 @@ fn describe_command(name: &str) -> String {
         COMMON_OPTIONS.iter().any(is)
     };
     let own = options.filter(|(option, purpose)| !is_common(option, shorten(purpose)));
-    let lines: String = own
-        .map(|(name, purpose)| {
-            let purpose = shorten(&purpose);
-            match name.len() + 2 < PURPOSE_COLUMN {
-                true => format!("  {name:width$}{purpose}\n", width = PURPOSE_COLUMN - 2),
-                false => format!("  {name}  {purpose}\n"),
+    let names: Vec<String> = own.map(|(name, _)| name).collect();
+    format!("{usage}\n  {about}.\n{}", wrap(&names))
+}
+
+/// Lines of names, each indented and at most as wide as a page.
+fn wrap(names: &[String]) -> String {
+    let mut lines: Vec<String> = vec![];
+    for name in names {
+        match lines.last_mut() {
+            Some(line) if line.len() + 2 + name.len() <= PAGE_COLUMNS => {
+                line.push_str("  ");
+                line.push_str(name);
             }
-        })
-        .collect();
-    format!("{usage}\n  {about}.\n{lines}")
+            _ => lines.push(format!("  {name}")),
+        }
+    }
+    lines.iter().map(|line| format!("{line}\n")).collect()
 }
 
 #[test]

@@ -48,6 +48,7 @@ mod phone_pictures;
 mod plan_command;
 mod points;
 mod power_fails;
+mod printable;
 mod program;
 mod recorder_survives;
 mod report_html;

@@ -3,12 +3,12 @@
 
     python3 tests/validation/figures.py                  # rewrites all: make docs-figures
     python3 tests/validation/figures.py --check          # compares; exit 1 if one differs
-    python3 tests/validation/figures.py --names          # lists the names; needs no program
-    python3 tests/validation/figures.py --check window   # those whose names begin so
+    python3 tests/validation/figures.py --pages          # each block has its template's text; needs no program
+    python3 tests/validation/figures.py --check window   # the blocks whose names begin so
     python3 tests/validation/figures.py --kept           # from the outputs of the last run
 
-A figure is the text between `<!--figure:NAME-->` and `<!--end-->`, in a line or as a table. Outputs of the commands are kept in
-target/figures. Times are compared within a factor, other numbers within one unit of their last digit. Needs the programs of
+The lines of a page between `<!-- figures NAME -->` and `<!-- end -->` are the section NAME of figures.md, with the figures
+in place of their names in braces. Outputs of the commands are kept in target/figures. Times are compared within a factor, other numbers within one unit of their last digit. Needs the programs of
 `make build`, cargo and Python 3.11; the peers of the times need OpenCV and SciPy (benches/run.sh installs them).
 """
 
@@ -30,6 +30,8 @@ WINGD = ROOT / "target/release/wingd"
 # Factor within which times agree: other programs run on the machines that check them.
 TIMES = 2.0
 TIMED = ("benches", "recorder")
+# Figures are of all draws, as in make test-long.
+os.environ["WINGD_DRAWS"] = "all"
 
 
 def run(*command):
@@ -60,9 +62,10 @@ def flights():
                 across, up, over = solved(WINGD, installation, image, flight, bool(options))
                 found = answers(WINGD, "solve", "--json", *options, "--installation", installation, *image)
                 sigma = statistics.median(1e3 * f["tip"][key(f["tip"])] for f in found)
+                tip = rms([1e3 * tip_error(f["tip"], t) for f, t in zip(found, flight, strict=True)])
                 torsion = rms([f["torsion"][0]["angle_deg"] - t["torsion_deg"] for f, t in zip(found, flight, strict=True)])
                 lines.append(
-                    f"{name}, {label}: horizontal {across:.4f} up {up:.4f} over {over:.4f} sigma {sigma:.4f} torsion {torsion:.6f}"
+                    f"{name}, {label}: horizontal {across:.4f} up {up:.4f} over {over:.4f} sigma {sigma:.4f} tip {tip:.4f} torsion {torsion:.6f}"
                 )
     return "\n".join(lines)
 
@@ -71,6 +74,12 @@ def key(tip):
     """Name of the standard deviation of the reported deflection."""
     suffix = {"survey": "", "ground": "_ground", "root": "_root"}[tip["reference"]]
     return f"sigma_deflection{suffix}_m"
+
+
+def tip_error(tip, truth):
+    """Error of the reported deflection, m. The three references are one in rendered flights."""
+    true = next(m["deflection_m"] for m in truth["markers"] if m["id"] == tip["marker"])
+    return tip[key(tip).removeprefix("sigma_")] - true
 
 
 def recorder():
@@ -130,14 +139,12 @@ NUMBER = r"(-?[\d.]+)"
 
 
 def flight_row(name, label):
-    pattern = f"{name}, {label}: horizontal # up # over # sigma #"
-    return ("flights", pattern, "{:.1f} mm | {:.1f} mm | {:.2f} | {:.1f} mm")
+    pattern = f"{name}, {label}: horizontal # up # over #"
+    return ("flights", pattern, "{:.1f} mm | {:.1f} mm | {:.2f}")
 
 
-def range_of(label, which, form):
-    """From the better to the worse of the bundled flights."""
-    first, second = (f"{name}, {label}: .*?{which} #" for name in ("dev", "demo"))
-    return ("flights", f"{first}[\\s\\S]*?{second}", lambda *values: form.format(*sorted(values)))
+def tip_row(name, label):
+    return ("flights", f"{name}, {label}: .* sigma # tip #", lambda sigma, tip: f"{tip:.0f} mm | {sigma:.0f} mm")
 
 
 def fixture_row(name):
@@ -173,12 +180,6 @@ def live_row(begins):
     return ("live", f"^{begins}: deflection # mm rms, normalised #, sigma of the tip # mm", "{:.1f} mm | {:.2f} | {:.1f} mm")
 
 
-RANGES = {
-    "up": "{:.0f} to {:.0f} mm",
-    "horizontal": "{:.0f} to {:.0f} mm",
-    "over": "{:.1f} to {:.1f}",
-    "torsion": "{:.3f} to {:.3f} degrees",
-}
 ACCURACY = {
     "one-alone": "2 mm, 0.05 px, rotation only",
     "one": "2 mm, 0.05 px, ground observations",
@@ -215,8 +216,7 @@ ADJUST_BENCHES = {
 # Name -> source, pattern (# is a number), text.
 FIGURES = {
     **{f"flight-{n}-{k}": flight_row(n, l) for n in ("dev", "demo") for k, l in (("one", "one frame"), ("all", "flight"))},
-    **{f"range-{k}-{w}": range_of(l, w, form) for k, l in (("one", "one frame"), ("all", "flight")) for w, form in RANGES.items()},
-    "fixtures-median": ("fixtures", "^dev: .*median # px", "{:.2f} px"),
+    **{f"tip-{n}-{k}": tip_row(n, l) for n in ("dev", "demo") for k, l in (("one", "one frame"), ("all", "flight"))},
     "fixtures-dev": fixture_row("dev"),
     "fixtures-moved": fixture_row("dev, moved"),
     "fixtures-noisy": fixture_row("dev, noisy"),
@@ -224,14 +224,14 @@ FIGURES = {
     "fixtures-all": fixture_row("dev, all"),
     "fixtures-demo": fixture_row("demo"),
     **{f"accuracy-{k}": accuracy_row(line) for k, line in ACCURACY.items()},
-    "accuracy-paper": ("accuracy", "^5 px, 5 mm: spatial # mm, profile # mm", "spatial {:.0f} mm | profile {:.0f} mm"),
+    "accuracy-paper": ("accuracy", "^5 px, 5 mm: spatial # mm, profile # mm", "{:.0f} mm | {:.0f} mm"),
     **{f"window-{k}": window_row(line) for k, line in WINDOW.items()},
     "shift-one": shift_row("false"),
     "shift-flight": shift_row("true"),
     "fixed-rms": fixed_row("# mm rms, normalised [\\d.]+, largest sigma [\\d.]+ mm", "{:.1f} mm"),
     "fixed-over": fixed_row("[\\d.]+ mm rms, normalised #, largest sigma [\\d.]+ mm", "{:.2f}"),
     "fixed-sigma": fixed_row("[\\d.]+ mm rms, normalised [\\d.]+, largest sigma # mm", "{:.1f} mm"),
-    "mounting-known": ("camera", "^flight false: known [\\d.]+, sigma # mm; not declared [\\d.]+, sigma # mm", "from {1:.1f} to {0:.1f} mm"),
+    "mounting-known": ("camera", "^flight false: known [\\d.]+, sigma # mm; not declared [\\d.]+, sigma # mm", "{1:.1f} mm; {0:.1f} mm"),
     "coverage": (
         "coverage",
         "^sampled over predicted: position #, deflection #, torsion #, twist #",
@@ -241,7 +241,7 @@ FIGURES = {
     "coverage-found": ("coverage", "^found # of #", "{:.0f} of {:.0f}"),
     "identified": ("identification", "^flight: Tally . visible: #, right: #, wrong: #", "{1:.0f} of {0:.0f}"),
     "oriented": ("identification", "^ground: .*error median # mrad, p95 #", "{:.2f} mrad median, {:.2f} mrad 95 %"),
-    "bias-of-discs": ("identification", "^bias: rms # px before, # px after", "{:.3f} px, {:.3f} px"),
+    "bias-of-discs": ("identification", "^bias: rms # px before, # px after", "{:.3f} px; {:.3f} px"),
     "orientation": (
         "identification",
         "^orientation, mrad: exact pixels of all markers #, of those found #, image #",
@@ -321,30 +321,73 @@ def agree(old, new, name):
     return True
 
 
+def templates():
+    """Text of each block, by its name."""
+    sections = Path(__file__).with_suffix(".md").read_text().split("\n## ")[1:]
+    return {name.strip(): text.strip() for name, _, text in (section.partition("\n") for section in sections)}
+
+
+def names(template):
+    return re.findall(r"\{([\w.-]+)\}", template)
+
+
+def shown(template, block):
+    """The figures of a block by their names; None if its text is not the template's."""
+    parts = re.split(r"\{[\w.-]+\}", template)
+    match = re.fullmatch("(.+?)".join(map(re.escape, parts)), block.strip())
+    return match and dict(zip(names(template), match.groups(), strict=True))
+
+
+def pages():
+    """Each page with its text."""
+    return [(page, page.read_text()) for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md"))]]
+
+
+BLOCK = re.compile(r"(?ms)^<!-- figures ([\w.-]+) -->\n(.*?)^<!-- end -->$")
+
+
+def check_pages():
+    """Faults of the blocks that show without the program."""
+    known, faults, used = templates(), [], []
+    for page, text in pages():
+        for name, block in BLOCK.findall(text):
+            used.append(name)
+            if name not in known or not shown(known[name], block):
+                faults.append(f"{page.relative_to(ROOT)}: {name} differs from its template; run make docs-figures")
+    figures = [figure for template in known.values() for figure in names(template)]
+    faults += [f"figures.md: no page shows {name}" for name in known if name not in used]
+    faults += [f"figures.md: {figure} has no command" for figure in figures if figure not in FIGURES]
+    faults += [f"figures.py: no block shows {figure}" for figure in FIGURES if figure not in figures]
+    return faults
+
+
 def main():
     arguments = sys.argv[1:]
-    if "--names" in arguments:
-        print("\n".join(FIGURES))
-        return
+    if "--pages" in arguments:
+        faults = check_pages()
+        print("\n".join(faults) or f"{len(templates())} blocks with {len(FIGURES)} figures")
+        sys.exit(1 if faults else 0)
     check = "--check" in arguments
     begins = next((a for a in arguments if not a.startswith("--")), "")
-    wrong, outputs = [], {}
-    for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md"))]:
-        text = page.read_text()
+    wrong, outputs, known = [], {}, templates()
+    for page, text in pages():
 
         def written(match):
-            name, old = match[1], match[2]
-            if name not in FIGURES:
-                sys.exit(f"{page.relative_to(ROOT)}: {name} is no figure of {Path(__file__).name}; give it a command there")
+            name, block = match[1], match[2]
+            if name not in known:
+                sys.exit(f"{page.relative_to(ROOT)}: {name} is no section of figures.md")
             if not name.startswith(begins):
                 return match[0]
-            new = found(name, outputs)
-            if not (agree(old, new, name) if check else old == new):
-                wrong.append(f"{page.relative_to(ROOT)}: {name}: {old} -> {new}")
-                return f"<!--figure:{name}-->{new}<!--end-->"
-            return match[0]
+            old, template = shown(known[name], block) or {}, known[name]
+            for figure in names(template):
+                new = found(figure, outputs)
+                before = old.get(figure, "")
+                if not (agree(before, new, figure) if check else before == new):
+                    wrong.append(f"{page.relative_to(ROOT)}: {figure}: {before} -> {new}")
+                template = template.replace(f"{{{figure}}}", new)
+            return f"<!-- figures {name} -->\n{template}\n<!-- end -->"
 
-        changed = re.sub(r"<!--figure:([\w.-]+)-->(.*?)<!--end-->", written, text)
+        changed = BLOCK.sub(written, text)
         if changed != text and not check:
             page.write_text(changed)
     print("\n".join(wrong) or "all figures agree with their commands")

@@ -180,10 +180,10 @@ widths! {
     /// its standard deviation
     SpanDirection = "wing" "span_direction_sigma_deg", DEGREE, 1.0, max 20.0, laboratory,
         Some("span direction"), [SpanDirection];
-    /// standard deviation of the sweep outboard of the breaks that state `sweep_deg`
+    /// standard deviation of the sweep outboard of the breaks with `sweep_deg`
     Sweep = "wing" "sweep_sigma_deg", DEGREE, 1.0, max 20.0, laboratory, None, [Sweep];
     /// standard deviation of the projection centre's shift between two mountings. The largest contribution to a single
-    /// frame's deflection; 0 if the camera was not removed since the ground frame
+    /// frame's deflection. 0 if the camera was not removed since the ground frame
     MountShift = "camera" "mount_shift_m", METRE, 0.002, max 0.5, laboratory,
         Some("shift of the mounting"), [MountingShift];
     /// standard deviation of the bending between survey and ground frame (fuel, jacks, sun), at the tip
@@ -210,25 +210,25 @@ widths! {
     /// standard deviation of the bending in the wing's plane, at the tip (0.9 of it common to a flight's frames, 0.436
     /// independent per frame)
     InPlane = "wing" "in_plane_sigma_m", METRE, 0.05, max 5.0, flight, Some("in-plane bending"), [InPlane];
-    /// relative standard deviation of the camera constant in flight over that on ground: cold and focus
+    /// relative standard deviation of the focal length in flight over the one on the ground: cold and focus
     FlightScale = "camera" "flight_scale_sigma", RATIO, 2e-4, max 0.1, flight,
         Some("interior orientation in flight"), [FlightScale];
-    /// standard deviation of the principal point in flight against that on ground
+    /// standard deviation of the principal point in flight against the one on the ground
     PrincipalPoint = "camera" "flight_principal_point_sigma_px", PIXEL, 0.3, max 1000.0, flight,
         Some("interior orientation in flight"), [FlightPrincipalPoint];
-    /// standard deviation of the image's shift from frame to frame by stabilisation of lens or sensor, each axis; 0: it has
+    /// standard deviation of the image's shift from frame to frame by stabilisation of lens or sensor, each axis. 0: it has
     /// none, or it is switched off
     Stabilisation = "camera" "stabilised_px", PIXEL, 0.0, max 1000.0, flight, None, [ImageShift];
     /// standard deviation of the twist caused by a control surface's torque, at its position: four positions from 0.45 to
     /// 0.9 of the length (0.9 of it common to a flight's frames, 0.436 independent per frame)
     Torque = "wing" "torque_sigma_deg", DEGREE, 1.0, max 20.0, flight, Some("control-surface torque"), [Torque];
-    /// from the exposure of the first row to that of the last (rolling shutter); 0 for a global shutter. Positions refer
+    /// from the exposure of the first row to the last row's (rolling shutter), 0 for a global shutter. Positions refer
     /// to the time of the middle row
     Readout = "camera" "readout_s", SECOND, 0.03, max 1.0, flight,
         Some("rolling shutter"), [WingVibration, CameraShake];
     /// standard deviation of the camera's rotation between two frames of one mounting
     MountDrift = "camera" "mount_drift_mrad", MILLIRADIAN, 0.05, max 100.0, laboratory, None, [MountingRotation];
-    /// standard deviation of the survey's vertical about each horizontal axis; deflections are measured along the vertical
+    /// standard deviation of the survey's vertical about each horizontal axis. Deflections are measured along the vertical
     Vertical = "survey" "vertical_sigma_deg", DEGREE, 0.1, max 20.0, flight, None, [Vertical];
 }
 
