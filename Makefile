@@ -44,7 +44,7 @@ help:
 	@echo 'make table TABLE=name  a table of the pages that takes minutes to hours: tests/validation/tables'
 	@echo 'make check         format, lints, unit tests and layers: what usually breaks, in a minute after a change'
 	@echo 'make docs-figures  writes the figures of README and pages by their commands (OPTIONS=--check compares)'
-	@echo 'make compare BASE=revision  what detects otherwise than at that revision (QUICK=1, TOLERANCE; tests/compare)'
+	@echo 'make compare BASE=revision  judges the detection by images against that revision (OLD, NEW, OPTIONS; tests/compare)'
 	@echo 'make package-desk  the workstation'"'"'s: the whole program and wingd for Python; packaging/Containerfile makes an image of it'
 	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
 	@echo 'make test-browser  each interaction of a report, marking by clicking, the live page through its faults, in Chromium (installs it)'
@@ -140,9 +140,9 @@ docs-figures: build
 $(MDBOOK):
 	$(CARGO) install --quiet --locked --root target/mdbook mdbook --version 0.5.4
 
-# Builds both programs itself. QUICK, TOLERANCE, SETS: see tests/compare/README.md.
-compare: dependencies
-	python3 tests/compare/compare.py $(BASE)
+# OLD, NEW, BASE, OPTIONS: see tests/compare/README.md.
+compare:
+	python3 tests/compare/compare.py $(or $(OLD),$$(tests/compare/base.sh $(BASE))) $(or $(NEW),target/release/wingd) $(OPTIONS)
 
 package: build-board
 	sh packaging/build.sh $(BOARD)/wingd

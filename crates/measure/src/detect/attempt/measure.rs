@@ -9,7 +9,7 @@ use crate::detect::accept::{
     consistency::is_out_of_focus, options::VERDICT, preference::is_preferred,
 };
 use crate::detect::appearance::parameters::{
-    ANGLE, BLUR, DARK, GAMMA, LIGHT, MAJOR, MINOR, MarkerParameters, MarkerPattern, OVERSHOOT, SAG,
+    ANGLE, BLUR, DARK, GAMMA, LIGHT, MAJOR, MINOR, MarkerParameters, MarkerPattern, OVERSHOOT,
     TANGENT, X, Y, grey_contrast,
 };
 use crate::detect::attempt::options::MEASURE;
@@ -223,7 +223,6 @@ impl FitAttempt<'_> {
         let appearance = EdgeAppearance {
             crossing: hypothesis.ellipse.centre,
             blur,
-            sag: 0.0,
         };
         first(appearance).or_else(|reason| {
             let crossing = crossing_in_reduced(image, hypothesis, floor).ok_or(reason)?;
@@ -261,15 +260,9 @@ impl FitAttempt<'_> {
         } else {
             (PixelExclusion::Blobs(blobs), UNLIMITED)
         };
-        let sag = if fitted.edges.is_none() {
-            near[SAG]
-        } else {
-            0.0
-        };
         let appearance = EdgeAppearance {
             crossing: Vector2::new(near[X], near[Y]),
             blur: near[BLUR],
-            sag,
         };
         let pixels = select_pixels(image, masked, fitted, appearance, all)
             .ok_or(RejectReason::NoConvergence)?;
@@ -399,7 +392,6 @@ impl FitAttempt<'_> {
             let appearance = EdgeAppearance {
                 crossing: fitted.ellipse.centre,
                 blur: m[BLUR],
-                sag: 0.0,
             };
             let pixels = select_pixels(
                 self.image,

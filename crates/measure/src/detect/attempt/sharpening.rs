@@ -4,7 +4,7 @@
 use nalgebra::Vector2;
 
 use crate::detect::accept::verdict::fits_poorly;
-use crate::detect::appearance::parameters::{BLUR, SAG, X, Y, grey_contrast};
+use crate::detect::appearance::parameters::{BLUR, X, Y, grey_contrast};
 use crate::detect::attempt::measure::{exclude_darker_surroundings, min_scale};
 use crate::detect::attempt::sharpening_candidates::{SharpeningCandidate, SharpeningCandidates};
 use crate::detect::estimate::options::OVERSHOT;
@@ -61,15 +61,9 @@ fn marker_evidence(
     let (mut unknowns, bends) = select_unknowns(hypothesis);
     bends.iter().for_each(|&k| unknowns.free[k] = false);
     let floor = min_scale(noise);
-    let sag = if hypothesis.edges.is_none() {
-        plain[SAG]
-    } else {
-        0.0
-    };
     let appearance = EdgeAppearance {
         crossing: Vector2::new(plain[X], plain[Y]),
         blur: plain[BLUR],
-        sag,
     };
     let pixels = select_pixels(
         image,

@@ -53,7 +53,6 @@ pub fn crossing_in_reduced(
     let appearance = EdgeAppearance {
         crossing: small.hypothesis.ellipse.centre,
         blur: MEASURE.blur_px,
-        sag: 0.0,
     };
     // The remaining overshoot in the reduced image hardly shifts a crossing.
     let (m, _) = fit_start(

@@ -193,10 +193,9 @@ impl LevelFindings<'_> {
             };
             self.budget = left;
             let (blobs, cut) = blob::region_blobs(image, coarse, &region);
-            let pale = region.least > GATHER.pale && width.min(height) >= BACKGROUND.thick / 2;
-            let at_last = cut && level == self.laxest;
+            // At a laxer level the region may lie entirely in its window.
             let segment_again =
-                (at_last || (pale && !cut)) && width.max(height) as f64 <= self.longest;
+                cut && level == self.laxest && width.max(height) as f64 <= self.longest;
             if !segment_again && coarse.is_uneven(&region) && !blobs.iter().any(is_disc) {
                 self.uneven.push(region.clone());
             }
@@ -204,16 +203,10 @@ impl LevelFindings<'_> {
                 .into_iter()
                 .for_each(|blob| self.unique.add(blob, Retention::Firm));
             if segment_again {
-                // At a laxer level the region may lie entirely in its window.
-                let kept = if at_last {
-                    Retention::Provisional
-                } else {
-                    Retention::Firm
-                };
                 let again = blob::blobs_against_surround(image, coarse, &region);
                 again
                     .into_iter()
-                    .for_each(|blob| self.unique.add(blob, kept));
+                    .for_each(|blob| self.unique.add(blob, Retention::Provisional));
             }
             if cut {
                 open.push(region)
@@ -268,8 +261,7 @@ struct UniqueBlobs {
 }
 
 impl UniqueBlobs {
-    /// Adds a blob unless there is one of similar size at its position. A blob with the shape of a disc is added in
-    /// addition to one without.
+    /// Adds a blob unless there is one of similar size at its position.
     fn add(&mut self, blob: Blob, kept: Retention) {
         // With the near background, only the larger part of thick quadrants is visible.
         let in_part = blob.area > GATHER.thick_px && blob.fill() < GATHER.max_partial_fill;
@@ -282,8 +274,7 @@ impl UniqueBlobs {
             (b.centroid - blob.centroid).norm_squared() < NEIGHBOURS.same_px * NEIGHBOURS.same_px
                 && (min_ratio..1.0 / min_ratio).contains(&(b.area / blob.area))
         };
-        let stands_for = |b: &Blob| same(b) && (is_disc(b) || !is_disc(&blob));
-        if !self.blobs_near(blob.centroid).any(stands_for) {
+        if !self.blobs_near(blob.centroid).any(same) {
             self.insert(blob, kept);
         }
         // Blobs of clutter must not accumulate without limit.

@@ -57,9 +57,6 @@ numbers! {
         uneven: usize = 100,
         /// Maximum total size of the windows, in frames.
         frames: usize = 4,
-        /// Ratio of grey to background, in 1/256, above which the white of quadrants, if it is the local background, may
-        /// make the threshold too dark for black next to the skin. In rendered haze black is 75 % of white.
-        pale: u16 = 140,
         /// Minimum size ratio of the region with which a region that extended beyond its window merges at the next level,
         /// for the latter to be segmented by itself. Chosen, as the next two.
         swallowed: usize = 4,

@@ -231,8 +231,6 @@ pub struct EdgeAppearance {
     /// Crossing of the edges of quadrants, px.
     pub crossing: Vector2<f64>,
     pub blur: f64,
-    /// Sag of a disc, px.
-    pub sag: f64,
 }
 
 /// Selects the pixels of a hypothesis. Returns `None` if it lies outside the frame.
@@ -288,7 +286,6 @@ pub fn select_pixels(
         edges,
         frame: &frame,
         blur,
-        sag: look.sag,
     });
     let strips = RowStrips::new(&frame, edges, bands, area);
     for y in area[1]..=area[3] {

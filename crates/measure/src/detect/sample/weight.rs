@@ -32,7 +32,6 @@ pub struct EdgeGeometry<'a> {
     /// Coordinates of the outline.
     pub frame: &'a EllipseFrame<'a>,
     pub blur: f64,
-    pub sag: f64,
 }
 
 /// Pixels whose weight has not been computed yet; `keep` holds their factors at an edge and next to it, 0 to 1.
@@ -170,13 +169,7 @@ fn weigh_batch_generic(
     } else {
         let end = a - END_SIGMAS as f32 * blur - MOVE_PX;
         integrated = each(|i| if s[i].abs() > end { 1.0 } else { 0.0 });
-        nothing = mask_beyond_end(
-            &s,
-            &t,
-            [a, b],
-            ruler.sag as f32,
-            END_SIGMAS as f32 * blur + MOVE_PX,
-        );
+        nothing = mask_beyond_end(&s, &t, [a, b], 0.0, END_SIGMAS as f32 * blur + MOVE_PX);
     }
     batch.root = each(|i| bands.weight([keep[0][i], keep[1][i]], distance[i]).sqrt());
     for i in (0..batch.len).filter(|&i| batch.root[i] > 0.0) {

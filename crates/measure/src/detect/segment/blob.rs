@@ -46,26 +46,14 @@ pub fn region_blobs(
     region: &DarkRegion,
 ) -> (Vec<Blob>, bool) {
     let least = f64::from(region.least) / 256.0;
-    let at = |share: f64| {
-        let level = ((least + share * (1.0 - least)) * 256.0) as u32;
-        blobs_below(
-            image,
-            coarse,
-            region,
-            [BLOB.pad; 2],
-            Threshold::Share(level),
-        )
-    };
-    let (mut out, cut) = at(BLOB.default_share);
-    if out.iter().any(Blob::is_ragged) {
-        out.extend(
-            at(BLOB.strict_share)
-                .0
-                .into_iter()
-                .filter(|blob| blob.area > BLOB.min_ragged_px),
-        );
-    }
-    (out, cut)
+    let level = ((least + BLOB.default_share * (1.0 - least)) * 256.0) as u32;
+    blobs_below(
+        image,
+        coarse,
+        region,
+        [BLOB.pad; 2],
+        Threshold::Share(level),
+    )
 }
 
 /// Returns the blobs of a region that extends beyond its window at every level: the local background was too bright, as
@@ -391,11 +379,6 @@ impl Blob {
             out.push(Vector2::new(x as f64, f64::from(to) + 0.5));
         }
         out
-    }
-
-    /// Returns true if the blob fills neither an ellipse nor two quadrants: it may be a disc touched by a line.
-    fn is_ragged(&self) -> bool {
-        self.area > BLOB.min_ragged_px && (BLOB.ragged.0..BLOB.ragged.1).contains(&self.fill())
     }
 
     /// Returns the number of pixels relative to that of the ellipse with the same second moments: 1 for an ellipse.

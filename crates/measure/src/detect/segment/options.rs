@@ -28,16 +28,8 @@ numbers! {
     BLOB: BlobOptions {
         /// Minimum number of pixels of a blob: fewer are noise.
         min_pixels: u32 = 6,
-        /// Threshold at which a disc and a line that touches it separate, as a fraction of the difference between black and
-        /// background. Chosen; `tests/detect/bad_light.rs`.
-        strict_share: f64 = 0.3,
-        /// Default threshold, as a fraction of that difference.
+        /// Threshold, as a fraction of the difference between black and background.
         default_share: f64 = 0.5,
-        /// Minimum area of a blob that is segmented again, px.
-        min_ragged_px: f64 = 100.0,
-        /// Range of the fill (pixels relative to those of the ellipse with the same moments) of blobs that are neither an
-        /// ellipse, with 1, nor two quadrants, with 0.64: they may be a disc touched by a line.
-        ragged: (f64, f64) = (0.78, 0.95),
         /// Ratio of the longer side of a large frame to the longest marker.
         long_side_divisor: usize = 4,
         /// Maximum length of a marker in any frame, px.
