@@ -184,8 +184,8 @@ fn the_exported_covariance_is_that_of_the_results() {
                 );
             }
         }
-        let length = |path: &std::path::Path| std::fs::metadata(path).unwrap().len();
-        assert!(length(&file) < length(std::path::Path::new(name)));
+        let length = |path: &Path| std::fs::metadata(path).unwrap().len();
+        assert!(length(&file) < length(Path::new(name)));
         // Nothing is left of an export that fails.
         let before = std::fs::read(&file).unwrap();
         let wrong = run(&[
