@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-use super::stopping::is_stopped;
+use super::stopping::{is_stopped, watch_signals};
 use crate::inputs::image_files;
 use crate::inputs::image_files::ImageCollection;
 use crate::inputs::image_names::image_names;
@@ -130,6 +130,7 @@ pub fn run_jobs<I: Sync, T: Send>(
         }
         drop(sender);
         let (mut waiting, mut next) = (BTreeMap::new(), 0);
+        watch_signals();
         loop {
             match receiver.recv_timeout(POLL_INTERVAL) {
                 Ok((k, result)) => waiting.insert(k, result),
