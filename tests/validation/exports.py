@@ -80,7 +80,7 @@ def read_shape(wingd, store, work, run, solved):
     assert np.allclose(np.sqrt(variance), data.sigma_displacement, rtol=1e-5)
     if len(parts) == 3:
         page = (Path(__file__).parents[2] / "docs/shapes.md").read_text()
-        program = re.search("### Python\n\n```python\n(.*?)```", page, re.S)[1]
+        program = re.search("### A chi-square test\n\n```python\n(.*?)```", page, re.S)[1]
         np.savetxt(work / "fem.txt", data.displacement[0, :, 2].values + 0.001)
         printed = subprocess.run([sys.executable, "-c", program], cwd=work, check=True, capture_output=True, text=True,
                                  env={**os.environ, "MPLBACKEND": "Agg"}).stdout
