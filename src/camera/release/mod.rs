@@ -70,7 +70,7 @@ fn default_full() -> f64 {
 
 impl DriverSection for ReleaseSection {
     fn faults(&self) -> Vec<KeyFault> {
-        let frames = match &self.frames {
+        let frames: Vec<KeyFault> = match &self.frames {
             #[cfg(feature = "gphoto")]
             FramesSection::Gphoto(section) => section.faults(),
             #[cfg(feature = "v4l")]
