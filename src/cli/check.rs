@@ -150,7 +150,6 @@ fn cabin_findings(config: &Config, sys: &Path) -> Vec<Finding> {
     ]
 }
 
-/// Findings that are valid but possibly not intended.
 /// Describes the direction of the nose, which decides the sign of the twist.
 fn nose_text(setup: &Setup) -> String {
     let Some((side, span)) = setup.side().zip(setup.span_direction.try_normalize(0.0)) else {
@@ -165,6 +164,7 @@ fn nose_text(setup: &Setup) -> String {
     format!(", nose towards [{x:.2}, {y:.2}] in the survey, {hand} in the image")
 }
 
+/// Findings that are valid but possibly not intended.
 fn advisory_findings(setup: &Setup) -> Vec<Finding> {
     let mut all = Vec::new();
     if setup.thermal.is_none() {

@@ -461,11 +461,13 @@ pub fn combined_effects(rng: &mut StdRng) -> Effects {
     }
 }
 
-/// The limit is 1.3 and the scatter of this few wings, whose markers have correlated errors (1 / sqrt(2 wings)).
+/// Few wings do not show 1.3 to 10 %: their markers have correlated errors, so the limit contains the scatter of this many,
+/// 1 / sqrt(2 wings). It is 1.5 with all wings.
 #[test]
 fn in_flight_effects_are_in_the_standard_deviations() {
     for (frames, wings) in draws([(1, 8), (5, 4)], [(1, 24), (5, 12)]) {
-        let limit = 1.3 * (1.0 + 1.0 / (2.0 * wings as f64).sqrt());
+        let few = 1.3 * (1.0 + 1.0 / (2.0 * wings as f64).sqrt());
+        let limit = draws(few, 1.5);
         for (k, set_up) in SET_UPS.into_iter().enumerate() {
             let shown = sample_errors(7100 + k as u64, set_up, frames, wings, combined_effects).all;
             let deflections = shown

@@ -251,19 +251,18 @@ pub fn add_common_layers<S: Clone + Send + Sync + 'static>(
         .layer(axum::middleware::map_response(set_headers))
 }
 
-/// A handler may have chosen a cache rule and a policy of its own.
+/// A handler may have set a cache rule and policy.
 async fn set_headers(mut response: Response) -> Response {
+    let text = HeaderValue::from_static;
     let headers = response.headers_mut();
-    for (name, value) in [
-        (header::CACHE_CONTROL, "no-store"),
-        (header::CONTENT_SECURITY_POLICY, policy::PLAIN),
-        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (header::REFERRER_POLICY, "no-referrer"),
-    ] {
-        headers
-            .entry(name)
-            .or_insert(HeaderValue::from_static(value));
-    }
+    headers
+        .entry(header::CACHE_CONTROL)
+        .or_insert(text("no-store"));
+    headers
+        .entry(header::CONTENT_SECURITY_POLICY)
+        .or_insert(text(policy::PLAIN));
+    headers.insert(header::X_CONTENT_TYPE_OPTIONS, text("nosniff"));
+    headers.insert(header::REFERRER_POLICY, text("no-referrer"));
     response
 }
 

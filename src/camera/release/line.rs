@@ -11,8 +11,11 @@ use crate::camera::CameraError;
 
 /// Returns true if another program holds the line.
 fn is_busy(error: &gpiocdev::Error) -> bool {
-    const EBUSY: gpiocdev_uapi::Errno = gpiocdev_uapi::Errno(libc::EBUSY);
-    matches!(error, gpiocdev::Error::Uapi(_, gpiocdev_uapi::Error::Os(errno)) if *errno == EBUSY)
+    use gpiocdev_uapi::{Errno, Error};
+    matches!(
+        error,
+        gpiocdev::Error::Uapi(_, Error::Os(Errno(libc::EBUSY)))
+    )
 }
 
 /// GPIO line, given by its name or by chip and offset.

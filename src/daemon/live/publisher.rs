@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use base64::Engine;
-use serde_json::{Value, json};
+use serde_json::json;
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
 use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::net::{UdpSocket, UnixStream};
@@ -46,10 +46,11 @@ pub(crate) struct ResultPublisher {
 /// Time for which results are kept for pages that are opened later, s: that of their figures.
 const HISTORY_S: f64 = 180.0;
 
-/// Values of a result that the figures over time of the live page need.
+/// Values of a result for the live page's figures.
 pub(super) struct PastResult {
     exposed_at_s: f64,
-    values: Value,
+    /// JSON object.
+    values: String,
 }
 
 impl ResultPublisher {
@@ -61,9 +62,11 @@ impl ResultPublisher {
             "number": result.number, "exposure_time": result.exposure.exposure_time, "latency_ms": result.latency_ms,
             "status": record.status, "global_test": record.global_test,
             "tip": record.tip, "torsion": record.torsion.first().as_slice(),
-        });
+        })
+        .to_string();
         let mut history = self.history.lock().unwrap_or_else(PoisonError::into_inner);
-        history.retain(|past| exposed_at_s - past.exposed_at_s < HISTORY_S);
+        let old = history.partition_point(|past| exposed_at_s - past.exposed_at_s >= HISTORY_S);
+        history.drain(..old);
         history.push_back(PastResult {
             exposed_at_s,
             values,
@@ -195,12 +198,13 @@ impl LiveResults for ResultPublisher {
     fn history(&self) -> String {
         let now_s = self.shared.core.clock.since_boot().as_secs_f64();
         let with_age = |past: &PastResult| {
-            let mut values = past.values.clone();
-            values["age_ms"] = json!(1e3 * (now_s - past.exposed_at_s));
-            values
+            let age_ms = 1e3 * (now_s - past.exposed_at_s);
+            past.values
+                .replacen('{', &format!("{{\"age_ms\":{age_ms},"), 1)
         };
         let history = self.history.lock().unwrap_or_else(PoisonError::into_inner);
-        Value::Array(history.iter().map(with_age).collect()).to_string()
+        let all: Vec<_> = history.iter().map(with_age).collect();
+        format!("[{}]", all.join(","))
     }
 
     fn newest_frame(&self) -> Option<Arc<PreviewImage>> {

@@ -11,10 +11,9 @@ static IS_STOPPED: AtomicBool = AtomicBool::new(false);
 static LONG_TASKS: AtomicUsize = AtomicUsize::new(0);
 static LISTENER: Once = Once::new();
 
-/// Returns whether a signal has asked the command to stop, so that it writes its finished results and ends. A second signal
-/// ends the program at once.
+/// Returns whether a signal has asked the command to stop since [`watch_signals`], so that it writes its finished results and
+/// ends. A second signal ends the program at once.
 pub fn is_stopped() -> bool {
-    watch_signals();
     IS_STOPPED.load(Ordering::Relaxed)
 }
 
