@@ -87,7 +87,7 @@ def recorder():
     with tempfile.TemporaryDirectory() as place:
         options = ["--gusts", "5", "--tip-deflections", "2.3", "--remount", "1", "--seed", "38"]
         run(WINGD, "simulate", "--output", place + "/set", "--installation", FIXTURES / "dev/installation", *options)
-        measure = [sys.executable, ROOT / "tests/live/measure.py", "--rate", "10", "--seconds", "60", place + "/set"]
+        measure = [sys.executable, ROOT / "tests/live/measure.py", "--binary", WINGD, "--rate", "10", "--seconds", "60", place + "/set"]
         text = subprocess.run(measure, cwd=ROOT, capture_output=True, text=True).stdout
     frame = str(FIXTURES / "dev/frames/flight-1.jpg")
     child = f"import resource, subprocess; subprocess.run([{str(WINGD)!r}, 'detect', {frame!r}], capture_output=True); "
