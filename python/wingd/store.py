@@ -46,6 +46,10 @@ def open(
     installation
         Installation to adjust with, if not the one kept in the store.
     """
+    if installation is not None and not (isinstance(path, str | os.PathLike) and Path(path).is_dir()):
+        raise WingdError(
+            f"{path}: is not a store on this disk, whose installation could be replaced; omit installation"
+        )
     if isinstance(path, str) and path.startswith(("s3://", "file://")) and not path.endswith(".nc"):
         return Lake(path)
     files = [path] if isinstance(path, str | os.PathLike) else list(path)
