@@ -353,7 +353,8 @@ class Exported(_Flights):
         data = self._found[name]
         series = {str(i).partition("/")[0] for i in data["image"].values}
         solved = np.isfinite(data["sigma_displacement"].values).any(axis=(1, 2)).sum()
-        row = {"started": pd.Timestamp(data["time"].values.min(), tz="UTC"), "series": len(series)}
+        # Frames of unknown time have none.
+        row = {"started": pd.Timestamp(np.fmin.reduce(data["time"].values), tz="UTC"), "series": len(series)}
         return row | {"frames": data.sizes[FRAME], "solved": solved}
 
 
