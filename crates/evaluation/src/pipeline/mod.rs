@@ -206,6 +206,9 @@ fn add_diagnosis(
             *reason = format!("{}; {cause}", problem.as_deref().unwrap_or(reason));
         }
         (Some(cause), None) => record.remarks.push(cause.clone()),
+        (None, Some(reason)) if record.status == RecordStatus::Doubtful => {
+            reason.push_str("; no single cause explains it: see residuals and remarks");
+        }
         (None, _) => {}
     }
 }
@@ -321,12 +324,10 @@ fn correct_refraction(
         return Err(reason.clone());
     }
     let mut observations = processed.observations.clone();
-    let report = correct_observations(&installation.setup, orientation, &mut observations);
-    let report =
-        report.map(|report| report.map(|r| with_refraction_sigma(r, processed, installation)));
-    report
-        .map(|report| (observations, report))
-        .map_err(Reason::from_error)
+    let report = correct_observations(&installation.setup, orientation, &mut observations)
+        .map_err(Reason::from_error)?;
+    let with_sigma = |r| with_refraction_sigma(r, processed, installation);
+    Ok((observations, report.map(with_sigma)))
 }
 
 fn adjust_single_frame(
@@ -335,15 +336,12 @@ fn adjust_single_frame(
     observations: &[Observation],
     job: &SolveJob,
 ) -> Result<adjust::Solution, adjust::AdjustError> {
+    let adjust = match job.method {
+        AdjustmentMethod::Profile => adjust::solve_profile,
+        AdjustmentMethod::Spatial => adjust::solve_spatial,
+    };
     let setup = &installation.setup;
-    match job.method {
-        AdjustmentMethod::Profile => {
-            adjust::solve_profile(setup, orientation, observations, &job.options)
-        }
-        AdjustmentMethod::Spatial => {
-            adjust::solve_spatial(setup, orientation, observations, &job.options)
-        }
-    }
+    adjust(setup, orientation, observations, &job.options)
 }
 
 /// Adjusts the frames of a flight jointly; returns one record per frame, in order. Frames that could not be processed fail
