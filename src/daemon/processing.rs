@@ -213,9 +213,9 @@ impl Processing {
                     format!("no thread can be started for the solver: {error}; solve the frame with `wingd solve`")
                 }
                 CallError::TimedOut => format!(
-                    "the solver had no result after {deadline:?} and was abandoned; send the frame to the developers"
+                    "the solver had no result after {deadline:?} and was abandoned; run `wingd solve` on the frame and report it"
                 ),
-                CallError::Broken => "the solver crashed on this frame; send the frame to the developers".to_owned(),
+                CallError::Broken => "the solver crashed on this frame; run `wingd solve` on the frame and report it".to_owned(),
             };
             Some(reason.into())
         })

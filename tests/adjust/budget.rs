@@ -1,4 +1,4 @@
-//! Promise: the variance budget of a result matches the effect of errors of each source, and `plan` predicts it.
+//! Promise: the uncertainty budget of a result matches the effect of errors of each source, and `plan` predicts it.
 
 use nalgebra::{SMatrix, Vector3};
 use rand::rngs::StdRng;

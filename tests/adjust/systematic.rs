@@ -19,7 +19,7 @@ const PRIORS: SetupUncertainty = SetupUncertainty::from_drawings()
     .with_width(Width::ChordOffset, 0.3)
     .with_width(Width::SpanDirection, 0.017_453);
 const TEMPERATURE_K: f64 = 20.0;
-/// Camera constant 0.1 % in common, 1e-5 between u and v, principal point 10 px.
+/// Focal length 0.1 % in common, 1e-5 between u and v, principal point 10 px.
 const LENS: [f64; 3] = [7.8, 0.08, 10.0];
 
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -32,7 +32,7 @@ fn quadrants_thicker_than_the_near_background_reaches_are_found() {
     }
 }
 
-/// Camera constant, px, height of the camera, and row of its horizon.
+/// Focal length, px, height of the camera, and row of its horizon.
 const FOCAL: f64 = 3000.0;
 const HEIGHT_M: f64 = 1.5;
 const HORIZON: f64 = -1530.0;

@@ -52,7 +52,7 @@ fn with_places(text: &str, change: impl Fn(&str, [f64; 3]) -> [f64; 3]) -> Strin
     text.lines().enumerate().map(row).collect()
 }
 
-/// A camera with both camera constants scaled.
+/// A camera with both focal lengths scaled.
 fn with_lens(text: &str, factor: f64) -> String {
     let line = |line: &str| match line.split_once(" = ") {
         Some((key @ ("fx" | "fy"), value)) => {

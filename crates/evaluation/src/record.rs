@@ -120,7 +120,7 @@ pub struct ImageRecord {
     pub model: Model,
     /// Deflection of the outermost marker, measured or predicted.
     pub tip: Option<Tip>,
-    /// Variance budget of the tip's deflection relative to [`Tip::reference`], largest contribution first; empty in results
+    /// Uncertainty budget of the tip's deflection relative to [`Tip::reference`], largest contribution first; empty in results
     /// of older programs.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub budget: Vec<VarianceShare>,

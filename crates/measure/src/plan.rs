@@ -102,7 +102,7 @@ pub struct SpanPlan {
 pub struct InstallationPlan {
     /// Horizontal, vertical and diagonal angle of view, degrees.
     pub field_of_view_deg: [f64; 3],
-    /// Mean camera constant, px.
+    /// Mean focal length, px.
     pub focal_px: f64,
     /// Assumed deflection of the tip, m.
     pub tip_deflection_m: f64,

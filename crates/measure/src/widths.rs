@@ -1,10 +1,10 @@
 //! Registry of the unknowns of the adjustment, and of the widths: prior standard deviations that a key of
 //! `installation.toml` states.
 //!
-//! Reading, checks and writing of a key, its documentation, `wingd plan`, the variance budget and the flight prior follow
+//! Reading, checks and writing of a key, its documentation, `wingd plan`, the uncertainty budget and the flight prior follow
 //! from the rows of these two tables (docs/recipes.md: "An unknown with a key").
 
-/// Declares [`Unknown`]: variant, name in `flight_prior.json` and messages, source in variance budgets, and `lasting` if
+/// Declares [`Unknown`]: variant, name in `flight_prior.json` and messages, source in uncertainty budgets, and `lasting` if
 /// all flights of an installation share it.
 macro_rules! unknowns {
     (@lasting lasting) => { true };
@@ -22,7 +22,7 @@ macro_rules! unknowns {
                 match self { $(Self::$unknown => $name),+ }
             }
 
-            /// Returns the name of its source in a variance budget.
+            /// Returns the name of its source in an uncertainty budget.
             pub const fn source(self) -> &'static str {
                 match self { $(Self::$unknown => $source),+ }
             }

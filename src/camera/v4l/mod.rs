@@ -60,7 +60,7 @@ impl DriverSection for V4lSection {
         if self.device.is_none() && self.serial.is_none() && self.card.is_none() {
             faults.push(KeyFault::new(
                 "device",
-                "no camera is named",
+                "no camera is specified",
                 "give device, serial or card",
             ));
         }

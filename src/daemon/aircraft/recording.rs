@@ -163,7 +163,7 @@ impl LineStatistics {
             return Some("lines arrive but none can be parsed; check format".to_owned());
         }
         if lost > 0 {
-            let remedy = "others may displace those of your feed: name its address in senders";
+            let remedy = "lines of other senders may displace those of your feed: list its address in senders";
             return Some(format!(
                 "{lost} lines were lost, because more arrive than are recorded; {remedy}"
             ));

@@ -100,7 +100,7 @@ impl LiveSolver {
                 return None;
             }
             Err(CallError::Broken) => {
-                "the solver crashed on this frame and starts again; send the frame to the developers".to_owned()
+                "the solver crashed on this frame and starts again; run `wingd solve` on the frame and report it".to_owned()
             }
             Err(CallError::TimedOut) => {
                 format!("the solver had no result after {DEADLINE:?}, was abandoned and starts again")

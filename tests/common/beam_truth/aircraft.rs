@@ -44,7 +44,7 @@ pub struct Effects {
     pub fixed_m: Vector3<f64>,
     /// Displacement of each fixed target along each axis, standard deviation, m.
     pub fixed_each_m: f64,
-    /// Relative increase of the camera constant in flight.
+    /// Relative increase of the focal length in flight.
     pub flight_scale: f64,
     /// Principal point in flight, px.
     pub principal_px: Vector2<f64>,

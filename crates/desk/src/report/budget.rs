@@ -1,4 +1,4 @@
-//! Variance budget of the tip deflection, and the source whose reduction would gain most.
+//! Uncertainty budget of the tip deflection, and the source whose reduction would gain most.
 
 use maud::{Markup, html};
 
@@ -23,7 +23,7 @@ pub fn budget_section(data: &ReportData) -> Markup {
     html! {
         h2 id="budget" { "Uncertainty budget" }
         @if shares.is_empty() {
-            p { "No result has a variance budget. Results of older program versions have none; " code { "wingd solve STORE" } " adds new results." }
+            p { "No result has an uncertainty budget. Results of older program versions have none; " code { "wingd solve STORE" } " adds new results." }
         } @else {
             p { (table::budget_text(&shares)) }
             @let minor = shares.iter().position(|one| one.share < MINOR_SHARE).unwrap_or(shares.len());

@@ -128,7 +128,7 @@ pub(crate) fn read_camera(reader: &mut Reader, name: impl AsRef<Path>) -> Option
                 &file,
                 key,
                 format!("is {f} px"),
-                "give the camera constant in pixels, above 0",
+                "give the focal length in pixels, above 0",
             );
         }
     }

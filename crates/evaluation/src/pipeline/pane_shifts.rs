@@ -43,7 +43,7 @@ struct PaneShift<'a> {
     markers: BTreeSet<&'a str>,
 }
 
-/// Adds remarks about positions that displace markers to the frames of a flight; `focal_px` is the camera constant.
+/// Adds remarks about positions that displace markers to the frames of a flight; `focal_px` is the focal length.
 pub fn remark_pane_shifts(records: &mut [ImageRecord], focal_px: f64) {
     let found = find_shifts(used_markers(records), REACH_RAD * focal_px);
     let places: Vec<(BTreeSet<usize>, String)> = found

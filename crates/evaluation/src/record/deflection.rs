@@ -1,4 +1,4 @@
-//! Deflection of the wing tip relative to three references, the reference that is reported, and its variance budget.
+//! Deflection of the wing tip relative to three references, the reference that is reported, and its uncertainty budget.
 
 use serde::{Deserialize, Serialize};
 

@@ -60,7 +60,7 @@ pub fn adjustment_protocol(record: &ImageRecord) -> String {
     );
     push_section(
         &mut out,
-        "Variance budget of the tip deflection",
+        "Uncertainty budget of the tip deflection",
         &variance_budget_text(record),
     );
     push_section(&mut out, "Torsion", &torsion_text(record));

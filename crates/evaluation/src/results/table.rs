@@ -85,7 +85,7 @@ pub fn tip_table(tip: &Tip) -> Grid {
 /// Smallest fraction of the variance for which a source is named in the budget sentence.
 const MIN_NAMED_SHARE: f64 = 0.02;
 
-/// Describes a variance budget in a sentence; empty without one.
+/// Describes an uncertainty budget in a sentence; empty without one.
 pub fn budget_text(budget: &[VarianceShare]) -> String {
     let percent = |share: f64| format!("{:.0} %", 100.0 * share);
     let (large, small): (Vec<_>, Vec<_>) =
@@ -115,7 +115,7 @@ pub fn budget_text(budget: &[VarianceShare]) -> String {
     format!("The variance comes from {}{best}.\n", parts.join(", "))
 }
 
-/// Builds the table of a variance budget.
+/// Builds the table of an uncertainty budget.
 pub fn budget_table(shares: &[VarianceShare]) -> Grid {
     Grid::for_rows(shares).columns(&[
         One("<source", &|one| one.source.to_string()),

@@ -1,4 +1,4 @@
-//! Variance budget of the tip deflection, by named error sources.
+//! Uncertainty budget of the tip deflection, by named error sources.
 
 use super::layout::BlockMember;
 use super::outcome::FrameOutcome;

@@ -13,7 +13,7 @@ use crate::geometry::cross_matrix;
 pub const ESTIMATED_DIMENSIONS: usize = 4;
 
 /// d position / d estimated dimensions, per marker.
-pub type DimensionDerivatives = Vec<[Vector3<f64>; ESTIMATED_DIMENSIONS]>;
+pub type DimensionDerivatives = std::sync::Arc<[[Vector3<f64>; ESTIMATED_DIMENSIONS]]>;
 
 /// Position of a marker in flight with its derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -346,7 +346,7 @@ pub struct Solution {
     pub curve: Vec<CurvePoint>,
     /// Length of the bending axis from the root to the tip of the model, m; 0 with the profile method.
     pub axis_length_m: f64,
-    /// Variance budget of the tip deflection; `None` if no used marker has a deflection.
+    /// Uncertainty budget of the tip deflection; `None` if no used marker has a deflection.
     pub budget: Option<VarianceBudget>,
     /// Variance components, if requested.
     pub variance_components: Vec<VarianceComponent>,

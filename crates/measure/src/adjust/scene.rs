@@ -54,7 +54,7 @@ pub struct PosedCamera {
     bow: f64,
     /// True if the bow is uncertain.
     bows: bool,
-    /// Ratio of the camera constants to those on the ground.
+    /// Ratio of the focal lengths to those on the ground.
     scale: f64,
 }
 
@@ -96,7 +96,7 @@ pub struct PredictedPixel {
     pub by_ground_rotation: Matrix2x3<f64>,
     /// d pixel / d interior orientation, in the order of [`Lens::PARAMETERS`].
     pub by_lens: SMatrix<f64, 2, BROWN>,
-    /// d pixel / d relative change of both camera constants, px.
+    /// d pixel / d relative change of both focal lengths, px.
     pub by_scale: Vector2<f64>,
 }
 

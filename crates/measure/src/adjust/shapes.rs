@@ -137,30 +137,31 @@ static FLEET: LazyLock<FleetCovariances> = LazyLock::new(FleetCovariances::new);
 
 /// Prior covariance of the ratios c_k / c_0 of `terms` coefficients, starting with the second.
 pub fn shape_covariance(terms: usize) -> DMatrix<f64> {
-    leading_block(&FLEET.shape, terms.saturating_sub(1))
+    leading_block(&FLEET.shape, terms)
 }
 
-fn leading_block(covariance: &RatioCovariance, n: usize) -> DMatrix<f64> {
+fn leading_block(covariance: &RatioCovariance, terms: usize) -> DMatrix<f64> {
+    let n = terms.saturating_sub(1);
     DMatrix::from_fn(n, n, |i, j| covariance[(i, j)])
 }
 
 /// Covariance of the change of the ratios c_k / c_0 of `terms` coefficients, starting with the second, from the heaviest
 /// frame of a flight to the lightest, if a random fraction of the fuel is burnt.
 pub fn burning_covariance(terms: usize) -> DMatrix<f64> {
-    leading_block(&FLEET.burnt, terms.saturating_sub(1))
+    leading_block(&FLEET.burnt, terms)
 }
 
 /// Part of [`shape_covariance`] that no load of a beam explains: any smooth shape, for example a vibration in the second
 /// mode.
 pub fn beyond_fleet_covariance(terms: usize) -> DMatrix<f64> {
-    leading_block(&beyond_fleet_variances(1.0), terms.saturating_sub(1))
+    leading_block(&beyond_fleet_variances(1.0), terms)
 }
 
 /// Covariance of the coefficients c_k, k = 1.., of a bend that is independent of the load and raises the tip by one wing
 /// length, times that length. Skins of different temperature bend a box of constant height, or of a height tapered like the
 /// chord; a loose joint is a kink anywhere inboard. Temperature and joints have equal weight.
 pub fn constant_bend_covariance(terms: usize) -> DMatrix<f64> {
-    leading_block(&CONSTANT_COVARIANCE, terms.saturating_sub(1))
+    leading_block(&CONSTANT_COVARIANCE, terms)
 }
 
 static CONSTANT_COVARIANCE: LazyLock<RatioCovariance> =

@@ -87,11 +87,7 @@ impl<'a> SolvedFrame<'a> {
             from: last.map(|s| (&s.frame.layout, &s.fit.global)),
         };
         let mut frame = FrameProblem::new(single, &start);
-        let mut bent = frame.problem.start.clone();
-        if last.is_none() {
-            bent[0] = amplitude;
-        }
-        frame.fix_dimension_derivatives(&bent);
+        frame.fix_dimension_derivatives();
         let fit = frame.solve(&SolveOptions {
             rough: true,
             residuals: last.map(|s| &s.fit),
@@ -105,7 +101,7 @@ impl<'a> SolvedFrame<'a> {
 
     fn solve_again(&mut self, rough: bool) -> AdjustResult<()> {
         self.frame.problem.start = self.fit.global.clone();
-        self.frame.fix_dimension_derivatives(&self.fit.global);
+        self.frame.fix_dimension_derivatives();
         self.fit = self.frame.solve(&SolveOptions {
             rough,
             residuals: Some(&self.fit),

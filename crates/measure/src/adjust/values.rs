@@ -1,7 +1,5 @@
 //! Values of one frame's unknowns as used by the model.
 
-use std::sync::Arc;
-
 use nalgebra::{SVector, Vector2, Vector3};
 
 use super::beam::{Bending, COMPLIANCES, RAISE_TERMS};
@@ -36,7 +34,7 @@ pub struct UnknownValues {
     /// Rotation of the bending plane about the span, rad; in an upright survey the plane is vertical. `None`: fixed.
     pub plane_rad: Option<f64>,
     /// Derivatives of marker positions with respect to the estimated dimensions, if they are fixed.
-    pub dimension_derivatives: Option<Arc<DimensionDerivatives>>,
+    pub dimension_derivatives: Option<DimensionDerivatives>,
 }
 
 impl UnknownValues {
@@ -83,7 +81,7 @@ pub struct CameraPose {
     /// Change of the curvature of the panes' bow, as a fraction of its nominal value or of the default
     /// ([`Plate::with_bow_change`](crate::environment::Plate::with_bow_change)).
     pub bow: f64,
-    /// Camera constant in flight over that on the ground, minus 1.
+    /// Focal length in flight over that on the ground, minus 1.
     pub flight_scale: f64,
     /// Principal point in flight minus that on the ground, px.
     pub flight_principal_px: Vector2<f64>,

@@ -96,7 +96,7 @@ impl CameraAdjustment {
 /// Common standard deviation of the points before residuals determine it, px.
 const FIRST_SIGMA_PX: f64 = 0.1;
 
-/// Adjusts a camera without start values: begins with the camera constant from the homographies or, if the adjustment
+/// Adjusts a camera without start values: begins with the focal length from the homographies or, if the adjustment
 /// does not converge from there, with the typical one that leaves the smallest residuals.
 pub(super) fn initial_adjustment(
     used: &[(usize, BoardView)],
@@ -138,7 +138,7 @@ pub(super) fn initial_adjustment(
         .map_or(estimated, Ok)
 }
 
-/// Factors on the prior standard deviations of camera constant and distortion in the first rounds: with both free at once,
+/// Factors on the prior standard deviations of focal length and distortion in the first rounds: with both free at once,
 /// a constant that hardly tilted boards leave undetermined diverges together with the distortion.
 const PRIOR_STIFFNESS: [f64; 4] = [1e-3, 1e-2, 1e-1, 1.0];
 
@@ -156,7 +156,7 @@ impl CameraState {
         })
     }
 
-    /// Adjusts with a common standard deviation for each view, px, and the priors of camera constant and distortion scaled by
+    /// Adjusts with a common standard deviation for each view, px, and the priors of focal length and distortion scaled by
     /// `stiff`.
     pub(super) fn adjust_weighted(
         &self,
@@ -199,7 +199,7 @@ impl CameraState {
     }
 }
 
-/// Returns weak priors for images that do not determine the lens: the camera constant within 100 % of its start, the
+/// Returns weak priors for images that do not determine the lens: the focal length within 100 % of its start, the
 /// principal point within 10 % of the image width of the centre, and each distortion term moves the image's corner by at
 /// most its distance from the centre (one standard deviation). They keep solutions from few images finite. The sizes are an
 /// assumption, chosen wide.

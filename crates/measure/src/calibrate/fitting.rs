@@ -31,7 +31,7 @@ impl CalibrationProblem<'_> {
         rational: bool,
     ) -> Result<(CameraAdjustment, Selection), CalibrateError> {
         let mut selection = Selection::from_views(self.views, self.size);
-        selection.check_count()?;
+        selection.check_view_count()?;
         let mut fixed = [false; GLOBAL];
         fixed[BROWN..INTERIOR].fill(!rational);
         fixed[STRETCH] = self.options.scale_sigma.is_none();
@@ -53,7 +53,7 @@ impl CalibrationProblem<'_> {
                 };
                 return Ok((adjusted, selection));
             }
-            selection.check_count()?;
+            selection.check_view_count()?;
             let stays = |k: &usize| selection.used.iter().any(|(index, _)| index == k);
             let mut stay = before.iter().map(stays);
             adjusted

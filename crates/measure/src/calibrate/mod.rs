@@ -4,7 +4,7 @@
 //! |---|---|---|---|
 //! | find | grey image, board | board points and their pixels | `board.rs`, `find.rs`, `checkerboard.rs`, `aprilgrid.rs`, `other_tags.rs` |
 //! | measure | grey values, approximate position | corner and its covariance | `saddle.rs`, `corner.rs` |
-//! | start | views | camera constant, poses | `start.rs` |
+//! | start | views | focal length, poses | `start.rs` |
 //! | adjust | views, start | camera, board's bow and stretch, covariance | `adjust.rs`, `model.rs`, `shape.rs`, `bundle.rs` |
 //! | remove outliers | residuals | images and points that fit, the lens model | `outliers.rs`, `fitting.rs` |
 //! | judge | covariance, residuals | projection uncertainty, halves, patterns, verdict | `outcome.rs`, `quality.rs`, `check.rs`, `verdict.rs` |
@@ -165,9 +165,9 @@ pub enum CalibrateError {
         /// Reason for the rejection of each view.
         rejections: Vec<Option<ImageRejection>>,
     },
-    /// Camera constant not determined: for example, boards parallel to the sensor.
+    /// Focal length not determined: for example, boards parallel to the sensor.
     #[error(
-        "the images do not determine the camera constant; tilt the board by 20 to 40 degrees in several of \
+        "the images do not determine the focal length; tilt the board by 20 to 40 degrees in several of \
          them, and check its rows and columns: a wrong description has the same effect"
     )]
     NoStart,

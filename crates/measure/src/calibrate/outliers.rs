@@ -2,7 +2,7 @@
 //!
 //! Residuals are normalised: a blurred or a far board is no outlier, as the covariances of its corners already show it. Two
 //! tests of an image, each at 1 % over the whole set, use the images' own spread (median absolute deviation), so that a
-//! lens that Brown's model fits badly does not cause rejections: the camera constant estimated from the image alone, and
+//! lens that Brown's model fits badly does not cause rejections: the focal length estimated from the image alone, and
 //! the size of its residuals.
 
 use nalgebra::{SMatrix, SVector, Vector2};
@@ -47,13 +47,13 @@ pub enum ImageRejection {
         /// Root mean square distance from the best plane image, px.
         misfit_px: f64,
     },
-    /// Deviating camera constant, estimated from this image alone.
+    /// Deviating focal length, estimated from this image alone.
     #[error(
-        "its camera constant differs by {percent:+.2} % from that of the others ({times:.1} standard \
+        "its focal length differs by {percent:+.2} % from that of the others ({times:.1} standard \
          deviations): zoom or focus was changed"
     )]
     OtherZoom {
-        /// Camera constant over that of the other images, less 1, per cent.
+        /// Focal length over that of the other images, less 1, per cent.
         percent: f64,
         /// Deviation over its standard deviation.
         times: f64,
@@ -127,7 +127,7 @@ impl Selection {
     ///
     /// # Errors
     /// Returns an error with the rejections if there are too few.
-    pub(super) fn check_count(&self) -> Result<(), CalibrateError> {
+    pub(super) fn check_view_count(&self) -> Result<(), CalibrateError> {
         let (found, needed) = (self.used.len(), MIN_VIEWS);
         if found < needed {
             return Err(CalibrateError::TooFewViews {
@@ -163,7 +163,7 @@ impl Selection {
         }
     }
 
-    /// Finds the image whose own camera constant deviates most.
+    /// Finds the image whose own focal length deviates most.
     fn zoom_outlier(
         &self,
         adjusted: &CameraAdjustment,
@@ -194,7 +194,7 @@ impl Selection {
         (over(k) > student_limit(own.len(), 2.0)).then_some((k, reason))
     }
 
-    /// Replaces the reason by another camera constant if that explains the image's residuals.
+    /// Replaces the reason by another focal length if that explains the image's residuals.
     fn prefer_zoom_reason(
         &self,
         adjusted: &CameraAdjustment,
@@ -266,7 +266,7 @@ impl Selection {
     }
 }
 
-/// Returns the relative change of the camera constant that an image's residuals ask for, and its standard deviation, scaled
+/// Returns the relative change of the focal length that an image's residuals ask for, and its standard deviation, scaled
 /// by the remaining residuals if they are larger than expected.
 fn own_camera_constant(
     adjusted: &CameraAdjustment,

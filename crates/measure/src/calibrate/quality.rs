@@ -1,6 +1,6 @@
 //! Projection uncertainty: the effect of the camera's uncertainty in the image.
 //!
-//! Parameters alone are not conclusive: an error of the camera constant can be compensated by the boards' distances. So the
+//! Parameters alone are not conclusive: an error of the focal length can be compensated by the boards' distances. So the
 //! camera's errors are propagated to image points of objects at some distance, after removing the part that a rotation and
 //! a translation of the camera explain **at the boards** (the mean-pose method of mrcal's projection uncertainty): near the
 //! boards' distance the errors cancel, at other distances they do not.

@@ -1,4 +1,4 @@
-//! Start values of the adjustment: camera constant and poses from homographies (Zhang 2000).
+//! Start values of the adjustment: focal length and poses from homographies (Zhang 2000).
 
 use nalgebra::{DMatrix, Matrix3, Rotation3, Vector2, Vector3};
 
@@ -10,7 +10,7 @@ use crate::geometry::Lens;
 /// neighbours' ratio.
 pub(super) const TYPICAL_FOCAL_RATIOS: [f64; 6] = [0.4, 0.65, 1.0, 1.6, 2.6, 4.5];
 
-/// Returns a lens without distortion, its principal point at the centre, and the views' poses; the camera constant is
+/// Returns a lens without distortion, its principal point at the centre, and the views' poses; the focal length is
 /// `f_px` or estimated from the views.
 pub(super) fn start_from_homographies(
     views: &[&BoardView],
@@ -129,7 +129,7 @@ pub(super) fn tag_from_pixel(
     })
 }
 
-/// Estimates the camera constant, px, from h1' w h2 = 0 and h1' w h1 = h2' w h2 with w = diag(1/f^2, 1/f^2, 1) by least
+/// Estimates the focal length, px, from h1' w h2 = 0 and h1' w h1 = h2' w h2 with w = diag(1/f^2, 1/f^2, 1) by least
 /// squares over all views; `None` if every board is parallel to the sensor.
 fn estimate_camera_constant(homographies: &[Matrix3<f64>]) -> Option<f64> {
     let (mut top, mut bottom) = (0.0, 0.0);

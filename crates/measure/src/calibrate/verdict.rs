@@ -45,7 +45,7 @@ const REFUSED_RMS_PX: f64 = 2.0;
 const PATTERN_FRACTION: f64 = 0.316;
 /// Maximum ratio of the halves' difference to its prediction that random errors cause.
 const MAX_HALVES_RATIO: f64 = 3.0;
-/// Tilt of the board against the image plane below which perspective hardly separates camera constant and distance,
+/// Tilt of the board against the image plane below which perspective hardly separates focal length and distance,
 /// degrees.
 const MIN_TILT_DEG: f64 = 15.0;
 /// Spread of the boards' normals below which they are tilted to one side only, degrees rms. Boards tilted by 20 to 40
@@ -194,7 +194,7 @@ fn halves_finding(c: &Calibration) -> Option<(Verdict, String)> {
 /// Multiple of the standard deviation above which a stretch is significant.
 const MAX_STRETCH_SIGMAS: f64 = 3.0;
 
-/// Reports a stretched board, which distorts the ratio of the camera constants.
+/// Reports a stretched board, which distorts the ratio of the focal lengths.
 fn stretch_finding(c: &Calibration) -> Option<(Verdict, String)> {
     let s = c.stretch?;
     let percent = 100.0 * s.value;

@@ -26,7 +26,7 @@ pub struct Group {
 pub struct PriorName {
     /// Name of its unknown, for messages.
     pub unknown: &'static str,
-    /// Name of its source in variance budgets.
+    /// Name of its source in uncertainty budgets.
     pub source: &'static str,
 }
 

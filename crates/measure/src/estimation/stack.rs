@@ -97,7 +97,7 @@ impl BlockStack {
         let (mut first, mut unclosed) = (0, 0.0);
         for (k, lin) in linearised.iter().enumerate() {
             let block = &mut self.blocks[k];
-            block.whiten_contradiction(&data[k], &residuals[k], lin)?;
+            block.update_contradiction(&data[k], &residuals[k], lin)?;
             unclosed += block.whitener.weighted_square(lin.misclosure.as_slice());
             let n = lin.misclosure.len();
             let rows = &mut workspace.rows[first * width..(first + n) * width];
@@ -145,7 +145,7 @@ impl ProductTarget<'_> {
 }
 
 impl BlockSystem {
-    fn whiten_contradiction(
+    fn update_contradiction(
         &mut self,
         data: &Block,
         residuals: &DVector<f64>,

@@ -1,4 +1,4 @@
-//! Variance budget: contributions of observations, priors and earlier information to the variance of a function.
+//! Uncertainty budget: contributions of observations, priors and earlier information to the variance of a function.
 //!
 //! The sources are independent of one another, and to first order the function depends on the errors of each by a vector:
 //! with `q = N^-1 g` it is `Sigma^-1 q` for a prior and `g_l (I - Q B' M^-1 B) - B' M^-1 (A, L) q` for a block's

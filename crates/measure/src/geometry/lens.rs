@@ -11,9 +11,9 @@ pub const BROWN: usize = 9;
 pub struct Lens {
     pub width: u32,
     pub height: u32,
-    /// Camera constant in u, px.
+    /// Focal length in u, px.
     pub fx: f64,
-    /// Camera constant in v, px.
+    /// Focal length in v, px.
     pub fy: f64,
     /// Principal point u, px.
     pub cx: f64,
@@ -125,7 +125,7 @@ impl Lens {
         }
     }
 
-    /// Returns the lens in flight: camera constants larger by the fraction `share`, principal point shifted, px.
+    /// Returns the lens in flight: focal lengths larger by the fraction `share`, principal point shifted, px.
     pub fn with_flight_change(&self, share: f64, principal_point_px: &Vector2<f64>) -> Self {
         let (fx, fy) = (self.fx * (1.0 + share), self.fy * (1.0 + share));
         Self {
@@ -282,7 +282,7 @@ impl Lens {
             && pixel.y <= f64::from(self.height) - 0.5
     }
 
-    /// Returns the mean camera constant, px.
+    /// Returns the mean focal length, px.
     pub fn focal_px(&self) -> f64 {
         0.5 * (self.fx + self.fy)
     }

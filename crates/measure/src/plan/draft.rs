@@ -75,7 +75,7 @@ pub fn best_layout(
 /// A wing with another lens or height of the camera, and its predicted precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DraftVariant {
-    /// Camera constant over that of the draft.
+    /// Focal length over that of the draft.
     pub focal_ratio: f64,
     /// Height of the camera above the skin at the root, m.
     pub height_m: f64,
@@ -83,7 +83,7 @@ pub struct DraftVariant {
     pub sigma_m: Option<f64>,
 }
 
-/// Trial changes of the camera constant and of the height, m.
+/// Trial changes of the focal length and of the height, m.
 const FOCAL_RATIOS: [f64; 4] = [0.5, 0.71, 1.41, 2.0];
 const HEIGHT_CHANGES_M: [f64; 3] = [-0.5, 0.5, 1.0];
 

@@ -45,7 +45,7 @@ pub struct LayoutPrediction {
     pub expected: LayoutPrecision,
     /// Precision of the tip marker's deflection.
     pub tip: Option<TipSigma>,
-    /// Variance budget of the reported deflection, largest contribution first.
+    /// Uncertainty budget of the reported deflection, largest contribution first.
     pub budget: Vec<adjust::VarianceShare>,
     /// Precision of every visible marker.
     pub markers: Vec<MarkerSigma>,

@@ -1,4 +1,4 @@
-//! Check of a required standard deviation: whether a layout meets it, a variance budget, and possible improvements,
+//! Check of a required standard deviation: whether a layout meets it, an uncertainty budget, and possible improvements,
 //! cheapest first.
 
 use serde::Serialize;
@@ -55,7 +55,7 @@ pub struct RequirementResult {
     pub frames: usize,
     /// Standard deviation of the planned layout, m; NaN if it cannot be adjusted.
     pub sigma_tip_deflection_m: f64,
-    /// Variance budget, largest contribution first.
+    /// Uncertainty budget, largest contribution first.
     pub sources: Vec<VarianceFraction>,
     /// Possible improvements, cheapest first.
     pub remedies: Vec<Remedy>,

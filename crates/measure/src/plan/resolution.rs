@@ -13,7 +13,7 @@ pub struct Footprint {
 }
 
 /// Returns the footprint at a point of the skin seen from the origin of the wing frame (m), with the skin's slope dY/dX;
-/// `focal_px` is the camera constant c, and h the height of the camera over the skin's tangent.
+/// `focal_px` is the focal length c, and h the height of the camera over the skin's tangent.
 pub fn skin_footprint(point: &Vector3<f64>, slope: f64, focal_px: f64) -> Footprint {
     let distance = point.norm();
     let height = (slope * point.x - point.y).abs() / slope.hypot(1.0);

@@ -152,7 +152,7 @@ impl<P: Picture> PointFinder<'_, P> {
             ..found.clone()
         };
         (located.detections.markers, located.identities) =
-            without_unnamed_points(markers, identities);
+            remove_rejected_points(markers, identities);
         Ok(located)
     }
 
@@ -208,8 +208,8 @@ impl<P: Picture> PointFinder<'_, P> {
     }
 }
 
-/// Removes points that contradict the others.
-fn without_unnamed_points(
+/// Removes points that identification rejected.
+fn remove_rejected_points(
     markers: Vec<Detection>,
     mut identities: Identities,
 ) -> (Vec<Detection>, Option<Identities>) {

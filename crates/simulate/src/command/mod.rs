@@ -125,7 +125,7 @@ struct WingArgs {
     /// Size of the frames, px
     #[arg(long, num_args = 2, value_names = ["WIDTH", "HEIGHT"])]
     size: Option<Vec<u32>>,
-    /// Camera constant, px
+    /// Focal length, px
     #[arg(long, value_name = "PX")]
     focal: Option<f64>,
     /// Distortion coefficients

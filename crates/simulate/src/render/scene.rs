@@ -47,7 +47,7 @@ pub struct SceneShot {
     pub sensor: SensorModel,
     /// Rotation of the mount: turns the camera frame, `exp([mount]x) * camera_from_survey`.
     pub mount: Rotation3<f64>,
-    /// Camera constant over that of the calibration, and shift of the principal point, px.
+    /// Focal length over that of the calibration, and shift of the principal point, px.
     pub lens_change: (f64, Vector2<f64>),
     /// Displacement of each marker in the survey's order, wing frame, m; 0 for markers beyond its end.
     pub target_shifts_m: Vec<Vector3<f64>>,

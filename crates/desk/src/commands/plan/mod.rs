@@ -217,7 +217,7 @@ fn plan_options(args: &PlanArgs, installation: Option<&Installation>) -> PlanOpt
 
 fn plan_text(plan: &InstallationPlan, wide: bool) -> String {
     let mut out = format!(
-        "\nPlanned for a tip deflection of {} m and an image sigma of {} px.\n\nField of view {:.2} x {:.2} deg, camera constant {:.0} px\n",
+        "\nPlanned for a tip deflection of {} m and an image sigma of {} px.\n\nField of view {:.2} x {:.2} deg, focal length {:.0} px\n",
         plan.tip_deflection_m,
         plan.pixel_sigma,
         plan.field_of_view_deg[0],
@@ -233,7 +233,7 @@ fn plan_text(plan: &InstallationPlan, wide: bool) -> String {
         out.push_str(&format!("\n{}", prediction_text(prediction)));
         let budget = table::budget_table(&prediction.budget);
         out.push_str(&format!(
-            "\nVariance budget of that deflection\n{}",
+            "\nUncertainty budget of that deflection\n{}",
             budget.text()
         ));
         out.push_str(&format!(

@@ -1,4 +1,4 @@
-//! `wingd plan --want`: whether a precision is reached, its variance budget, and possible improvements.
+//! `wingd plan --want`: whether a precision is reached, its uncertainty budget, and possible improvements.
 
 use serde_json::{Map, Value, json};
 
@@ -148,7 +148,7 @@ pub fn first_line(
 
 fn answer_text(answer: &RequirementResult, proposal: &Setup) -> String {
     let mut out = format!(
-        "\nVariance budget with {}\n{}",
+        "\nUncertainty budget with {}\n{}",
         count_frames(answer.frames),
         Grid::for_rows(&answer.sources)
             .columns(&[

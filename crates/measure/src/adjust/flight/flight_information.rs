@@ -44,7 +44,7 @@ pub fn learn_from_flight(
         || is_other
     {
         let test = if is_other {
-            "the flight contradicts stated widths"
+            "the flight contradicts configured prior standard deviations"
         } else {
             "the global test rejects the flight"
         };
@@ -101,14 +101,7 @@ fn reduce_to_invariant_parameters(
             .all(|column| flight_own.contains(column))
     };
     for prior in flight_problem.problem.priors.iter().filter(is_own) {
-        let weight = prior.covariance.clone().cholesky()?.inverse();
-        for (i, row) in prior.columns.iter().enumerate() {
-            prior
-                .columns
-                .iter()
-                .enumerate()
-                .for_each(|(j, c)| normal[(*row, *c)] += weight[(i, j)]);
-        }
+        add_weight(prior, 0, &mut normal)?;
     }
     let of_own = normal.select_columns(&flight_own);
     let factor = of_own.select_rows(&flight_own).cholesky()?;
@@ -180,18 +173,22 @@ pub(super) fn add_frame_normals(
         gradient.gemv_tr(1.0, &rows.columns(0, p), &right, 1.0);
     }
     for prior in &group.priors {
-        let weight = prior.covariance.clone().cholesky()?.inverse();
-        for (i, row) in prior.columns.iter().enumerate() {
-            prior
-                .columns
-                .iter()
-                .enumerate()
-                .for_each(|(j, c)| all[(p + row, p + c)] += weight[(i, j)]);
-        }
+        add_weight(prior, p, &mut all)?;
     }
     let coupling = all.view((0, p), (p, q)).into_owned();
     let local = all.view((p, p), (q, q)).into_owned().cholesky()?;
     *normal += all.view((0, 0), (p, p)) - &coupling * local.solve(&coupling.transpose());
+    Some(())
+}
+
+/// Adds the weight of a prior to a normal matrix in which its parameters begin at column `first`.
+fn add_weight(prior: &Prior, first: usize, normal: &mut DMatrix<f64>) -> Option<()> {
+    let weight = prior.covariance.clone().cholesky()?.inverse();
+    for (i, row) in prior.columns.iter().enumerate() {
+        for (j, column) in prior.columns.iter().enumerate() {
+            normal[(first + row, first + column)] += weight[(i, j)];
+        }
+    }
     Some(())
 }
 

@@ -96,7 +96,7 @@ fn dimension_derivatives(
     flight: &Flight,
     frame: usize,
     scale: f64,
-) -> Option<Arc<DimensionDerivatives>> {
+) -> Option<DimensionDerivatives> {
     let smoothed = flight.hyperparameters.smoothed_bending(frame)?;
     let (curvature_per_m, twist_rad) = (&smoothed.curvature_per_m[..], &smoothed.twist_rad[..]);
     let bending = Bending {
@@ -105,7 +105,7 @@ fn dimension_derivatives(
         scale,
         ..Bending::UNBENT
     };
-    Some(Arc::new(flight.input.scene.dimension_derivatives(&bending)))
+    Some(flight.input.scene.dimension_derivatives(&bending))
 }
 
 /// Unknowns of a flight, with their columns.

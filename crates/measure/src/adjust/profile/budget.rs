@@ -1,4 +1,4 @@
-//! Variance budget of the tip deflection with the paper's method, whose only error sources are images and survey.
+//! Uncertainty budget of the tip deflection with the paper's method, whose only error sources are images and survey.
 
 use std::borrow::Cow;
 

@@ -1,6 +1,4 @@
 //! Independent implementation of the observation equation with dual numbers and its own quadrature.
-use std::sync::Arc;
-
 use nalgebra::{Matrix3, Vector3};
 use num_dual::{Dual64, DualNum};
 
@@ -426,7 +424,7 @@ fn derivatives_of_a_tilted_wing_match_differences() {
 fn check_derivatives(setup: &Setup) {
     let scene = WingScene::new(setup, &orientation()).unwrap();
     let typical = tilted_values();
-    let answers = Some(Arc::new(scene.dimension_derivatives(&typical.bending())));
+    let answers = Some(scene.dimension_derivatives(&typical.bending()));
     for values in [
         typical.clone(),
         UnknownValues {

@@ -95,12 +95,12 @@ impl<'a> FrameProblem<'a> {
         }
     }
 
-    /// Fixes the derivatives with respect to the estimated dimensions at those of a solution: they hardly change while it
-    /// converges, and a bent wing for each dimension would be half of every iteration.
-    pub fn fix_dimension_derivatives(&mut self, solution: &DVector<f64>) {
-        let values = self.layout.values(solution, &DVector::zeros(0));
-        let derivatives = self.scene.dimension_derivatives(&values.bending());
-        self.layout.dimension_derivatives = Some(Arc::new(derivatives));
+    /// Fixes the derivatives with respect to the estimated dimensions at those of the start: they hardly change in a
+    /// solution.
+    pub fn fix_dimension_derivatives(&mut self) {
+        let values = self.layout.values(&self.problem.start, &DVector::zeros(0));
+        self.layout.dimension_derivatives =
+            Some(self.scene.dimension_derivatives(&values.bending()));
     }
 
     /// Linearises all blocks of the frame at a point.
@@ -191,14 +191,16 @@ fn start_values_of_unknowns(
     start: &FrameStart,
 ) -> DVector<f64> {
     let mut values = DVector::zeros(columns);
+    values[0] = start.amplitude_per_m;
     if let Some((from, solution)) = start.from {
         let (old, new) = (from.curvature_terms, layout.curvature_terms);
-        for k in 0..old.min(new) {
-            values[k] = solution[k];
-        }
-        for k in 0..solution.len() - old {
-            values[new + k] = solution[old + k];
-        }
+        let (terms, others) = (old.min(new), solution.len() - old);
+        values
+            .rows_mut(0, terms)
+            .copy_from(&solution.rows(0, terms));
+        values
+            .rows_mut(new, others)
+            .copy_from(&solution.rows(old, others));
     }
     values
 }

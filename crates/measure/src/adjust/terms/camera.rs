@@ -202,11 +202,11 @@ pub fn flight_changes(uncertainty: &SetupUncertainty) -> impl Iterator<Item = Pa
     scale.into_iter().chain(point)
 }
 
-/// Relative change of both camera constants in flight, due to cold, focus, or refraction at an undescribed window.
+/// Relative change of both focal lengths in flight, due to cold, focus, or refraction at an undescribed window.
 fn flight_scale(sigma: f64) -> ParameterTerm {
     ParameterTerm {
         unknown: Unknown::FlightScale,
-        missing: "the camera constant in flight cannot be determined; give camera.flight_scale_sigma",
+        missing: "the focal length in flight cannot be determined; give camera.flight_scale_sigma",
         size: 1,
         priors: vec![Prior::scalar(Unknown::FlightScale, 0, 0.0, sigma)],
         add_values: |x, values| values.pose.flight_scale += x[0],

@@ -28,13 +28,13 @@ impl Decal {
         (x0..=x1).contains(&at.x) && (y0..=y1).contains(&at.y)
     }
 
-    /// Returns the rectangle that the decal of a print may cover of a blob, both given by their bounds in the direction
-    /// `axis`: the print, and the last `blur_px` of the blob if it ends near the print, because blur mixes them with the
+    /// Returns the rectangle that the decal of a target may cover of a blob, both given by their bounds in the direction
+    /// `axis`: the target, and the last `blur_px` of the blob if it ends near the target, because blur mixes them with the
     /// decal.
-    pub fn from_print(axis: Vector2<f64>, print: [f64; 4], blob: [f64; 4], blur_px: f64) -> Self {
-        let mut bounds = print;
+    pub fn from_target(axis: Vector2<f64>, target: [f64; 4], blob: [f64; 4], blur_px: f64) -> Self {
+        let mut bounds = target;
         for k in 0..2 {
-            let (before, after) = (print[k] - blob[k + 2], blob[k] - print[k + 2]);
+            let (before, after) = (target[k] - blob[k + 2], blob[k] - target[k + 2]);
             if (0.0..2.0 * DECAL.margin_px).contains(&before) {
                 bounds[k] = bounds[k].min(blob[k + 2] - blur_px);
             }
@@ -185,7 +185,7 @@ mod tests {
         let axis = ellipse.major_direction();
         let [x0, y0, x1, y1] = outline_bounds(&ellipse, axis);
         assert!((x1 - x0 - 20.0).abs() < 1e-9 && (y1 - y0 - 4.0).abs() < 1e-9);
-        let decal = Decal::from_print(axis, [x0, y0, x1, y1], [x0, y1 + 5.0, x1, y1 + 9.0], 2.5);
+        let decal = Decal::from_target(axis, [x0, y0, x1, y1], [x0, y1 + 5.0, x1, y1 + 9.0], 2.5);
         // The blob begins 5 px beyond the print; one blur more than that is hidden.
         let across = Vector2::new(-axis.y, axis.x);
         assert!(

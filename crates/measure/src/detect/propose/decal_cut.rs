@@ -66,7 +66,7 @@ pub fn disc_under_decal(
         minor,
         angle: neighbour.angle,
     };
-    let decal = Decal::from_print(
+    let decal = Decal::from_target(
         axis,
         outline_bounds(neighbour, axis),
         blob_bounds(blob, axis),

@@ -1,7 +1,5 @@
 //! Twist of live frames in proportion to their bending.
 
-use std::sync::Arc;
-
 use crate::adjust::beam::Bending;
 use crate::adjust::layout::ParameterLayout;
 use crate::adjust::scene::WingScene;
@@ -56,9 +54,8 @@ impl LoadTwist {
             scale: layout.expected_scale,
             ..Bending::UNBENT
         };
-        let derivatives = Some(Arc::new(scene.dimension_derivatives(&bending)));
         ParameterLayout {
-            dimension_derivatives: derivatives,
+            dimension_derivatives: Some(scene.dimension_derivatives(&bending)),
             ..layout.clone()
         }
     }

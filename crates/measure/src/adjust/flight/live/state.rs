@@ -37,7 +37,7 @@ pub struct LiveState {
     pub known: InformationPrior,
     /// Estimate from the first frame with survey and ground frame only, which does not decay.
     pub base: InformationPrior,
-    /// Information in the state that keeps its source names in the variance budget.
+    /// Information in the state that keeps its source names in the uncertainty budget.
     pub attributed: Arc<AttributedInformation>,
     /// Model of all frames.
     pub model: LiveModel,

@@ -70,7 +70,7 @@ pub trait KnotTerm<const ABOUT: usize> {
         scale: f64,
     ) -> JacobianRows<ABOUT>;
     /// Returns true if a pixel of this grey value is used to estimate the scale of the residuals.
-    fn constrains_scale(value: f32) -> bool;
+    fn is_used_for_scale(value: f32) -> bool;
 }
 
 /// Linearisation of a model with a knot term: normal equations over the parameters in a list, the additional unknown and
@@ -268,7 +268,7 @@ fn linearise_term_generic<T: KnotTerm<ABOUT>, const ABOUT: usize>(
             let rows = term.jacobian_rows(&model, cell, batch, scale);
             weight = each(|i| weight[i] + rows.root[i] * rows.root[i]);
             square = each(|i| square[i] + (rows.root[i] * rows.r[i]) * (rows.root[i] * rows.r[i]));
-            let used = (0..batch.len).filter(|&i| T::constrains_scale(batch.value[i]));
+            let used = (0..batch.len).filter(|&i| T::is_used_for_scale(batch.value[i]));
             sizes.extend(used.map(|i| rows.r[i].abs()));
             let own = list.iter().map(|&k| &rows.gradient[k]);
             let shared = [&rows.shared].into_iter().take(T::SHARED);

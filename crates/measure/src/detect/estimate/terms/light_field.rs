@@ -240,7 +240,8 @@ impl KnotTerm<PIXEL_KNOTS> for LightField {
         FIELD_UNKNOWNS
     }
 
-    fn constrains_scale(_: f32) -> bool {
+    /// Every pixel counts: the field fits all grey values.
+    fn is_used_for_scale(_: f32) -> bool {
         true
     }
 

@@ -201,7 +201,7 @@ impl KnotTerm<PIXEL_KNOTS> for GlareState<'_> {
         self.glare.knots.len()
     }
 
-    fn constrains_scale(value: f32) -> bool {
+    fn is_used_for_scale(value: f32) -> bool {
         value < TERM.saturated
     }
 
