@@ -57,7 +57,7 @@ pub(crate) fn check_disk_share(store: &Store, share: f64, used: u64) -> Result<(
     if used as f64 > share * (above + used as f64) {
         let percent = 100.0 * share;
         return Err(format!(
-            "{percent:.0} % of the disk are used for them, which is their limit; {remedy}"
+            "{percent:.0} % of the disk are used for them, which is their share; {remedy}"
         ));
     }
     Ok(())
