@@ -173,9 +173,9 @@ impl<'a> SimulatedFlight<'a> {
             ))?;
             self.setup.lens.contains(&pixel).then_some(pixel)
         };
-        // A ground frame that was taken shows by itself which markers are large enough.
-        let untaken = self.orientation.ground.is_empty();
-        let large = |marker: &usize| !untaken || self.is_large_enough(*marker);
+        // A ground frame, taken or simulated for another layout, shows by itself which markers are large enough.
+        let shown = |marker: usize| self.orientation.ground.iter().any(|o| o.marker == marker);
+        let large = |marker: &usize| shown(*marker) || self.is_large_enough(*marker);
         let flight = self
             .flight
             .iter()
