@@ -134,8 +134,8 @@ docs: $(MDBOOK)
 	@echo target/book/index.html
 
 # Ten minutes on an idle machine. The peers of the times: benches/run.sh.
-docs-figures: build
-	python3 tests/validation/figures.py $(OPTIONS)
+docs-figures: $(PROGRAM)
+	WINGD=$(WINGD) python3 tests/validation/figures.py $(OPTIONS)
 
 $(MDBOOK):
 	$(CARGO) install --quiet --locked --root target/mdbook mdbook --version 0.5.4

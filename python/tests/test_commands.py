@@ -60,7 +60,7 @@ def test_difference(files, capsys):
         (["difference", "one.nc", "one.nc"], "both sides have a frame in common"),
         (["difference", "one.nc:f0009", "two.nc"], "no flight f0009; known are f0001"),
         (["difference", "one.nc:f0001/s9", "two.nc"], "no frame with this name"),
-        (["difference", "one.nc", "--against", "one.nc"], "not a CSV table"),
+        (["difference", "one.nc", "--against", "one.nc"], "is not text in UTF-8"),
         (["difference", "one.nc", "two.nc", "--load-correction", "fem.csv"], "write FILE:QUANTITY"),
         (["difference", "one.nc", "two.nc", "--where", "mach > 2"], "no frame fulfils"),
         (["mean", "one.nc", "--eta", "0.5,1.5"], "not between the stations"),

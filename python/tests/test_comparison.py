@@ -255,13 +255,15 @@ def test_load_correction_against_a_computation(shape):
         ("arc_length_m,displacement_z_m,sigma_displacement_z_m\n0,1,-1\n", "is not negative"),
         ("arc_length_m,displacement_z_m,sigma_slope_deg\n0,1,1\n", "without slope_deg"),
         ("arc_length_m,displacement_z_m\n", "has no stations"),
-        ("arc_length_m,displacement_z_m,displacement_z_m\n0,0,0\n", "two columns"),
+        ("arc_length_m,displacement_z_m,displacement_z_m\n0,0,0\n", "displacement_z_m: occurs twice"),
         ("arc_length_m,displacement_z_m\n0,0\n9,1\n200,2\n", "line 4, arc_length_m = 200"),
         (
             "arc_length_m,displacement_z_m\n0,0\n9,100\n26,2300\n",
             "line 3, .* = 100: no point of a wing of 26 m moves so far",
         ),
-        ("", "not a CSV table"),
+        ("arc_length_m,displacement_z_m,sigma_displacement_z_m\n0,0,0\n5,1,\n", "line 3, .* = : is unknown"),
+        ("arc_length_m;displacement_z_m\n0;0\n", "is separated by semicolons"),
+        ("", "is empty"),
     ],
 )
 def test_tables_that_are_almost_right_are_errors(text, message, tmp_path, shape):

@@ -84,6 +84,20 @@ def test_tables_that_match_no_frame_are_refused_with_the_cause(
     assert status == 1 and cause in printed.err and printed.err.count("\n") == 1 and not out.exists(), printed.err
 
 
+@pytest.mark.parametrize(("name", "mapping", "causes"), [
+    # GPS seconds of 2026 are seconds since 1970 of 2016: without a date both fit.
+    ("g2-gps-week-seconds.csv", "map.toml", ['time_format = "unix_s" (seconds since 1970, 2016-05-27T08:00:08Z)', 'time_format = "gps_seconds" (GPS seconds since 1980, 2026-06-01T07:59:50Z)']),
+    ("a-plain.csv", "map-flwrong.toml", ["line 1, FL: is in FL, but the mapping converts it", "write scale = 30.48, offset = 0"]),
+])  # fmt: skip
+def test_what_could_be_read_in_two_ways_is_refused_without_a_date(
+    name: str, mapping: str, causes: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "o.csv"
+    assert main([str(DATA / name), "--mapping", str(DATA / mapping), "-o", str(out)]) == 1 and not out.exists()
+    printed = capsys.readouterr().err
+    assert all(cause in printed for cause in causes) and printed.count("\n") == 1, printed
+
+
 def test_units_of_a_table_agree_with_those_of_the_mapping_or_both_are_named(tmp_path: Path) -> None:
     of_day = "time = 'T'\ntime_format = 'seconds_of_day'\ndate = 2026-06-01\n"
     mapping = of_day + "[[column]]\nname = 'ALT'\nquantity = 'pressure_altitude_m'\n"
@@ -167,7 +181,9 @@ def test_units_are_found_in_any_spelling() -> None:
         unit_in_name("pressure_altitude_m", "ALT_FT"),
         unit_in_name("pressure_altitude_m", "Alt_m"),
         unit_in_name("mach", "MACH_1"),
-    ) == ("FT", None, None)
+        unit_in_name("pressure_altitude_m", "FL"),
+        unit_in_name("static_temperature_c", "TAT"),
+    ) == ("FT", None, None, "FL", None)
 
 
 def test_names_in_another_case_or_unit_are_errors(tmp_path: Path) -> None:
@@ -321,7 +337,7 @@ def test_times_are_read_in_every_format() -> None:
     begin = 1_780_300_790_000_000
     day = date(2026, 6, 1)
     for format, text in (
-        ("utc", "2026-06-01T07:59:50Z"), ("utc", "2026-06-01 07:59:50"), ("utc", "20260601T075950"), ("utc", "1780300790"), ("utc", "2026-152T07:59:50Z"),
+        ("utc", "2026-06-01T07:59:50Z"), ("utc", "2026-06-01 07:59:50"), ("utc", "20260601T075950"), ("unix_s", "1780300790"), ("utc", "2026-152T07:59:50Z"),
         ("utc", "2026-06-01T09:59:50+02:00"), ("utc", "2026-06-01T09:59:50+0200"), ("unix_ms", "1780300790000"), ("unix_us", "1780300790000000"),
         ("unix_ns", "1780300790000000000"), ("gps_seconds", "1464336008"), ("seconds_of_day", "28790"), ("seconds_of_day", "07:59:50"),
         ("seconds_of_day", "07:59:50.000"), ("compact", "20260601075950"), ("irig", "152:07:59:50.0"), ("irig", "2026:152:07:59:50"),
@@ -337,7 +353,7 @@ def test_times_are_read_in_every_format() -> None:
         assert abs((parse_time(text, format) or 0) - begin) < 50, format
         assert abs((parse_time(text, format, None, 3600) or 0) - begin + 3_600_000_000) < 50
     for format, text in (
-        ("utc", "yesterday"), ("utc", "2026-13-01T00:00:00Z"), ("utc", "2026-06-01"), ("utc", "nan"), ("utc", "-5"), ("utc", "2026-06-01T07:59:50+99:00"),
+        ("utc", "yesterday"), ("utc", "2026-13-01T00:00:00Z"), ("utc", "2026-06-01"), ("utc", "nan"), ("utc", "-5"), ("utc", "1780300790"), ("unix_s", "-5"), ("utc", "2026-06-01T07:59:50+99:00"),
         ("seconds_of_day", "345601"), ("seconds_of_day", "24:00:00"), ("gps_seconds", "1"), ("compact", "2026060107595"), ("irig", "367:00:00:00"), ("utc", "٢٠٢٦-06-01T00:00:00Z"),
     ):  # fmt: skip
         assert parse_time(text, format, day) is None, (format, text)

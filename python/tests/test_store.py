@@ -151,3 +151,12 @@ def test_exported_files_need_no_program(tmp_path, monkeypatch):
     assert wingd.open([one, other]).names == ["R1/f0001", "R2/f0001"]
     with pytest.raises(WingdError, match="no bending moments"):
         opened["f0001"].moments  # noqa: B018
+
+
+def test_a_frame_of_unknown_time_does_not_hide_the_start_of_its_flight(tmp_path):
+    data = fly(Wing(), [2.0, 1.9], seed=5)
+    known = wingd.open(write(data, tmp_path / "0.nc"))["f0001"].frames()["time"].values
+    for unknown in (1, 2):
+        times = data["time"].copy(data=np.where(np.arange(2) < unknown, np.nan, data["time"].values))
+        row = wingd.open(write(data.assign_coords(time=times), tmp_path / f"{unknown}.nc")).flights.iloc[0]
+        assert pd.isna(row["started"]) if unknown == 2 else row["started"] == pd.Timestamp(known[1], tz="UTC")

@@ -17,7 +17,7 @@ import pytest
 
 pytest.importorskip("obstore")
 
-from wingd import WingdError, upload
+from wingd import WingdError, objects
 from wingd.commands.upload import main, parse_rate
 from wingd.objects import PlaceError
 from wingd.upload import Labels, Target, bundle, upload_flights
@@ -230,7 +230,7 @@ def bucket(monkeypatch) -> Iterator[Bucket]:
     }
     for name, value in {**settings, "ENDPOINT_URL": f"http://127.0.0.1:{server.server_port}"}.items():
         monkeypatch.setenv(f"AWS_{name}", value)
-    monkeypatch.setattr(upload.target, "FIRST_PAUSE_S", 0.01)
+    monkeypatch.setattr(objects, "FIRST_PAUSE_S", 0.01)
     yield server
     server.shutdown()
     server.server_close()

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import io
 import os
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +14,7 @@ import xarray as xr
 
 from wingd import WingdError
 from wingd.shapes import find_condition
+from wingd.textfiles import read_table
 from wingd.values import FRAME, Test, Values, WingdWarning, chi_square_test, digest
 
 #: Column of a computation -> quantity and factor of its unit to m or rad.
@@ -252,13 +251,19 @@ def _thermal_note(shape: xr.Dataset, thermal: bool, names: Sequence[str]) -> lis
 # --- tables ---------------------------------------------------------------------------------------------------------
 
 
-def read_computation(source: str | os.PathLike[str] | pd.DataFrame) -> tuple[pd.DataFrame, str]:
+def read_computation(source: str | os.PathLike[str] | pd.DataFrame | xr.Dataset) -> tuple[pd.DataFrame, str]:
     """Read a table of stations; returns it with its name for messages.
 
     Columns that are almost right are errors, others that are not read are named in a warning.
     """
+    source = source.to_dataframe() if isinstance(source, xr.Dataset) else source
+    if not isinstance(source, str | os.PathLike | pd.DataFrame):
+        raise WingdError(
+            f"{type(source).__name__} is not a computation; give a table of pandas or xarray, or a CSV file"
+        )
     name = "the table" if isinstance(source, pd.DataFrame) else os.fspath(source)
     table = source.copy() if isinstance(source, pd.DataFrame) else _read_csv(name)
+    table = table.reset_index("arc_length_m") if "arc_length_m" in table.index.names else table
     table.columns = [str(c).strip() for c in table.columns]
     known = ["arc_length_m", *COLUMNS, *(f"sigma_{c}" for c in COLUMNS)]
     unread = []
@@ -303,12 +308,15 @@ def read_computation(source: str | os.PathLike[str] | pd.DataFrame) -> tuple[pd.
             f"{place(int(row), 'arc_length_m')}: is not outboard of the line before; order stations from root to tip"
         )
     for column in columns:
-        for row in np.flatnonzero(column.startswith("sigma_") & (numbers[column] < 0)):
+        of = column.removeprefix("sigma_")
+        if of == column:
+            continue
+        if of not in columns:
+            raise WingdError(f"{name}: has {column} without {of}; add it or remove the column")
+        for row in np.flatnonzero(numbers[column] < 0):
             raise WingdError(f"{place(int(row), column)}: a standard deviation is not negative")
-        if column.startswith("sigma_") and column.removeprefix("sigma_") not in columns:
-            raise WingdError(
-                f"{name}: has {column} without {column.removeprefix('sigma_')}; add it or remove the column"
-            )
+        for row in np.flatnonzero(numbers[column].isna() & numbers[of].notna()):
+            raise WingdError(f"{place(int(row), column)}: is unknown; give the standard deviation of {of}, or 0")
     for column in {*columns} & {c for c in COLUMNS if c.startswith("displacement")}:
         for row in np.flatnonzero(numbers[column].abs() > arc.max()):
             raise WingdError(
@@ -318,14 +326,9 @@ def read_computation(source: str | os.PathLike[str] | pd.DataFrame) -> tuple[pd.
 
 
 def _read_csv(name: str) -> pd.DataFrame:
-    options = {"comment": "#", "skipinitialspace": True, "dtype": str, "keep_default_na": False, "header": None}
-    try:
-        text = Path(name).read_text(encoding="utf-8-sig")
-        cells = pd.read_csv(io.StringIO(text), **options)
-    except (UnicodeDecodeError, ValueError) as error:
-        raise WingdError(f"{name}: is not a CSV table in UTF-8: {str(error).splitlines()[0]}") from error
-    table = cells.iloc[1:].set_axis(cells.iloc[0].astype(str), axis=1).reset_index(drop=True)
-    table.attrs["lines"] = [k for k, line in enumerate(text.splitlines(), 1) if line.partition("#")[0].strip()]
+    header, rows = read_table(name, "arc_length_m,displacement_z_m")
+    table = pd.DataFrame([row.cells for row in rows], columns=header.cells)
+    table.attrs["lines"] = [header.line, *(row.line for row in rows)]
     return table
 
 

@@ -88,6 +88,10 @@ def read_moments(source: str | os.PathLike[str] | pd.DataFrame) -> pd.DataFrame:
 
     table = source if isinstance(source, pd.DataFrame) else read_table(source)
     name = "the table" if isinstance(source, pd.DataFrame) else os.fspath(source)
+    if table.empty:
+        raise WingdError(
+            f"{name}: has no bending moment; give [structure] stiffness in installation.toml, and solve again"
+        )
     sections = [m[1] for m in (re.fullmatch(r"bending_moment_(b\d+)_nm", str(c)) for c in table) if m]
     if sections:
         table = _long_table(table, sections)

@@ -30,8 +30,6 @@ FACTS = ("side", "reference", "length_to_tip_m", "outermost_marker_m", "root_off
 SECTION_TOLERANCE = 0.005
 #: Numbers of frames that are no aircraft data.
 NO_CONDITION = {"frames", "variance_factor"}
-#: Quantities that are compared between measurements, and the unit of their columns.
-MEASURED = {"displacement_z": "m", "slope": "deg", "twist": "deg", "streamwise_twist": "deg"}
 
 
 @xr.register_dataset_accessor("wingd")
@@ -278,7 +276,7 @@ class ShapeAccessor:
     def _conditions(self) -> list[str]:
         data = self._data
         names = [str(n) for n in data.data_vars if data[n].dims == (FRAME,) and data[n].dtype.kind == "f"]
-        return [n for n in names if n not in NO_CONDITION and not n.startswith("sigma_")]
+        return [n for n in names if n not in NO_CONDITION and not n.startswith("sigma_") and not n.endswith(REST)]
 
     def condition(self, name: str) -> Values:
         """Return a quantity of the aircraft data; the errors of an instrument are common to the frames of an aircraft."""

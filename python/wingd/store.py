@@ -46,6 +46,10 @@ def open(
     installation
         Installation to adjust with, if not the one kept in the store.
     """
+    if installation is not None and not (isinstance(path, str | os.PathLike) and Path(path).is_dir()):
+        raise WingdError(
+            f"{path}: is not a store on this disk, whose installation could be replaced; omit installation"
+        )
     if isinstance(path, str) and path.startswith(("s3://", "file://")) and not path.endswith(".nc"):
         return Lake(path)
     files = [path] if isinstance(path, str | os.PathLike) else list(path)
@@ -349,7 +353,8 @@ class Exported(_Flights):
         data = self._found[name]
         series = {str(i).partition("/")[0] for i in data["image"].values}
         solved = np.isfinite(data["sigma_displacement"].values).any(axis=(1, 2)).sum()
-        row = {"started": pd.Timestamp(data["time"].values.min(), tz="UTC"), "series": len(series)}
+        # Frames of unknown time have none.
+        row = {"started": pd.Timestamp(np.fmin.reduce(data["time"].values), tz="UTC"), "series": len(series)}
         return row | {"frames": data.sizes[FRAME], "solved": solved}
 
 

@@ -111,8 +111,8 @@ def _check_keys(kind: str, one: np.ndarray, other: np.ndarray) -> None:
     """Refuse sums of which it is not known what the errors share."""
     if kind == SINGLE and _installations(one) & _installations(other) and set(one.ravel()) != set(other.ravel()):
         raise WingdError(
-            "the errors that the frames share are not known, because they were adjusted singly; solve the frames of a "
-            "flight jointly and export again"
+            "the errors that the frames share are not known, because they were adjusted singly; run `wingd solve STORE`, "
+            "which adjusts the frames of a flight jointly, and read them again"
         )
     if kind == "shared" and not set(one.ravel()) & set(other.ravel()) and _installations(one) & _installations(other):
         raise WingdError("the shapes are of one flight, exported with other stations; export them together")
@@ -329,8 +329,11 @@ class Values:
             raise WingdError(f"the values have no stations to select by {name}")
         places, new = self.value[name].values, np.asarray(wanted, dtype=float)
         low, high, close = places.min(), places.max(), 1e-6 * places.max()
-        if not np.all((new >= low - close) & (new <= high + close)):
-            raise WingdError(f"{name} {wanted} is not between the stations, {low:.4g} to {high:.4g}; choose others")
+        outside = new[~((new >= low - close) & (new <= high + close))]
+        if outside.size:
+            raise WingdError(
+                f"{name} {outside[0]:.4g} is not between the stations, {low:.4g} to {high:.4g}; choose others"
+            )
         nearest = np.abs(places[:, None] - np.atleast_1d(new)).argmin(axis=0)
         if np.all(np.abs(places[nearest] - np.atleast_1d(new)) <= close):
             return self.isel(eta=int(nearest[0]) if new.ndim == 0 else nearest)

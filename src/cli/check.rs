@@ -173,7 +173,7 @@ fn advisory_findings(setup: &Setup) -> Vec<Finding> {
     }
     if setup.markers.iter().all(|m| !m.fixed) {
         let how = "none: camera rotation and shift since the ground frame can only be estimated from the wing itself; \
-                   `wingd plan` shows the gain from fixed targets";
+                   `wingd plan` shows the gain from far fixed targets";
         all.push(("fixed targets", how.to_owned()));
     }
     let small_priors = workstation::describe_small_priors(setup);

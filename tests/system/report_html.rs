@@ -1,8 +1,10 @@
 //! The report of a store: complete, well formed, without external resources, hostile names harmless.
 
+use wingd::store::RealDisk;
+
 use crate::common::report_store::{failed, solved, store_with};
 use wingd_desk::report as html;
-use wingd_evaluation::results::source;
+use wingd_evaluation::results::{overview, source};
 
 fn page(root: &std::path::Path) -> String {
     html::report_page(&source::read_flight(root, source::ResultChoice::default(), None).unwrap())
@@ -208,6 +210,37 @@ fn the_causes_of_unusable_frames_are_counted_and_come_first() {
     assert!(html.contains("<b>1 frame</b>: too dark"));
     let at = |text: &str| html.find(text).unwrap();
     assert!(at(answer) < at("too dark") && at("too dark") < at("Deflection along the span"));
+}
+
+#[test]
+fn remarks_come_before_the_figures_each_kind_once() {
+    let remarked = |turn_px: f64| {
+        let mut record = solved(2.0, 0.01);
+        record["remarks"] = serde_json::json!([format!("the camera is turned by {turn_px} px")]);
+        record
+    };
+    let html = page(store_with(&[&[remarked(62.0), remarked(63.0)]]).path());
+    check_well_formed(&html);
+    let at = |text: &str| html.find(text).unwrap();
+    assert!(at("turned by 62 px") < at("Deflection along the span"));
+    assert!(html.contains("(2 times, first in s000001/0001.jpg)"));
+    assert!(!html.contains("turned by 63 px"));
+    assert!(!page(store_with(&[&[solved(2.0, 0.01)]]).path()).contains("of remarks"));
+}
+
+#[test]
+fn all_flights_say_how_many_frames_may_be_used() {
+    let mut rejected = solved(2.2, 0.006);
+    rejected["global_test"] = "rejected".into();
+    let store = store_with(&[&[solved(2.9, 0.006), rejected, failed("too dark")]]);
+    let flights = source::selected_flights(store.path(), None).unwrap();
+    let read = |flight| overview::read_overview(&RealDisk, flight).unwrap();
+    let html = html::flights_page(&flights.iter().map(read).collect::<Vec<_>>());
+    let answer = "1 of 3 frames are solved and not rejected by their global test.";
+    assert!(
+        html.contains("up to 2.9000 ± 0.0060 m against the survey") && html.contains(answer),
+        "{html}"
+    );
 }
 
 #[test]

@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from rendered_sets import FIXTURES, answers, rms, solved  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
-WINGD = ROOT / "target/release/wingd"
+WINGD = Path(os.environ.get("WINGD", ROOT / "target/release/wingd")).resolve()
 # Factor within which times agree: other programs run on the machines that check them.
 TIMES = 2.0
 TIMED = ("benches", "recorder")
@@ -87,7 +87,7 @@ def recorder():
     with tempfile.TemporaryDirectory() as place:
         options = ["--gusts", "5", "--tip-deflections", "2.3", "--remount", "1", "--seed", "38"]
         run(WINGD, "simulate", "--output", place + "/set", "--installation", FIXTURES / "dev/installation", *options)
-        measure = [sys.executable, ROOT / "tests/live/measure.py", "--rate", "10", "--seconds", "60", place + "/set"]
+        measure = [sys.executable, ROOT / "tests/live/measure.py", "--binary", WINGD, "--rate", "10", "--seconds", "60", place + "/set"]
         text = subprocess.run(measure, cwd=ROOT, capture_output=True, text=True).stdout
     frame = str(FIXTURES / "dev/frames/flight-1.jpg")
     child = f"import resource, subprocess; subprocess.run([{str(WINGD)!r}, 'detect', {frame!r}], capture_output=True); "
@@ -143,8 +143,9 @@ def flight_row(name, label):
     return ("flights", pattern, "{:.1f} mm | {:.1f} mm | {:.2f}")
 
 
-def tip_row(name, label):
-    return ("flights", f"{name}, {label}: .* sigma # tip #", lambda sigma, tip: f"{tip:.0f} mm | {sigma:.0f} mm")
+def tip_row(name):
+    lines = [f"^{name}, {label}: .* sigma # tip #" for label in ("one frame", "flight")]
+    return ("flights", "[\\s\\S]*?".join(lines), "{1:.0f} mm | {0:.0f} mm | {3:.0f} mm | {2:.0f} mm")
 
 
 def fixture_row(name):
@@ -216,7 +217,7 @@ ADJUST_BENCHES = {
 # Name -> source, pattern (# is a number), text.
 FIGURES = {
     **{f"flight-{n}-{k}": flight_row(n, l) for n in ("dev", "demo") for k, l in (("one", "one frame"), ("all", "flight"))},
-    **{f"tip-{n}-{k}": tip_row(n, l) for n in ("dev", "demo") for k, l in (("one", "one frame"), ("all", "flight"))},
+    **{f"tip-{n}": tip_row(n) for n in ("dev", "demo")},
     "fixtures-dev": fixture_row("dev"),
     "fixtures-moved": fixture_row("dev, moved"),
     "fixtures-noisy": fixture_row("dev, noisy"),

@@ -162,18 +162,19 @@ pub fn write_layout(
     attitude: &Orientation,
     tip_deflection_m: f64,
 ) -> TaskResult<()> {
-    let fixed = setup.markers.iter().any(|m| m.fixed);
+    let fixed = if setup.markers.iter().any(|m| m.fixed) {
+        "# F01 and so on: near these directions from the lens, as far as something rigid to the cabin is in view and sharp\n\
+         # (wing-body fairing, root fillet; not pylon or nacelle), without those for which there is no place.\n"
+    } else {
+        ""
+    };
     let heads = [
         "# Written by wingd plan. The survey frame has its origin in the lens, x outboard, z up: replace projection_centre_m,\n\
          # root_offset_m and mount_repeatability_px by yours. Lines that begin with # are assumptions of the plan: if one is\n\
          # true, delete its # and \"assumed\"; without them results are less precise than planned.\n",
-        if fixed {
-            "# A template: glue the markers near these positions, then replace the numbers by those of the total station.\n\
-             # F01 and so on need places that are rigid to the cabin and near the given directions from the lens, at any\n\
-             # distance at which they are sharp; omit those for which there is no place.\n"
-        } else {
-            "# A template: glue the markers near these positions, then replace the numbers by those of the total station.\n"
-        },
+        &format!(
+            "# A template: glue the markers near these positions, then replace the numbers by those of the total station.\n{fixed}"
+        ),
     ];
     write_setup(folder, setup, Some(facts), heads)?;
     let drawing = folder.join("layout.svg");

@@ -79,14 +79,14 @@ impl Grid {
             .map(|k| self.column_class(k))
             .collect();
         html! {
-            table {
+            div.scroll tabindex="0" { table {
                 thead { tr { @for (c, class) in self.columns.iter().zip(&classes) { th class=(class) { (c.title.replace("sigma", "σ")) } } } }
                 tbody {
                     @for row in &self.rows {
                         tr { @for (cell, class) in row.iter().zip(&classes) { td class=(class) { (cell) } } }
                     }
                 }
-            }
+            } }
         }
     }
 

@@ -72,7 +72,10 @@ def test_every_command_of_the_page_runs(wingd, recorders, recorder, server, tmp_
         "--wing",
         "right",
     )
-    path = f"{Path(wingd).parent}:{Path(sys.executable).parent}:{os.environ['PATH']}"
+    # The page calls it wingd, whatever the file of the program is called.
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin/wingd").symlink_to(wingd)
+    path = f"{tmp_path / 'bin'}:{Path(sys.executable).parent}:{os.environ['PATH']}"
     named = {"LEFT": recorder_of(recorders[0])[:8], "RIGHT": recorder_of(recorders[1])[:8], "WINGD": wingd}
     environment = {**os.environ, **named, "PATH": path, "HOME": str(tmp_path)}
     script = "\n".join(blocks(recorder))

@@ -4,31 +4,25 @@ from __future__ import annotations
 
 import argparse
 import sys
-import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from wingd import WingdError
 from wingd.commands import run_command
+from wingd.commands.selection import notes_on_stderr, read_frames
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns its exit status."""
     parser = argparse.ArgumentParser(prog="wingd-deform", description="Move the nodes of a surface from CAD, CFD or FEM "
                                      "by the measured shape of the wing, section by section.")  # fmt: skip
-    parser.add_argument("shape", metavar="STORE|SHAPE.nc", help="store, or a file of `wingd export --table shape`")
+    parser.add_argument("frames", metavar="FRAMES", help="measured frames, as for wingd-mean; the mean of several")
     parser.add_argument("--surface", required=True, metavar="FILE",
                         help="wing.stl, nodes.csv, model.bdf, mesh.su2:MARKER,MARKER, or a mesh of VTK, PLY, OBJ")  # fmt: skip
     parser.add_argument("--unit", choices=["m", "cm", "mm", "in", "ft"], help="unit of the surface [default: m]")
     parser.add_argument("--axes", choices=["survey", "cad"], default="survey", help="axes of the surface")
     parser.add_argument("--id", default="id", metavar="COLUMN", help="column of a list with the numbers of the nodes")
-    parser.add_argument("--flight", help="flight of a store, for example f0001 [default: the newest]")
     parser.add_argument("--installation", metavar="DIR", help="installation of a store [default: the one kept in it]")
-    parser.add_argument(
-        "--inputs", metavar="KEY", help="results of a store, if it was solved with several inputs [default: newest]"
-    )
     parser.add_argument("--frame", metavar="NAME", help="frame, for example s000001/0001.jpg [default: the mean]")
     parser.add_argument("--draws", type=int, default=0, metavar="N", help="write N sampled surfaces, too")
     parser.add_argument("--seed", type=int, default=1, help="seed of the samples")
@@ -42,36 +36,12 @@ def main(arguments: list[str] | None = None) -> int:
     return run_command(lambda: _run(args))
 
 
-def _open_shape(args: argparse.Namespace) -> Any:
-    """Open an exported file, or the shape of a store's flight at the stations of its curves."""
-    from wingd import store
-    from wingd.backend import open_shape
-
-    source, flight = args.shape, args.flight
-    found = store.open(source) if Path(source).is_dir() else None
-    options = [w for name in ("installation", "inputs") if (v := getattr(args, name)) for w in (f"--{name}", v)]
-    if not isinstance(found, store.Store):
-        if flight is not None or options:
-            name = "--flight" if flight is not None else options[0]
-            raise WingdError(f"{name}: {source} is not a store; omit {name}")
-        return open_shape(source)
-    if not found.names:
-        raise WingdError(f"{source}: the store has no flight; name another store")
-    chosen = store.Flight(found.path, found[flight or found.names[-1]].name, args.installation)
-    with warnings.catch_warnings(record=True, action="always") as notes:
-        file = store._export(
-            chosen.store, chosen.name, ["--format", "netcdf", "--table", "shape"], ".nc", chosen._inputs()
-        )
-    for note in notes:
-        print(f"note: {note.message}", file=sys.stderr)
-    return open_shape(file)
-
-
 def _run(args: argparse.Namespace) -> int:
     from wingd import surfaces
 
     surface = surfaces.read_surface(args.surface, args.unit, args.id)
-    shape = _open_shape(args)
+    with notes_on_stderr():
+        shape = read_frames(args.frames, installation=args.installation)
     moved = surfaces.deform(
         shape, surface, args.frame, args.axes, thermal=not args.without_thermal, draws=args.draws, seed=args.seed
     )

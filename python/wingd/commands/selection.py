@@ -49,7 +49,7 @@ def parse_numbers(text: str) -> list[float]:
     return numbers
 
 
-def read_frames(text: str, where: str | None = None) -> xr.Dataset:
+def read_frames(text: str, where: str | None = None, installation: str | None = None) -> xr.Dataset:
     """Return the frames that `text` selects."""
     import numpy as np
 
@@ -59,7 +59,7 @@ def read_frames(text: str, where: str | None = None) -> xr.Dataset:
     if not Path(text).exists() and ":" in text.removeprefix("s3://").removeprefix("file://"):
         place, _, rest = text.rpartition(":")
     flight, _, within = rest.partition("/")
-    opened = wingd.open(place)
+    opened = wingd.open(place, installation)
     names = list(opened.names)
     if not flight and len(names) != 1:
         raise WingdError(f"{text}: has the flights {', '.join(names) or 'none'}; name one as {place}:FLIGHT")

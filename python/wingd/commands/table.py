@@ -11,9 +11,12 @@ from wingd.commands import run_command
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns its exit status."""
+    from wingd.conditions.times import FORMATS
+
     parser = argparse.ArgumentParser(
         prog="wingd-table",
         description="Convert a table of aircraft data into the CSV that `wingd aircraft-data` joins with the frames.",
+        epilog=f"time_format of a mapping: {', '.join(f'{name} ({meaning})' for name, meaning in FORMATS.items())}.",
     )
     parser.add_argument("table", metavar="TABLE", help="CSV of any separator with a header, ICARTT, or lines of IWG1")
     parser.add_argument(
@@ -23,7 +26,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--flight-date",
         type=date.fromisoformat,
         metavar="YYYY-MM-DD",
-        help="refuse times of another day, and name the format that fits",
+        help="refuse times that are more than a day from this one, and name the format that fits",
     )
     parser.add_argument("-o", "--output", required=True, metavar="FILE.csv", help="canonical table to write")
     args = parser.parse_args(arguments)

@@ -321,7 +321,8 @@ def _check_units(file: Path | str, layout: Layout, above: list[Row], header: Row
     """Check units in the names of columns and above the header: rows of units or long names, or a line for each column."""
     for named, column in zip(mapping.columns, layout.columns, strict=True):
         unit = unit_in_name(named.quantity, named.name) if named.name not in QUANTITIES else None
-        if unit is not None:
+        # A name that is a unit may mean something else: a stated unit decides.
+        if unit is not None and not (unit == named.name and named.unit):
             _check_unit(file, named, unit, header.line, layout.remarks)
         for row in above:
             stated = [row.cells[1]] if row.cells[0] == named.name and len(row.cells) > 1 else []

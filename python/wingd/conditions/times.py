@@ -11,6 +11,8 @@ from wingd.textfiles import parse_number
 DAY_S = 86_400
 #: Day number of 1 January 1970, midnight, of spreadsheets from 1900 and 1904, MATLAB's datenum, and Julian dates.
 _DAYS_1970 = {"excel_days": 25_569.0, "excel1904_days": 24_107.0, "matlab_days": 719_529.0, "julian_days": 2_440_587.5}
+#: Microseconds of a unit of numbers since 1970.
+_UNIX_US = {"unix_s": 1e6, "unix_ms": 1e3, "unix_us": 1.0, "unix_ns": 1e-3}
 #: From 1970 to the origin of GPS time (IS-GPS-200), GPS time minus UTC since 2017 (IERS Bulletin C 52), and GPS time of 2017, s.
 _GPS_EPOCH_S, _GPS_LESS_UTC_S, _GPS_2017_S = 315_964_800, 18, 1_167_264_018
 #: Largest second of a day: files of several days count on after midnight (ICARTT).
@@ -18,7 +20,8 @@ _MAX_SECONDS_OF_DAY = 4.0 * DAY_S
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 FORMATS = {
-    "utc": "ISO 8601 or seconds since 1970",
+    "utc": "ISO 8601",
+    "unix_s": "seconds since 1970",
     "unix_ms": "milliseconds since 1970",
     "unix_us": "microseconds since 1970",
     "unix_ns": "nanoseconds since 1970",
@@ -142,13 +145,11 @@ def parse_time(text: str, format: str, day: date | None = None, zone_s: int = 0)
     # The largest number of a time, nanoseconds since 1970, has 19 digits.
     number = None if number is None or not 0 <= number < 1e20 else number
     if format == "utc":
-        if number:
-            return round(1e6 * number)
+        # A number has no format of its own: seconds since 1970 of 2016 are GPS seconds of 2026.
         iso = _iso(text, zone_s)
         return iso if iso is not None else _day_of_year(text, None, zone_s)
-    if format in ("unix_ms", "unix_us", "unix_ns"):
-        scale = {"unix_ms": 1e3, "unix_us": 1.0, "unix_ns": 1e-3}[format]
-        return None if number is None else round(number * scale)
+    if format in _UNIX_US:
+        return None if number is None else round(number * _UNIX_US[format])
     if format in _DAYS_1970:
         days = None if number is None else number - _DAYS_1970[format]
         return None if days is None or days < 0 else round((days * DAY_S - zone_s) * 1e6)

@@ -113,11 +113,11 @@ def find_unit(quantity: str, text: str) -> Conversion | str:
 
 
 def unit_in_name(quantity: str, name: str) -> str | None:
-    """Return the unit in a column's name: in brackets (``ALT [ft]``), or at its end (``ALT_FT``, ``Alt / ft``)."""
+    """Return the unit in a column's name: in brackets (``ALT [ft]``), at its end (``ALT_FT``, ``Alt / ft``), or all of it (``FL``)."""
     bracket = re.search(r"\[([^\]]*)\]|\(([^)]*)\)", name)
     if bracket:
         return bracket[1] if bracket[1] is not None else bracket[2]
-    end = re.search(r".[_ /.,]([^_ /.,]{2,})$", name)
+    end = re.search(r"(?:^|.[_ /.,])([^_ /.,]{2,})$", name)
     known = end and quantity != "mach" and isinstance(find_unit(quantity, end[1]), Conversion)
     return end[1] if end and known else None
 

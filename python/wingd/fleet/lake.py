@@ -20,28 +20,19 @@ from __future__ import annotations
 
 import hashlib
 import re
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
 import obstore
-from obstore.exceptions import AlreadyExistsError, BaseError, GenericError
-from obstore.store import LocalStore, S3Store
 
 from .. import WingdError
-from ..objects import PlaceError, open_bucket, open_directory, redacted, server_error
+from ..objects import ObjectStore, PlaceError
 
 # Version of layout and columns: columns may be added, never changed or removed.
 VERSION = "v3"
 NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,63}")
-# Retries of a request once the server has answered at all, and the first pause between them, s.
-REPEATS, PAUSE_S = 5, 0.25
 # A snapshot file of 100 MB takes 15 min at 1 Mbit/s.
 TIMEOUT = "3600s"
-
-T = TypeVar("T")
 
 
 class FleetError(WingdError):
@@ -59,17 +50,6 @@ class Damaged(FleetError):
         self.faults = faults
         more = f" and {len(faults) - 5} more" if len(faults) > 5 else ""
         super().__init__(f"{'; '.join(faults[:5])}{more}; run `wingd-fleet verify`, then `wingd-fleet repair`")
-
-
-def said(place: str, error: Exception) -> FleetError:
-    """Describe an error of the object store, with a remedy."""
-    if permanent := server_error(error):
-        return FleetError(f"{place}: {permanent}")
-    text = str(error)
-    if isinstance(error, GenericError) and "S3" in text:
-        what = "no S3 server answers there; check the network, AWS_ENDPOINT_URL and AWS_REGION"
-        return Passing(f"{place}: {what} ({redacted(text)[:300]})")
-    return Passing(f"{place}: {redacted(text)[:300] or 'no message'}; check the location and its permissions")
 
 
 @dataclass(frozen=True, order=True)
@@ -147,62 +127,30 @@ def is_frame(name: str) -> bool:
 SYNTHETIC = "synthetic.json"
 
 
-class Lake:
+class Lake(ObjectStore):
     """`s3://bucket/prefix` with AWS_* variables, or `file:///directory`."""
 
+    refusal, failure = FleetError, Passing
+
     def __init__(self, url: str):
-        self.url = url.rstrip("/")
-        self.met = False
-        if not self.url.startswith(("s3://", "file:///")):
-            raise FleetError(f"{redacted(url)}: give s3://BUCKET/PREFIX or file:///DIRECTORY")
-        self.folder = Path(self.url.removeprefix("file://")) if self.url.startswith("file://") else None
         try:
-            opened = open_directory(self.folder, "--lake") if self.folder else open_bucket(self.url, "--lake", TIMEOUT)
+            super().__init__(url, "--lake", TIMEOUT)
         except PlaceError as error:
             raise FleetError(str(error)) from None
-        self.store: LocalStore | S3Store = opened
-
-    def _again(self, place: str, work: Callable[[], T]) -> T:
-        """Run an operation and retries transient errors, once the server has answered at all."""
-        for attempt in range(REPEATS + 1):
-            try:
-                done = work()
-                self.met = True
-                return done
-            except (FileNotFoundError, AlreadyExistsError) as error:
-                if "NoSuchBucket" in str(error):
-                    raise said(self.url, error) from None
-                self.met = True
-                raise
-            except (BaseError, OSError) as error:
-                fault = said(f"{self.url}/{place}", error)
-                if not isinstance(error, GenericError) or not isinstance(fault, Passing) or not self.met:
-                    raise fault from None
-                if attempt == REPEATS:
-                    raise fault from None
-                time.sleep(PAUSE_S * 2**attempt)
-        raise AssertionError("unreachable")
 
     def is_synthetic(self) -> bool:
         """Return whether the flights are synthetic."""
         return self.get(SYNTHETIC) is not None
 
-    def get(self, key: str) -> bytes | None:
-        """Return an object's bytes; None if it does not exist."""
-        try:
-            return self._again(key, lambda: bytes(obstore.get(self.store, key).bytes()))
-        except FileNotFoundError:
-            return None
-
     def need(self, key: str) -> bytes:
         """Return the bytes of an object that must exist."""
         data = self.get(key)
         if data is None:
-            raise Damaged([f"{self.url}/{key}: is missing"])
+            raise Damaged([f"{self.shown(key)}: is missing"])
         return data
 
     def download(self, key: str, path: Path) -> str | None:
-        """Write an object into a file piece by piece and returns its SHA-256; None if it does not exist."""
+        """Write an object into a file piece by piece and return its SHA-256; None if it does not exist."""
 
         def copied() -> str:
             digest = hashlib.sha256()
@@ -219,16 +167,7 @@ class Lake:
 
     def create(self, key: str, data: bytes) -> bool:
         """Create an object; False if another one exists, which is kept."""
-        try:
-            self._again(key, lambda: obstore.put(self.store, key, data, mode="create", use_multipart=False))
-            return True
-        except AlreadyExistsError:
-            # It may be our own, from an attempt whose answer was lost.
-            return self.get(key) == data
-
-    def replace(self, key: str, data: bytes) -> None:
-        """Replace the bytes of an object in one step."""
-        self._again(key, lambda: obstore.put(self.store, key, data, mode="overwrite", use_multipart=False))
+        return super().create(key, data) is not None
 
     def settle(self, key: str, data: bytes) -> None:
         """Ensure that an object has the bytes that its name requires."""
@@ -242,18 +181,6 @@ class Lake:
                 self._again(key, lambda key=key: obstore.delete(self.store, key))
             except FileNotFoundError:
                 pass
-
-    def sizes(self, prefix: str) -> dict[str, int]:
-        """Return the keys below a prefix with their sizes in bytes, sorted."""
-
-        def listed() -> dict[str, int]:
-            found = [item for chunk in obstore.list(self.store, prefix) for item in chunk]
-            return {item["path"]: item["size"] for item in sorted(found, key=lambda item: item["path"])}
-
-        try:
-            return self._again(prefix, listed)
-        except FileNotFoundError:
-            return {}
 
     def keys(self, prefix: str) -> list[str]:
         """Return the keys below a prefix, sorted."""

@@ -36,7 +36,7 @@ _PAIRS = 2_000_000
 MAX_DRAWS = 1000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Moved:
     """Surface in flight.
 
@@ -69,6 +69,11 @@ class Moved:
     draws: tuple[Moved, ...] = field(default=(), repr=False)
     notes: tuple[str, ...] = ()
     folded: int = 0
+
+    def __repr__(self) -> str:
+        length = np.linalg.norm(self.displacement_m, axis=1)
+        lines = [f"<wingd.Moved {self.surface.file}: {len(length)} nodes, moved by at most {length.max():.3f} m>"]
+        return "\n".join([*lines, *self.notes])
 
     def to_meshio(self) -> Any:
         """Return a mesh of meshio with ``displacement_m`` and ``sigma_displacement_m`` at its points."""

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from .. import WingdError
 from . import bundle as _bundle
-from .bundle import StoreError, sha256
+from .bundle import StoreError
 from .manifest import STAGES, Labels, Manifest, Object
 from .pace import Pace
 from .target import Failed, Target
@@ -149,12 +149,12 @@ class _Upload:
         """Verify a flight and publish its manifest, so that it is known before its data arrive."""
         if not self.reached:
             # Before reading gigabytes.
-            self.target.check_access(f"manifests/recorder={_bundle.store_id(self.root)}")
+            self.target.sizes(f"manifests/recorder={_bundle.store_id(self.root)}")
             self.reached = True
         _bundle.verify(self.root, outcome.flight)
         bundle = _bundle.bundle(self.root, outcome.flight)
         manifest, counts = Manifest.of(bundle, self.labels), outcome.counts
-        there = self.target.read(manifest.key)
+        there = self.target.get(manifest.key)
         if there is not None:
             known = Manifest.parse(there)
             if known is not None:
@@ -198,7 +198,7 @@ class _Upload:
         missing = [one for one in objects if one.key not in there]
         key, text = flight.manifest.completion(stage)
         # Frames that had arrived and are missing were deleted by a rule of the bucket.
-        if stage == "frames" and missing and not self.repair and target.read(key) is not None:
+        if stage == "frames" and missing and not self.repair and target.get(key) is not None:
             counts.expired, missing = len(missing), []
         if missing:
             self._send(missing, counts)
@@ -250,14 +250,14 @@ class _Upload:
                 future.cancel()
 
     def _put(self, one: Object) -> bool:
-        sent = self.target.create(one.key, one.read(), one.sha256)
+        sent = self.target.create(one.key, one.read())
         if sent is None:
             raise self._different(one.key)
         return sent
 
     def _create(self, key: str, text: bytes, counts: Counts) -> None:
         """Create a record, which `repair` replaces if it is damaged."""
-        sent = self.target.create(key, text, sha256(text))
+        sent = self.target.create(key, text)
         if sent is not None:
             counts.add(len(text), sent=sent)
         elif self.repair:
@@ -266,7 +266,7 @@ class _Upload:
             raise self._different(key)
 
     def _replace(self, key: str, data: bytes, counts: Counts) -> None:
-        self.target.replace(key, data, sha256(data))
+        self.target.replace(key, data)
         counts.add(len(data), sent=True)
         counts.repaired += 1
 

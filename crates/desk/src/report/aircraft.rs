@@ -35,7 +35,7 @@ pub fn aircraft_section(data: &ReportData) -> Markup {
                 }
             }
         }
-        div.scroll { (aircraft_table(data).html()) }
+        (aircraft_table(data).html())
         p.caption {
             "Values with 1 sigma at the first shot of each series that has aircraft data, interpolated by time tag. " (samples) " samples used; lines not used: "
             (unused.unread) " without data, " (unused.repeated) " repeated, " (unused.jumped) " with an implausible time."

@@ -9,11 +9,14 @@ use wingd_evaluation::results::kinds::{MessageKind, gather_messages};
 use wingd_evaluation::results::summary::SeriesSummary;
 use wingd_measure::estimation::quality::GlobalTest;
 
+/// Maximum number of kinds of remarks that are unfolded.
+const MAX_OPEN_REMARKS: usize = 4;
+
 /// Cause of a rejection that no diagnosis explains.
 const UNEXPLAINED: &str = "the global test rejects the model or the configured standard deviations; no single cause is \
      found, see the residuals of the frame";
 
-/// Returns the sentence and the other causes.
+/// Returns the sentence, the other causes and the remarks.
 pub fn answer_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
     let causes = gather_causes(data);
     let first = causes.first().map(|cause| cause.text.as_str());
@@ -27,7 +30,30 @@ pub fn answer_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup 
             } }
         }
         @for note in data.warnings.iter().chain(&data.notes) { p.warning { (note) } }
+        @let remarks = gather_remarks(data);
+        @if !remarks.is_empty() {
+            details open[remarks.len() <= MAX_OPEN_REMARKS] {
+                summary { (count_text(remarks.len(), "kind")) " of remarks" }
+                ul.causes { @for one in &remarks {
+                    li { (one.text) " " span.soft { "(" @if one.count > 1 { (one.count) " times, first " } "in " (one.first) ")" } }
+                } }
+            }
+        }
     }
+}
+
+/// Gathers the remarks of series and frames.
+fn gather_remarks(data: &ReportData) -> Vec<MessageKind> {
+    gather_messages(data.series.iter().flat_map(|s| {
+        let place = |r: &ImageRecord| format!("{}/{}", s.name, r.image);
+        let of_series = s.remarks.iter().map(|text| (text, s.name.clone()));
+        let of_frames = s.records.iter();
+        let of_frames =
+            of_frames.flat_map(move |r| r.remarks.iter().map(move |text| (text, place(r))));
+        of_series
+            .chain(of_frames)
+            .map(|(text, at)| (text.as_str(), at, ""))
+    }))
 }
 
 /// Gathers why frames have no result or a rejected one, the most frequent cause first.

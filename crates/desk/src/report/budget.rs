@@ -27,11 +27,11 @@ pub fn budget_section(data: &ReportData) -> Markup {
         } @else {
             p { (table::budget_text(&shares)) }
             @let minor = shares.iter().position(|one| one.share < MINOR_SHARE).unwrap_or(shares.len());
-            div.scroll { (table::budget_table(&shares[..minor]).html()) }
+            (table::budget_table(&shares[..minor]).html())
             @if minor < shares.len() {
                 details {
                     summary { (count_text(shares.len() - minor, "source")) " below " (format_fixed(Some(1e2 * MINOR_SHARE), 0)) " %" }
-                    div.scroll { (table::budget_table(&shares[minor..]).html()) }
+                    (table::budget_table(&shares[minor..]).html())
                 }
             }
             p.caption {

@@ -35,10 +35,7 @@ pub fn series_curves<'a>(
     summaries: &'a [SeriesSummary],
 ) -> Vec<SeriesCurves<'a>> {
     let select = |s: &'a SeriesSummary| {
-        let is_wide = s.tip_deflection_m.is_some_and(|mean| {
-            let beyond = |scatter| mean.sigma.is_some_and(|sigma| scatter > sigma);
-            mean.scatter.is_some_and(beyond)
-        });
+        let is_wide = is_scattered(s);
         let of_series = data.frames.iter().filter(|f| f.series == s.name && is_wide);
         let solved = of_series.map(|f| &f.record).filter(|r| r.is_solved());
         let mut frames: Vec<(&str, &[CurveRecord])> =
@@ -57,6 +54,13 @@ pub fn series_curves<'a>(
     };
     let with_curve = summaries.iter().filter(|s| !s.curve.is_empty());
     with_curve.map(select).collect()
+}
+
+/// Returns whether frames scatter by more than the band of their mean.
+pub fn is_scattered(s: &SeriesSummary) -> bool {
+    let mean = s.tip_deflection_m;
+    let beyond = mean.and_then(|mean| Some(mean.scatter? > mean.sigma?));
+    beyond.unwrap_or(false)
 }
 
 /// Draws the deflection of the bending axis along the span with 1-sigma bands.

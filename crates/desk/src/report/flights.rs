@@ -8,7 +8,7 @@ use wingd_evaluation::figures::figure::{Figure, FigureTrack, all_abscissas, all_
 use wingd_evaluation::figures::plot::{Axis, series_colour};
 use wingd_evaluation::grid::ColumnDefinition::{One, Pair};
 use wingd_evaluation::grid::Grid;
-use wingd_evaluation::number::{count_text, format_rounded};
+use wingd_evaluation::number::{count_text, format_measured, format_rounded};
 use wingd_evaluation::results::overview::{FlightOverview, SeriesOverview};
 use wingd_evaluation::results::summary::{Mean, hours_between};
 
@@ -29,8 +29,20 @@ pub fn flights_page(flights: &[FlightOverview]) -> String {
     let warnings = flights
         .iter()
         .flat_map(|f| f.warning.iter().chain(&f.notes));
+    let sum =
+        |count: fn(&SeriesOverview) -> usize| flights.iter().map(|f| f.sum(count)).sum::<usize>();
+    let (frames, passed) = (sum(|line| line.frames), sum(|line| line.passed));
+    let deflections = flights.iter().filter_map(|f| Some((f, f.greatest()?)));
+    let greatest = deflections.max_by(|a, b| a.1.1.deflection_m.total_cmp(&b.1.1.deflection_m));
     let main = html! {
         header { h1 { "Wing deflection, flight by flight" } p.sub { (count_text(flights.len(), "flight")) } }
+        p.answer.warning[passed < frames] {
+            @if let Some((flight, (_, one))) = greatest {
+                "Tip deflection (" (one.marker) ") up to " (format_measured(Some(one.deflection_m), one.sigma_m, 3)) " m "
+                (flight.reference.description()) ", in flight " (flight.flight) ": "
+            }
+            (passed) " of " (count_text(frames, "frame")) " are solved and not rejected by their global test."
+        }
         @for warning in warnings { p.warning { (warning) } }
         h2 { "Deflection over time" }
         figure {
@@ -38,7 +50,7 @@ pub fn flights_page(flights: &[FlightOverview]) -> String {
             p.caption { "Deflection of the outermost marker, mean of each series; bands: 1 sigma of one frame. Times start at the first series of each flight; the reference of the deflections is in the table." }
         }
         h2 { "Flights" }
-        div.scroll { (flights_table(flights).html()) }
+        (flights_table(flights).html())
     };
     standalone_page(
         &format!("Wing deflection: {}", count_text(flights.len(), "flight")),
@@ -108,6 +120,7 @@ fn flights_table(flights: &[FlightOverview]) -> Grid {
         One("series", &|f| f.series.len().to_string()),
         One("frames", &|f| f.sum(|line| line.frames).to_string()),
         One("solved", &|f| f.sum(|line| line.solved).to_string()),
+        One("not rejected", &|f| f.sum(|line| line.passed).to_string()),
         Pair("largest deflection / m", "sigma / m", &deflection),
         One("<in frame", &|f| {
             f.greatest().map_or(String::new(), |(line, deflection)| {

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use maud::{Markup, html};
 use serde::{Serialize, Serializer};
 
-use super::figures::{SPAN_LABEL, curve_points};
+use super::figures::{SPAN_LABEL, curve_points, is_scattered};
 use super::views::{GROUND_COLOUR, PlacedMarker, place_markers};
 use wingd_evaluation::figures::figure::{
     BREAK, Figure, FigurePoint, FigureTrack, MAIN_COLOUR, TrackStyle, all_abscissas, all_values,
@@ -71,7 +71,7 @@ impl Serialize for MarkerValues {
 struct FrameList<'a> {
     /// The positions are in the wing frame, as the curves are.
     surveyed: bool,
-    /// Mean curve of each series.
+    /// Mean curve of each series whose frames agree.
     means: BTreeMap<&'a str, Vec<FigurePoint>>,
     frames: Vec<FrameValues<'a>>,
 }
@@ -83,6 +83,7 @@ pub fn frames_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup 
     let reference = summary::common_reference(&data.series);
     let means = summaries
         .iter()
+        .filter(|s| !is_scattered(s))
         .map(|s| (s.name.as_str(), deflection_points(&s.curve, reference)))
         .collect();
     let list = FrameList {
@@ -114,7 +115,7 @@ pub fn frames_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup 
                 }
                 details {
                     summary { "Markers of " span { (first.series) " " (first.image) } ", deflections " (reference.description()) }
-                    div.scroll { (shown.unwrap_or_default().html()) }
+                    (shown.unwrap_or_default().html())
                 }
             }
             script id="frames-data" type="application/json" { (script_json(&list)) }
@@ -226,15 +227,18 @@ fn draw_deflection_curve(list: &FrameList, reference: DeflectionReference) -> Ma
                 Some((span, value, sigma))
             }
         };
-        vec![
+        let mut tracks = vec![
             FigureTrack::from_points("this frame", MAIN_COLOUR, frame.curve.clone()),
-            FigureTrack {
-                dashed: true,
-                ..FigureTrack::from_points("mean of its series", "#8a4b00", mean)
-            },
             marker_track("markers", "#1d6b4f", frame, deflected(true)),
             marker_track("markers, predicted", UNUSED_COLOUR, frame, deflected(false)),
-        ]
+        ];
+        if !list.means.is_empty() {
+            tracks.push(FigureTrack {
+                dashed: true,
+                ..FigureTrack::from_points("mean of its series", "#8a4b00", mean)
+            });
+        }
+        tracks
     };
     let axes = |all: &[FigureTrack]| {
         let label = format!("deflection {} / m", reference.description());

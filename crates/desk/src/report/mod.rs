@@ -129,7 +129,7 @@ fn summary_tiles(summaries: &[SeriesSummary]) -> Markup {
         div.tiles {
             (greatest_tile(summaries))
             (change_tile(summaries))
-            div.tile.warn[solved < frames] { b { (solved) " of " (frames) } span { "frames solved, in " (summaries.len()) " series" } }
+            div.tile.warn[solved < frames] { b { (solved) " of " (frames) } span { "frames may be used, in " (summaries.len()) " series" } }
             @if made > 0 { div.tile.warn[passed < made] { b { (passed) " of " (made) } span { "global tests passed" } } }
         }
     }
@@ -244,7 +244,7 @@ fn deflection_section(data: &ReportData, summaries: &[SeriesSummary]) -> Markup 
         figure {
             (figures::draw_deflection(&curves, reference))
             p.caption {
-                "Vertical deflection of the bending axis " (reference.description()) ", mean of each series. Band: 1 sigma of one frame; errors of survey and mounting are common to all frames, so it does not decrease with their number. If the band is narrower than the line, see the next figure."
+                "Vertical deflection of the bending axis " (reference.description()) ", mean of a series whose frames agree within the band. Band: 1 sigma of one frame; errors of survey and mounting are common to all frames, so it does not decrease with their number. If the band is narrower than the line, see the next figure."
                 @for curve in curves.iter().filter(|c| c.frames.len() > 1) {
                     " " (curve.name) ": " (curve.frames.len()) " of " (count_text(curve.solved, "frame")) " singly, because frames scatter by more than the band."
                 }

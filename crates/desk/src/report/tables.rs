@@ -9,7 +9,6 @@ use wingd_evaluation::grid::Grid;
 use wingd_evaluation::number;
 use wingd_evaluation::number::{NONE, count_text, format_fixed};
 use wingd_evaluation::record::{ImageRecord, Provenance, json_fields, json_text, variant_name};
-use wingd_evaluation::results::kinds::gather_messages;
 use wingd_evaluation::results::summary::{Mean, SeriesSummary};
 use wingd_evaluation::results::{ReportData, SeriesData, ShotData, summary, table};
 use wingd_measure::adjust::DeflectionReference;
@@ -20,7 +19,7 @@ pub fn series_section(summaries: &[SeriesSummary]) -> Markup {
     html! {
         h2 id="series" { "Series" }
         @let reference = summaries.first().map(|s| s.reference).unwrap_or_default();
-        div.scroll { (name_reference(table::series_table(summaries), reference).html()) }
+        (name_reference(table::series_table(summaries), reference).html())
         p.caption { "Mean over the solved frames of a series, deflections of the tip marker. sigma: standard deviation of one frame from the adjustment; scatter: standard deviation of single frames about the mean of the series. Torsion and twist: first pair of the installation." }
     }
 }
@@ -39,8 +38,8 @@ pub fn results_section(data: &ReportData) -> Markup {
             @for s in data.series.iter().filter(|s| !s.records.is_empty()) {
                 details open[!many] {
                     summary { "Series " (s.flight) "/" (s.name) @if s.interrupted { " (interrupted)" } }
-                    @let rows = if s.counts.is_empty() { table::image_table(&s.records, reference) } else { table::image_table_with_counts(&s.records, &s.counts, reference) };
-                    div.scroll { (name_reference(rows, reference).html()) }
+                    @let rows = table::image_table(&s.records, &s.counts, reference);
+                    (name_reference(rows, reference).html())
                 }
             }
         }
@@ -85,7 +84,7 @@ pub fn references_section(data: &ReportData, summaries: &[SeriesSummary]) -> Mar
     html! {
         details {
             summary { "All deflections of this page are " (shown.description()) "; the other references" }
-            div.scroll { (grid.html()) }
+            (grid.html())
         }
     }
 }
@@ -128,20 +127,14 @@ fn exposure_section(data: &ReportData) -> Markup {
     }
 }
 
-/// Returns the section on tests, unused markers and failures.
+/// Returns the section on tests, unused markers and failures of the camera.
 pub fn quality_section(data: &ReportData) -> Markup {
     let records = || {
         data.series
             .iter()
             .flat_map(|s| s.records.iter().map(move |r| (s, r)))
     };
-    let unused =
-        table::unused_markers_of_series(records().map(|(s, r)| (format!("{}/", s.name), r)));
-    let (failed, camera, remarks) = (
-        failed_frames(data),
-        camera_failures(data),
-        remark_table(data),
-    );
+    let unused = table::unused_markers(records().map(|(s, r)| (format!("{}/", s.name), r)));
     html! {
         h2 id="quality" { "Quality" }
         (global_test_text(records().map(|(_, r)| r)))
@@ -149,22 +142,14 @@ pub fn quality_section(data: &ReportData) -> Markup {
             p { "CAD frame: " (cad.describe()) "." }
         }
         @if unused.rows.is_empty() { p { "Every marker of the survey was used in every solved frame." } } @else {
-            details { summary { "Markers not used" } div.scroll { (unused.html()) } }
+            details { summary { "Markers not used" } (unused.html()) }
         }
-        (titled_table("Frames without a result", "Every frame has a result.", &failed))
         (exposure_section(data))
-        (titled_table("Camera failures", "The camera delivered every shot at the first attempt.", &camera))
-        @if !remarks.rows.is_empty() {
-            h3 { "Remarks" }
-            div.scroll { (remarks.html()) }
+        @let camera = camera_failures(data);
+        @if !camera.rows.is_empty() {
+            h3 { "Camera failures" }
+            (camera.html())
         }
-    }
-}
-
-fn titled_table(title: &str, none: &str, grid: &Grid) -> Markup {
-    html! {
-        h3 { (title) }
-        @if grid.rows.is_empty() { p { (none) } } @else { div.scroll { (grid.html()) } }
     }
 }
 
@@ -181,38 +166,12 @@ fn global_test_text<'a>(records: impl Iterator<Item = &'a ImageRecord>) -> Marku
             p {
                 @if passed == 1 { "The global test" } @else { "All " (passed) " global tests" } " passed: the residuals are consistent with the model and the specified standard deviations. "
                 "A passed test cannot rule out errors that leave no residuals, such as a wrong root, axis, lens or window. "
-                "Their specified uncertainties are in the " a href="#budget" { "variance budget" } "."
+                "Their specified uncertainties are in the " a href="#budget" { "uncertainty budget" } "."
             }
         } @else {
             p.warning { (rejected) " of " (passed + rejected) " global tests rejected the model or the specified standard deviations; unless configured otherwise, the standard deviations of those frames are a posteriori." }
         }
     }
-}
-
-fn failed_frames(data: &ReportData) -> Grid {
-    let mut grid = Grid::new(&["<series", "<frame", "<reason"]);
-    for s in &data.series {
-        for r in s.records.iter().filter(|r| !r.is_solved()) {
-            let reason = r
-                .reason
-                .clone()
-                .unwrap_or_else(|| "no reason recorded".to_owned());
-            grid.push(vec![s.name.clone(), r.image.clone(), reason]);
-        }
-        for image in unsolved_images(s) {
-            grid.push(vec![
-                s.name.clone(),
-                image.to_owned(),
-                "not solved yet".to_owned(),
-            ]);
-        }
-    }
-    grid
-}
-
-fn unsolved_images(s: &SeriesData) -> impl Iterator<Item = &str> {
-    let images = s.shots.iter().filter_map(|shot| shot.image.as_deref());
-    images.filter(|image| !s.records.iter().any(|r| r.image == *image))
 }
 
 fn camera_failures(data: &ReportData) -> Grid {
@@ -243,27 +202,6 @@ fn shot_time(series: &SeriesData, shot: &ShotData) -> String {
         .map_or(NONE.to_owned(), text)
 }
 
-/// Lists remarks, each kind once with the number of its frames.
-fn remark_table(data: &ReportData) -> Grid {
-    let remarks = data.series.iter().flat_map(|s| {
-        let of_frames = s.records.iter().flat_map(move |r| {
-            let place = move || format!("{}/{}", s.name, r.image);
-            r.remarks
-                .iter()
-                .map(move |text| (text.as_str(), place(), ""))
-        });
-        let of_series = s.remarks.iter();
-        of_series
-            .map(|text| (text.as_str(), s.name.clone(), ""))
-            .chain(of_frames)
-    });
-    Grid::for_rows(&gather_messages(remarks)).columns(&[
-        One("<remark", &|kind| kind.text.clone()),
-        One("times", &|kind| kind.count.to_string()),
-        One("<first in", &|kind| kind.first.clone()),
-    ])
-}
-
 /// Returns the section of the inputs of the results and the hash of every frame.
 pub fn provenance_section(data: &ReportData) -> Markup {
     let mut sets: Vec<(Provenance, usize)> = Vec::new();
@@ -282,13 +220,13 @@ pub fn provenance_section(data: &ReportData) -> Markup {
         @if sets.is_empty() { p { "There are no results." } }
         @for (set, count) in &sets {
             h3 { "Inputs of " (number::count_text(*count, "result")) }
-            div.scroll { (input_table(set).html()) }
+            (input_table(set).html())
         }
         @let frames = frame_hashes(data);
         @if !frames.rows.is_empty() {
             details {
                 summary { "Frames, SHA-256" }
-                div.scroll.hashes { (frames.html()) }
+                div.hashes { (frames.html()) }
             }
         }
     }

@@ -82,8 +82,8 @@ class Figure {
     this.view = view;
     const [[left, right], [bottom, top]] = view;
     this.area.setAttribute("viewBox", `${left} ${-top} ${right - left} ${top - bottom}`);
-    // The whole range has all points, and those at its ends are not cut.
-    this.area.setAttribute("overflow", view === this.whole ? "visible" : "hidden");
+    // Points at the ends of the whole range are not cut.
+    this.area.setAttribute("overflow", view[0] === this.whole[0] ? "visible" : "hidden");
     const { width, height } = this.svg.getBoundingClientRect();
     [width / 90, height / 45].forEach((most, k) => {
       if (view === this.whole) this.groups[k].replaceChildren(...this.marks[k]);

@@ -200,13 +200,19 @@ fn add_diagnosis(
         Ok(found) if is_ok && found.concerns_unused_markers(is_used) => None,
         Ok(found) => found.text(),
     };
-    let Some(cause) = &record.cause else { return };
-    if is_ok {
-        record.status = RecordStatus::Doubtful;
-        record.reason = Some(cause.clone());
-    } else if let Some(reason) = &mut record.reason {
-        // The cause replaces the general remedy of an adjustment that failed.
-        *reason = format!("{}; {cause}", problem.as_deref().unwrap_or(reason));
+    match (&record.cause, &mut record.reason) {
+        (Some(cause), _) if is_ok => {
+            record.status = RecordStatus::Doubtful;
+            record.reason = Some(cause.clone());
+        }
+        (Some(cause), Some(reason)) => {
+            // The cause replaces the general remedy of an adjustment that failed.
+            *reason = format!("{}; {cause}", problem.as_deref().unwrap_or(reason));
+        }
+        (None, Some(reason)) if record.status == RecordStatus::Doubtful => {
+            reason.push_str("; no single cause explains it: see residuals and remarks");
+        }
+        _ => {}
     }
 }
 
@@ -321,12 +327,10 @@ fn correct_refraction(
         return Err(reason.clone());
     }
     let mut observations = processed.observations.clone();
-    let report = correct_observations(&installation.setup, orientation, &mut observations);
-    let report =
-        report.map(|report| report.map(|r| with_refraction_sigma(r, processed, installation)));
-    report
-        .map(|report| (observations, report))
-        .map_err(Reason::from_error)
+    let report = correct_observations(&installation.setup, orientation, &mut observations)
+        .map_err(Reason::from_error)?;
+    let with_sigma = |r| with_refraction_sigma(r, processed, installation);
+    Ok((observations, report.map(with_sigma)))
 }
 
 fn adjust_single_frame(
@@ -335,15 +339,12 @@ fn adjust_single_frame(
     observations: &[Observation],
     job: &SolveJob,
 ) -> Result<adjust::Solution, adjust::AdjustError> {
+    let adjust = match job.method {
+        AdjustmentMethod::Profile => adjust::solve_profile,
+        AdjustmentMethod::Spatial => adjust::solve_spatial,
+    };
     let setup = &installation.setup;
-    match job.method {
-        AdjustmentMethod::Profile => {
-            adjust::solve_profile(setup, orientation, observations, &job.options)
-        }
-        AdjustmentMethod::Spatial => {
-            adjust::solve_spatial(setup, orientation, observations, &job.options)
-        }
-    }
+    adjust(setup, orientation, observations, &job.options)
 }
 
 /// Adjusts the frames of a flight jointly; returns one record per frame, in order. Frames that could not be processed fail

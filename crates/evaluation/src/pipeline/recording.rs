@@ -35,7 +35,7 @@ pub fn build_record(
     let mut record = ImageRecord {
         image: frame.image.clone(),
         method: Some(job.method),
-        markers: markers_of_unsolved_frame(frame, installation),
+        markers: marker_records(frame, installation),
         provenance: Provenance {
             frame_sha256,
             ..provenance(installation, job)
@@ -44,13 +44,10 @@ pub fn build_record(
         ..ImageRecord::default()
     };
     match outcome {
-        Err(reason) => {
-            record.reason = Some(reason.to_string());
-            record_manual(&mut record, frame);
-        }
+        Err(reason) => record.reason = Some(reason.to_string()),
         Ok((solution, refraction)) => {
             add_solution(&mut record, frame, installation, &solution);
-            record_manual(&mut record, frame);
+            flag_manual(&mut record.markers, frame);
             let doubt = find_doubt(&record, frame, &installation.setup);
             if let Some(doubt) = doubt.or(solution.doubt.clone()) {
                 (record.status, record.reason) = (RecordStatus::Doubtful, Some(doubt));
@@ -134,18 +131,18 @@ fn add_solution(
         }
     }
     record.tip = tip_record(installation, s);
-    record.budget = s
-        .budget
-        .as_ref()
-        .map_or(vec![], |budget| budget.shares.clone());
+    let budget = s.budget.as_ref();
+    record.budget = budget.map_or(vec![], |budget| budget.shares.clone());
     record.torsion = s.torsion.iter().map(torsion_record).collect();
     record.curve = s.curve.iter().map(curve_record).collect();
     record.moments = moment_records(installation, s);
-    record.remarks = s.remarks.clone();
+    let turned = turned_mount(installation, s);
+    let is_new = |text: &&String| turned.is_none() || !text.starts_with("camera.mount_repeat");
+    record.remarks = s.remarks.iter().filter(is_new).cloned().collect();
     if installation.setup.side().is_none() && !s.curve.is_empty() {
         record.remarks.push(SIDE_UNKNOWN.into());
     }
-    record.remarks.extend(turned_mount(installation, s));
+    record.remarks.extend(turned);
     record
         .remarks
         .extend(aircraft::pressure_contradiction(&frame.aircraft));
@@ -171,14 +168,9 @@ fn turned_mount(installation: &Installation, s: &Solution) -> Option<String> {
         .iter()
         .find(|p| p.kind == ParameterKind::MountRotation)?
         .values;
-    let (setup, [x, y]) = (
-        &installation.setup,
-        [about.first()?.value, about.get(1)?.value],
-    );
-    let (shift_px, expected_px) = (
-        setup.lens.focal_px() * x.hypot(y),
-        setup.mount_repeatability_px,
-    );
+    let turn = about.first()?.value.hypot(about.get(1)?.value);
+    let setup = &installation.setup;
+    let (shift_px, expected_px) = (turn * setup.lens.focal_px(), setup.mount_repeatability_px);
     (shift_px > MAX_MOUNT_SIGMAS * expected_px && expected_px > 0.0).then(|| {
         format!(
             "the camera is turned by {shift_px:.0} px relative to the ground frames, but mount_repeatability_px is \
@@ -212,36 +204,27 @@ fn model_record(s: &Solution) -> Model {
 
 /// Appends the reason why a marker was not used in the ground frames.
 fn add_ground_reason(line: &mut MarkerRecord, marker: usize, installation: &Installation) {
-    let ground = installation
-        .unused_on_ground
-        .iter()
-        .find(|(k, _)| *k == marker)
-        .filter(|_| !line.used);
+    let mut unused = installation.unused_on_ground.iter();
+    let ground = unused.find(|(k, _)| *k == marker && !line.used);
     if let (Some((_, ground)), Some(reason)) = (ground, &mut line.reason) {
-        reason.push_str(&format!("; not used on the ground either: {ground}"));
+        *reason += &format!("; not used on the ground either: {ground}");
     }
 }
 
 fn missing_marker_reasons(frame: &ProcessedFrame) -> HashMap<usize, String> {
-    let seen = frame
-        .identities
-        .iter()
-        .flat_map(|i| i.missing.iter().cloned());
-    let rejected = frame
-        .manual
-        .iter()
-        .filter_map(|(marker, rejection)| Some((*marker, rejection.clone()?)));
+    let seen = frame.identities.iter().flat_map(|i| i.missing.clone());
+    let manual = frame.manual.iter();
+    let rejected = manual.filter_map(|(marker, rejection)| Some((*marker, rejection.clone()?)));
     seen.chain(rejected).collect()
 }
 
+/// Reason of a marker without a measurement.
+const NOT_MEASURED: &str = "not measured in this frame";
+
 /// Flags the markers whose positions were marked manually.
-fn record_manual(record: &mut ImageRecord, frame: &ProcessedFrame) {
-    for (marker, _) in frame
-        .manual
-        .iter()
-        .filter(|(_, rejection)| rejection.is_none())
-    {
-        if let Some(line) = record.markers.get_mut(*marker) {
+fn flag_manual(markers: &mut [MarkerRecord], frame: &ProcessedFrame) {
+    for (marker, rejection) in &frame.manual {
+        if let (None, Some(line)) = (rejection, markers.get_mut(*marker)) {
             line.manual = true;
         }
     }
@@ -252,12 +235,9 @@ pub(super) fn marker_records(
     frame: &ProcessedFrame,
     installation: &Installation,
 ) -> Vec<MarkerRecord> {
-    let mut record = ImageRecord {
-        markers: markers_of_unsolved_frame(frame, installation),
-        ..ImageRecord::default()
-    };
-    record_manual(&mut record, frame);
-    record.markers
+    let mut markers = markers_of_unsolved_frame(frame, installation);
+    flag_manual(&mut markers, frame);
+    markers
 }
 
 /// Returns a record of every surveyed marker of a frame without a solution: its pixel if measured, and why it was not used.
@@ -269,11 +249,8 @@ fn markers_of_unsolved_frame(
     let seen: HashMap<usize, &Observation> =
         frame.observations.iter().map(|o| (o.marker, o)).collect();
     let line = |(k, marker): (usize, &SurveyMarker)| {
-        let reason = missing
-            .get(&k)
-            .cloned()
-            .or(Some("not measured in this frame".into()));
-        unsolved_marker_record(marker, seen.get(&k).copied(), reason)
+        let reason = missing.get(&k).map_or(NOT_MEASURED, String::as_str);
+        unsolved_marker_record(marker, seen.get(&k).copied(), Some(reason.into()))
     };
     installation
         .setup
@@ -307,14 +284,11 @@ fn solved_marker_record(
     seen: Option<&Observation>,
     missing: Option<String>,
 ) -> MarkerRecord {
-    let reason = if m.used {
-        None
-    } else {
-        missing
-            .or(m.reason.clone())
-            .or(Some("not measured in this frame".into()))
-    };
+    let known = missing.or(m.reason.clone()).filter(|_| !m.used);
+    let reason = known.or_else(|| (!m.used).then(|| NOT_MEASURED.into()));
     let residual = m.residual_px;
+    let bias_px = m.minimal_detectable_bias_px;
+    let detectable = |k: usize| bias_px.map(|b| b[k]).filter(|b| b.is_finite());
     MarkerRecord {
         used: m.used,
         predicted: !m.used && m.deflection_m.is_some(),
@@ -323,24 +297,18 @@ fn solved_marker_record(
         redundancy_u: m.redundancy.map(|r| r.x),
         redundancy_v: m.redundancy.map(|r| r.y),
         w_test: m.w_test,
-        mdb_u_px: m
-            .minimal_detectable_bias_px
-            .map(|b| b.x)
-            .filter(|b| b.is_finite()),
-        mdb_v_px: m
-            .minimal_detectable_bias_px
-            .map(|b| b.y)
-            .filter(|b| b.is_finite()),
-        distance_m: estimate_value(m.distance_m),
-        sigma_distance_m: estimate_sigma(m.distance_m),
+        mdb_u_px: detectable(0),
+        mdb_v_px: detectable(1),
+        distance_m: get_value(m.distance_m),
+        sigma_distance_m: get_sigma(m.distance_m),
         position_m: m.position_m.map(Into::into),
         sigma_position_m: m.covariance_m2.as_ref().map(diagonal_sigmas),
-        deflection_m: estimate_value(m.deflection_m),
-        sigma_deflection_m: estimate_sigma(m.deflection_m),
-        deflection_ground_m: estimate_value(m.deflection_ground_m),
-        sigma_deflection_ground_m: estimate_sigma(m.deflection_ground_m),
-        deflection_root_m: estimate_value(m.deflection_root_m),
-        sigma_deflection_root_m: estimate_sigma(m.deflection_root_m),
+        deflection_m: get_value(m.deflection_m),
+        sigma_deflection_m: get_sigma(m.deflection_m),
+        deflection_ground_m: get_value(m.deflection_ground_m),
+        sigma_deflection_ground_m: get_sigma(m.deflection_ground_m),
+        deflection_root_m: get_value(m.deflection_root_m),
+        sigma_deflection_root_m: get_sigma(m.deflection_root_m),
         ..unsolved_marker_record(marker, seen, reason)
     }
 }
@@ -382,16 +350,15 @@ pub fn cad_record(installation: &Installation) -> Option<CadFit> {
     let Similarity {
         scale,
         rotation,
-        translation_m,
+        translation_m: t,
     } = fit.transform;
-    let matrix =
-        nalgebra::Similarity::from_parts(translation_m.into(), rotation, scale).to_homogeneous();
+    let matrix = nalgebra::Similarity::from_parts(t.into(), rotation, scale).to_homogeneous();
     Some(CadFit {
         variance_factor: fit.variance_factor,
         redundancy: fit.redundancy,
         global_test: fit.passes_test(CAD_ALPHA).map(verdict),
         scale,
-        transform: [0, 1, 2, 3].map(|row| [0, 1, 2, 3].map(|column| matrix[(row, column)])),
+        transform: matrix.transpose().into(),
         covariance: fit
             .covariance
             .row_iter()
@@ -419,19 +386,19 @@ fn tip_record(installation: &Installation, s: &Solution) -> Option<Tip> {
         predicted: !outermost.used,
         deflection_m: deflection.value,
         sigma_deflection_m: deflection.sigma,
-        deflection_ground_m: estimate_value(ground),
-        sigma_deflection_ground_m: estimate_sigma(ground),
-        deflection_root_m: estimate_value(root),
-        sigma_deflection_root_m: estimate_sigma(root),
+        deflection_ground_m: get_value(ground),
+        sigma_deflection_ground_m: get_sigma(ground),
+        deflection_root_m: get_value(root),
+        sigma_deflection_root_m: get_sigma(root),
         reference: Some(budget.reference),
     })
 }
 
-fn estimate_value(estimate: Option<Estimate>) -> Option<f64> {
+fn get_value(estimate: Option<Estimate>) -> Option<f64> {
     estimate.map(|e| e.value)
 }
 
-fn estimate_sigma(estimate: Option<Estimate>) -> Option<f64> {
+fn get_sigma(estimate: Option<Estimate>) -> Option<f64> {
     estimate.and_then(|e| e.sigma)
 }
 
@@ -459,10 +426,10 @@ fn incidence_record(
         })
     });
     IncidenceRecord {
-        slope_deg: estimate_value(slope),
-        sigma_slope_deg: estimate_sigma(slope),
-        streamwise_twist_deg: estimate_value(streamwise),
-        sigma_streamwise_twist_deg: estimate_sigma(streamwise),
+        slope_deg: get_value(slope),
+        sigma_slope_deg: get_sigma(slope),
+        streamwise_twist_deg: get_value(streamwise),
+        sigma_streamwise_twist_deg: get_sigma(streamwise),
     }
 }
 
@@ -473,10 +440,10 @@ fn curve_record(p: &CurvePoint) -> CurveRecord {
         span_m: p.span_m,
         deflection_m: p.deflection_m.value,
         sigma_deflection_m: p.deflection_m.sigma,
-        deflection_ground_m: estimate_value(ground),
-        sigma_deflection_ground_m: estimate_sigma(ground),
-        deflection_root_m: estimate_value(root),
-        sigma_deflection_root_m: estimate_sigma(root),
+        deflection_ground_m: get_value(ground),
+        sigma_deflection_ground_m: get_sigma(ground),
+        deflection_root_m: get_value(root),
+        sigma_deflection_root_m: get_sigma(root),
         twist_deg: p.twist_rad.map(|t| t.value.to_degrees()),
         sigma_twist_deg: p.twist_rad.and_then(|t| t.sigma).map(f64::to_degrees),
         incidence: incidence_record(p.slope_rad, p.streamwise_twist_rad),

@@ -8,6 +8,7 @@ use super::summary::{FrameDeflection, Mean};
 use crate::record::{RecordStatus, Tip};
 use wingd_base::clock::Stamp;
 use wingd_measure::adjust::DeflectionReference;
+use wingd_measure::estimation::quality::GlobalTest;
 use wingd_store::manifest::{SeriesManifest, SeriesState};
 use wingd_store::result_sets::{ResultGrouper, ResultSets};
 use wingd_store::{Disk, FlightRef, SeriesRef, StoreResult, catalogue};
@@ -29,6 +30,8 @@ pub struct SeriesOverview {
     pub solved: usize,
     /// Number of frames with a result that reports a failure.
     pub failed: usize,
+    /// Number of solved frames that their global test does not reject.
+    pub passed: usize,
     /// Deflection of the outermost marker, relative to the flight's `reference`.
     pub tip_deflection_m: Option<Mean>,
     /// Largest tip deflection of a single frame.
@@ -110,15 +113,21 @@ impl FlightOverview {
 #[serde(default)]
 struct ResultBrief {
     status: RecordStatus,
+    global_test: Option<GlobalTest>,
     tip: Option<Tip>,
 }
 
-/// Result of a frame: success, deflection and result set.
+/// Result of a frame and its result set.
 struct FrameResult {
     set: usize,
     frame: String,
-    ok: bool,
-    tip: Option<Tip>,
+    brief: ResultBrief,
+}
+
+impl FrameResult {
+    fn is_ok(&self) -> bool {
+        self.brief.status == RecordStatus::Ok
+    }
 }
 
 /// Reads the overview of a flight. Damaged files are reported in `notes` and do not hide the rest.
@@ -150,12 +159,12 @@ pub fn read_overview(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<FlightO
     let sets: ResultSets = grouper.finish();
     let chosen = sets.choose_set(None).map(|set| set.index());
     overview.warning = sets.mixed_inputs_warning(&flight.id, None);
-    let of_set = |results: &&FrameResult| results.ok && Some(results.set) == chosen;
+    let of_set = |results: &&FrameResult| results.is_ok() && Some(results.set) == chosen;
     let tips = all
         .iter()
         .flat_map(|(_, results)| results)
         .filter(of_set)
-        .filter_map(|results| results.tip.as_ref());
+        .filter_map(|results| results.brief.tip.as_ref());
     overview.reference = Tip::most_precise_reference(tips);
     let counted = all
         .into_iter()
@@ -184,15 +193,11 @@ fn read_frame_results(
     grouper: &mut ResultGrouper,
     notes: &mut Vec<String>,
 ) -> Vec<FrameResult> {
-    let results = grouper.add_series(disk, series, &["status", "tip"], |head| {
-        let brief: ResultBrief =
-            serde_json::from_value(Value::Object(head.record)).unwrap_or_default();
-        FrameResult {
-            set: head.set,
-            frame: head.frame,
-            ok: brief.status == RecordStatus::Ok,
-            tip: brief.tip,
-        }
+    let fields = ["status", "global_test", "tip"];
+    let results = grouper.add_series(disk, series, &fields, |head| FrameResult {
+        set: head.set,
+        frame: head.frame,
+        brief: serde_json::from_value(Value::Object(head.record)).unwrap_or_default(),
     });
     results.unwrap_or_else(|error| {
         notes.push(error.to_string());
@@ -208,8 +213,8 @@ fn summarize_results(
 ) -> SeriesOverview {
     let in_set = results.iter().filter(|one| Some(one.set) == chosen);
     let latest: std::collections::BTreeMap<_, _> = in_set.map(|one| (&one.frame, one)).collect();
-    let solved = || latest.values().filter(|s| s.ok);
-    let tips = || solved().filter_map(|s| Some((s.frame.as_str(), s.tip.as_ref()?)));
+    let solved = || latest.values().filter(|s| s.is_ok());
+    let tips = || solved().filter_map(|s| Some((s.frame.as_str(), s.brief.tip.as_ref()?)));
     let deflections: Vec<_> = tips()
         .filter_map(|(_, tip)| tip.deflection(reference))
         .collect();
@@ -217,9 +222,11 @@ fn summarize_results(
         Mean::from_values(&deflections),
         FrameDeflection::greatest(tips(), reference),
     );
-    let solved = solved().count();
+    let passed = solved().filter(|s| s.brief.global_test != Some(GlobalTest::Rejected));
+    let (passed, solved) = (passed.count(), solved().count());
     SeriesOverview {
         solved,
+        passed,
         failed: latest.len() - solved,
         tip_deflection_m,
         greatest,

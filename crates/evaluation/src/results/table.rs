@@ -1,5 +1,7 @@
 //! Tables shared by the terminal and the report.
 
+use std::fmt::Display;
+
 use super::MarkerCount;
 use super::kinds::{MessageKind, gather_messages};
 use super::summary::{Mean, SeriesSummary};
@@ -14,7 +16,7 @@ use wingd_measure::detect::{Detection, Detections};
 /// remarks.
 pub fn results_text(records: &[ImageRecord], wide: bool) -> String {
     let reference = Tip::most_precise_reference(records.iter().filter_map(|r| r.tip.as_ref()));
-    let mut out = image_table(records, reference).text_with_width(wide);
+    let mut out = image_table(records, &[], reference).text_with_width(wide);
     let notes = image_notes(records);
     out.push_str(&deflection_text(records, reference));
     match records {
@@ -27,7 +29,7 @@ pub fn results_text(records: &[ImageRecord], wide: bool) -> String {
         }
         [one] if !one.is_solved() => {}
         _ => {
-            let unused = unused_markers(records);
+            let unused = unused_markers(records.iter().map(|r| ("", r)));
             if !unused.rows.is_empty() {
                 out.push_str(&format!(
                     "\nMarkers not used\n{}",
@@ -216,33 +218,22 @@ pub fn scatter_text(value: Option<Mean>) -> String {
         .map_or(NONE.to_owned(), |s| format_fixed(Some(s), decimals_for(s)))
 }
 
-/// Builds the table of the images, for the terminal and the report.
-pub fn image_table(records: &[ImageRecord], reference: DeflectionReference) -> Grid {
-    image_rows(
-        &records
-            .iter()
-            .map(|r| (r, MarkerCount::from_record(r)))
-            .collect::<Vec<_>>(),
-        reference,
-    )
-}
-
-/// Builds the table of the images from records without markers, with their marker counts.
-pub fn image_table_with_counts(
+/// Builds the table of the images, for the terminal and the report. Records without markers have `counts`.
+pub fn image_table(
     records: &[ImageRecord],
     counts: &[MarkerCount],
     reference: DeflectionReference,
 ) -> Grid {
-    image_rows(
-        &records
-            .iter()
-            .zip(counts.iter().copied())
-            .collect::<Vec<_>>(),
-        reference,
-    )
-}
-
-fn image_rows(rows: &[(&ImageRecord, MarkerCount)], reference: DeflectionReference) -> Grid {
+    let counted = |(k, r)| {
+        (
+            r,
+            counts
+                .get(k)
+                .copied()
+                .unwrap_or_else(|| MarkerCount::from_record(r)),
+        )
+    };
+    let rows: Vec<_> = records.iter().enumerate().map(counted).collect();
     let tip = |r: &ImageRecord| r.tip.as_ref().map_or(NONE.to_owned(), Tip::label);
     let deflection = |r: &ImageRecord| {
         let (deflection_m, sigma_m) = r
@@ -256,7 +247,7 @@ fn image_rows(rows: &[(&ImageRecord, MarkerCount)], reference: DeflectionReferen
         let (value, sigma) = r.torsion.first().map(values).unwrap_or_default();
         format_rounded(value, sigma, 2)
     };
-    Grid::for_rows(rows).columns(&[
+    Grid::for_rows(&rows).columns(&[
         One("<image", &|(r, _)| r.image.clone()),
         One("~<status", &|(r, _)| variant_name(r.status)),
         One("~<method", &|(r, _)| {
@@ -319,16 +310,9 @@ fn marker_remark(m: &MarkerRecord) -> &str {
     m.reason.as_deref().unwrap_or(other)
 }
 
-/// Lists unused markers with the reason and the number of frames.
-pub fn unused_markers(records: &[ImageRecord]) -> Grid {
-    unused_markers_of_series(records.iter().map(|r| (String::new(), r)))
-}
-
-/// Lists the unused markers of several series, one line for each kind of reason; each record comes with the prefix of its
+/// Lists the unused markers, one line for each kind of reason; each record comes with the prefix of its
 /// name.
-pub fn unused_markers_of_series<'a>(
-    records: impl Iterator<Item = (String, &'a ImageRecord)>,
-) -> Grid {
+pub fn unused_markers<'a>(records: impl Iterator<Item = (impl Display, &'a ImageRecord)>) -> Grid {
     let unused = records
         .filter(|(_, r)| r.is_solved())
         .flat_map(|(prefix, r)| {

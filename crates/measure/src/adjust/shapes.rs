@@ -32,7 +32,7 @@ const TABLE: usize = 1025;
 /// Step in the table at which beams are compared.
 const STRIDE: usize = 8;
 
-/// Tapered cantilever and its load.
+/// Tapered cantilever.
 #[derive(Clone, Copy, Debug)]
 struct TaperedBeam {
     taper: f64,
@@ -40,12 +40,6 @@ struct TaperedBeam {
     root_extension: f64,
     /// Exponent of the chord in the bending stiffness; 3: skins of constant thickness.
     power: f64,
-    /// Fraction of triangular load in an otherwise elliptic lift distribution.
-    triangular: f64,
-    /// Fuel weight over lift at the root, proportional to the chord.
-    relief: f64,
-    /// End of the tanks as a fraction of the span.
-    reach: f64,
 }
 
 /// Place of the break of the trailing edge, as a fraction of the length: an airliner's.
@@ -55,30 +49,23 @@ const REFERENCE: TaperedBeam = TaperedBeam {
     taper: 0.3,
     root_extension: 0.0,
     power: 3.0,
-    triangular: 0.0,
-    relief: 0.0,
-    reach: 0.0,
 };
 
-/// Range of the parameters of the beams in the fleet, low and high.
-const FLEET_RANGE: [TaperedBeam; 2] = [
-    TaperedBeam {
-        taper: 0.2,
-        root_extension: 0.0,
-        power: 2.5,
-        triangular: 0.0,
-        relief: 0.0,
-        reach: 0.55,
-    },
-    TaperedBeam {
-        taper: 0.45,
-        root_extension: 0.35,
-        power: 4.0,
-        triangular: 1.0,
-        relief: 0.35,
-        reach: 0.85,
-    },
-];
+/// Ranges of the beams in the fleet, low and high.
+const TAPER_RANGE: [f64; 2] = [0.2, 0.45];
+const ROOT_EXTENSION_RANGE: [f64; 2] = [0.0, 0.35];
+const POWER_RANGE: [f64; 2] = [2.5, 4.0];
+/// Range of the fraction of triangular load in an otherwise elliptic lift distribution.
+const TRIANGULAR_RANGE: [f64; 2] = [0.0, 1.0];
+/// Range of the fuel weight over lift at the root; the weight is proportional to the chord.
+const FUEL_RANGE: [f64; 2] = [0.0, 0.35];
+/// Range of the end of the tanks as a fraction of the span.
+const TANK_END_RANGE: [f64; 2] = [0.55, 0.85];
+
+/// Three points with nearly the spread of a uniform distribution over a range.
+fn sample_range([low, high]: [f64; 2]) -> [f64; 3] {
+    [0.11, 0.5, 0.89].map(|share| low + (high - low) * share)
+}
 
 /// Effects that the beams of the fleet do not include (steps in stiffness, engines, stores): standard deviations of the
 /// coefficients' ratios.
@@ -102,17 +89,12 @@ const STRONG_CURVATURE_PER_M: f64 = 0.01;
 /// Number of iterations; each gains two digits.
 const SHORTENING_PASSES: usize = 4;
 
-impl TaperedBeam {
-    fn load_at(&self, eta: f64) -> f64 {
-        let elliptic = (1.0 - eta * eta).max(0.0).sqrt();
-        let lift = elliptic + self.triangular * (1.0 - eta - elliptic);
-        lift - if eta < self.reach {
-            self.relief * self.chord_at(eta)
-        } else {
-            0.0
-        }
-    }
+/// Elliptic lift distribution at `eta`, relative to the root.
+fn elliptic_lift(eta: f64) -> f64 {
+    (1.0 - eta * eta).max(0.0).sqrt()
+}
 
+impl TaperedBeam {
     fn chord_at(&self, eta: f64) -> f64 {
         (1.0 - (1.0 - self.taper) * eta)
             * (1.0 + self.root_extension * (1.0 - eta / CHORD_BREAK).max(0.0))
@@ -137,41 +119,35 @@ impl TaperedBeam {
         }
         curvature
     }
-
-    /// Curvature under the beam's own load, with shortened lever arms.
-    fn curvature(&self, count: usize, horizontal: impl Fn(usize) -> f64) -> Vec<f64> {
-        let step = 1.0 / (count - 1) as f64;
-        self.curvature_under(count, |k| self.load_at((k as f64 + 0.5) * step), horizontal)
-    }
 }
+
+/// Values of a function of eta in the middle of the intervals between `count` points.
+fn at_middles(count: usize, value: impl Fn(f64) -> f64) -> impl Fn(usize) -> f64 {
+    let step = 1.0 / (count - 1) as f64;
+    move |k| value((k as f64 + 0.5) * step)
+}
+
+/// Covariance of ratios of curvature coefficients to the first.
+type RatioCovariance = SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS>;
 
 /// Integrals of m P_k from 0 to eta, per unit of length.
 static SHAPES: LazyLock<Vec<CurvatureTermValues>> = LazyLock::new(tabulate_basis_integrals);
 
-/// Covariance of c_k / c_0, k = 1.., over the fleet, including effects beyond it.
-static FLEET_COVARIANCE: LazyLock<SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS>> =
-    LazyLock::new(compute_fleet_covariance);
+static FLEET: LazyLock<FleetCovariances> = LazyLock::new(FleetCovariances::new);
 
 /// Prior covariance of the ratios c_k / c_0 of `terms` coefficients, starting with the second.
 pub fn shape_covariance(terms: usize) -> DMatrix<f64> {
-    leading_block(&FLEET_COVARIANCE, terms.saturating_sub(1))
+    leading_block(&FLEET.shape, terms.saturating_sub(1))
 }
 
-fn leading_block(
-    covariance: &SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS>,
-    n: usize,
-) -> DMatrix<f64> {
+fn leading_block(covariance: &RatioCovariance, n: usize) -> DMatrix<f64> {
     DMatrix::from_fn(n, n, |i, j| covariance[(i, j)])
 }
-
-/// Covariance of the change of c_k / c_0, k = 1.., due to fuel burnt in a flight.
-static BURNT_COVARIANCE: LazyLock<SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS>> =
-    LazyLock::new(compute_burnt_covariance);
 
 /// Covariance of the change of the ratios c_k / c_0 of `terms` coefficients, starting with the second, from the heaviest
 /// frame of a flight to the lightest, if a random fraction of the fuel is burnt.
 pub fn burning_covariance(terms: usize) -> DMatrix<f64> {
-    leading_block(&BURNT_COVARIANCE, terms.saturating_sub(1))
+    leading_block(&FLEET.burnt, terms.saturating_sub(1))
 }
 
 /// Part of [`shape_covariance`] that no load of a beam explains: any smooth shape, for example a vibration in the second
@@ -187,10 +163,10 @@ pub fn constant_bend_covariance(terms: usize) -> DMatrix<f64> {
     leading_block(&CONSTANT_COVARIANCE, terms.saturating_sub(1))
 }
 
-static CONSTANT_COVARIANCE: LazyLock<SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS>> =
+static CONSTANT_COVARIANCE: LazyLock<RatioCovariance> =
     LazyLock::new(compute_constant_bend_covariance);
 
-fn compute_constant_bend_covariance() -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS> {
+fn compute_constant_bend_covariance() -> RatioCovariance {
     let fit = RatioFit::new();
     let count = fit.basis.len();
     let step = 1.0 / (count - 1) as f64;
@@ -265,7 +241,7 @@ fn integrate_twice(step: f64, curvature: &[f64]) -> Vec<f64> {
 
 /// Samples m P_k at `count` points; m has mean 1.
 fn sample_basis(count: usize) -> Vec<CurvatureTermValues> {
-    let curvature = REFERENCE.curvature(count, |_| 1.0);
+    let curvature = REFERENCE.curvature_under(count, at_middles(count, elliptic_lift), |_| 1.0);
     let mean = curvature.iter().sum::<f64>() / (count - 1) as f64;
     let at = |k: usize| {
         legendre_polynomials(2.0 * k as f64 / (count - 1) as f64 - 1.0)
@@ -286,38 +262,72 @@ fn tabulate_basis_integrals() -> Vec<CurvatureTermValues> {
     sums
 }
 
-/// Fits beams over the whole range of the fleet with the basis.
-fn compute_fleet_covariance() -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS> {
-    let ratios = RatioFit::new();
-    let beams = sample_fleet_beams();
-    let squares = beams
-        .iter()
-        .map(|beam| ratios.beam_ratios(beam))
-        .map(|r| r * r.transpose() / beams.len() as f64);
-    squares.fold(beyond_fleet_variances(1.0), |sum, square| sum + square)
+/// Covariances of the ratios c_k / c_0, k = 1.., including effects beyond the fleet.
+struct FleetCovariances {
+    /// Over the fleet.
+    shape: RatioCovariance,
+    /// Of the change due to fuel burnt in a flight, which burns a random fraction of it.
+    burnt: RatioCovariance,
 }
 
-/// Differences of the fleet's beams with and without fuel; a flight burns a random fraction of it.
-fn compute_burnt_covariance() -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS> {
-    let ratios = RatioFit::new();
-    let beams = sample_fleet_beams();
-    let change = |beam: &TaperedBeam| {
-        ratios.beam_ratios(beam)
-            - ratios.beam_ratios(&TaperedBeam {
-                relief: 0.0,
-                ..*beam
-            })
-    };
-    let squares = beams
-        .iter()
-        .map(change)
-        .map(|r| r * r.transpose() * (MEAN_SQUARE_BURNT / beams.len() as f64));
-    squares.fold(beyond_fleet_variances(BEYOND_BURNING), |sum, square| {
-        sum + square
-    })
+impl FleetCovariances {
+    /// Fits beams over the whole range of the fleet with the basis. The coefficients are linear in the load, so each beam is
+    /// fitted under each kind of load once.
+    fn new() -> Self {
+        let fit = RatioFit::new();
+        let ratios_of =
+            |c: SVector<f64, MAX_CURVATURE_TERMS>| c.fixed_rows::<CURVATURE_RATIOS>(1) / c[0];
+        let (mut shapes, mut changes) = (Vec::new(), Vec::new());
+        for beam in sample_fleet_beams() {
+            let under = |load: &dyn Fn(f64) -> f64| {
+                let count = fit.basis.len();
+                let curvature = beam.curvature_under(count, at_middles(count, load), |_| 1.0);
+                fit.fit_basis_coefficients(&curvature)
+            };
+            let elliptic = under(&elliptic_lift);
+            let triangular = under(&|eta| 1.0 - eta);
+            let tanks = sample_range(TANK_END_RANGE)
+                .map(|end| under(&|eta| if eta < end { beam.chord_at(eta) } else { 0.0 }));
+            for share in sample_range(TRIANGULAR_RANGE) {
+                let lift = elliptic + (triangular - elliptic) * share;
+                for tank in &tanks {
+                    for fuel in sample_range(FUEL_RANGE) {
+                        shapes.push(ratios_of(lift - tank * fuel));
+                        changes.push(shapes[shapes.len() - 1] - ratios_of(lift));
+                    }
+                }
+            }
+        }
+        Self {
+            shape: beyond_fleet_variances(1.0) + mean_square(&shapes),
+            burnt: beyond_fleet_variances(BEYOND_BURNING)
+                + mean_square(&changes) * MEAN_SQUARE_BURNT,
+        }
+    }
 }
 
-fn beyond_fleet_variances(share: f64) -> SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS> {
+fn mean_square(all: &[SVector<f64, CURVATURE_RATIOS>]) -> RatioCovariance {
+    let squares = all.iter().map(|r| r * r.transpose());
+    squares.sum::<RatioCovariance>() / all.len() as f64
+}
+
+fn sample_fleet_beams() -> Vec<TaperedBeam> {
+    let mut beams = Vec::new();
+    for taper in sample_range(TAPER_RANGE) {
+        for root_extension in sample_range(ROOT_EXTENSION_RANGE) {
+            for power in sample_range(POWER_RANGE) {
+                beams.push(TaperedBeam {
+                    taper,
+                    root_extension,
+                    power,
+                });
+            }
+        }
+    }
+    beams
+}
+
+fn beyond_fleet_variances(share: f64) -> RatioCovariance {
     SMatrix::from_diagonal(&SVector::from(BEYOND_FLEET).map(|s| (s * share).powi(2)))
 }
 
@@ -340,11 +350,6 @@ impl RatioFit {
             basis,
             inverse: normal.try_inverse().unwrap_or_else(SMatrix::zeros),
         }
-    }
-
-    fn beam_ratios(&self, beam: &TaperedBeam) -> SVector<f64, CURVATURE_RATIOS> {
-        let c = self.fit_basis_coefficients(&beam.curvature(self.basis.len(), |_| 1.0));
-        c.fixed_rows::<CURVATURE_RATIOS>(1) / c[0]
     }
 
     fn fit_basis_coefficients(&self, curvature: &[f64]) -> SVector<f64, MAX_CURVATURE_TERMS> {
@@ -380,8 +385,9 @@ fn shortened_ratios(
     let mut bent = vec![0.0; count];
     let mut ratios = SVector::zeros();
     for _ in 0..SHORTENING_PASSES {
-        let curvature =
-            REFERENCE.curvature(count, |k| (slope_rad(k as f64 * step) + bent[k]).cos());
+        let curvature = REFERENCE.curvature_under(count, at_middles(count, elliptic_lift), |k| {
+            (slope_rad(k as f64 * step) + bent[k]).cos()
+        });
         let c = fit.fit_basis_coefficients(&curvature);
         ratios = c.fixed_rows::<CURVATURE_RATIOS>(1) / c[0];
         let scale = amplitude * length_m * step / c[0];
@@ -390,21 +396,6 @@ fn shortened_ratios(
         }
     }
     ratios
-}
-
-fn sample_fleet_beams() -> Vec<TaperedBeam> {
-    let [low, high] = FLEET_RANGE;
-    // Three points with nearly the spread of a uniform distribution.
-    let between = |a: f64, b: f64, k: usize| a + (b - a) * [0.11, 0.5, 0.89][k % 3];
-    let beam = |k: usize| TaperedBeam {
-        taper: between(low.taper, high.taper, k),
-        power: between(low.power, high.power, k / 3),
-        triangular: between(low.triangular, high.triangular, k / 9),
-        relief: between(low.relief, high.relief, k / 27),
-        reach: between(low.reach, high.reach, k / 81),
-        root_extension: between(low.root_extension, high.root_extension, k / 243),
-    };
-    (0..729).map(beam).collect()
 }
 
 /// Values of m P_k from 0 to 1.

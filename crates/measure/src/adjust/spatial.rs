@@ -88,7 +88,12 @@ impl<'a> SolvedFrame<'a> {
             amplitude_per_m: amplitude,
             from: last.map(|s| (&s.frame.layout, &s.fit.global)),
         };
-        let frame = FrameProblem::new(single, &start);
+        let mut frame = FrameProblem::new(single, &start);
+        let mut bent = frame.problem.start.clone();
+        if last.is_none() {
+            bent[0] = amplitude;
+        }
+        frame.fix_dimension_derivatives(&bent);
         let fit = frame.solve(&SolveOptions {
             rough: true,
             residuals: last.map(|s| &s.fit),
@@ -102,6 +107,7 @@ impl<'a> SolvedFrame<'a> {
 
     fn solve_again(&mut self, rough: bool) -> AdjustResult<()> {
         self.frame.problem.start = self.fit.global.clone();
+        self.frame.fix_dimension_derivatives(&self.fit.global);
         self.fit = self.frame.solve(&SolveOptions {
             rough,
             residuals: Some(&self.fit),
@@ -420,6 +426,7 @@ pub fn solve_spatial_with<T>(
         solved = choose_curvature_order(&single, solved)?;
     }
     solved.solve_again(false)?;
+    solved.frame.layout.dimension_derivatives = None;
     let (components, mut remarks) = if options.variance_components {
         solved.estimate_variance_components()?
     } else {

@@ -3,7 +3,6 @@
 use nalgebra::Vector2;
 
 use crate::detect::accept::{found::FoundMarkers, verdict::MeasuredMarker};
-use crate::detect::appearance::parameters::MarkerPattern;
 use crate::detect::detection::{Detection, MarkerPrediction};
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::image::{ellipse::Ellipse, noise};
@@ -62,11 +61,6 @@ impl MarkerPrediction {
     /// Returns whether a hypothesis can be the marker, or its visible part.
     fn is_near(&self, hypothesis: &Hypothesis) -> bool {
         let seen = &hypothesis.ellipse;
-        let shape = if hypothesis.pattern == MarkerPattern::Disc {
-            Shape::Circle
-        } else {
-            Shape::Quadrant
-        };
         let near = |ellipse: Ellipse| {
             let (s, t) = ellipse.local_position(self.shifted_to_prediction(seen.centre));
             let part = |a: f64, b: f64| {
@@ -77,7 +71,7 @@ impl MarkerPrediction {
                 && part(seen.major, ellipse.major)
                 && part(seen.minor, ellipse.minor)
         };
-        self.shape == shape && self.ellipse().is_some_and(near)
+        self.shape == hypothesis.pattern.shape() && self.ellipse().is_some_and(near)
     }
 }
 
@@ -174,42 +168,24 @@ impl Scope<'_> {
 
     /// Returns the predicted markers that have not been found; `None` for the full frame.
     pub fn missing(&self, found: &[MeasuredMarker]) -> Option<Vec<MarkerPrediction>> {
-        Some(
-            missing_predictions(found, self.predictions()?)
-                .cloned()
-                .collect(),
-        )
+        let predictions = self.predictions()?;
+        let found: Vec<&Detection> = found.iter().map(|m| &m.detection).collect();
+        let there = match_predictions(&found, predictions).1;
+        let missing = predictions.iter().zip(there).filter(|(_, there)| !there);
+        Some(missing.map(|(p, _)| p.clone()).collect())
     }
 
     /// Returns the predicted quadrants that have not been found; `None` for the full frame.
     pub fn missing_quadrants(&self, found: &[MeasuredMarker]) -> Option<Vec<MarkerPrediction>> {
-        let quadrants = |p: &&MarkerPrediction| p.shape == Shape::Quadrant;
-        Some(
-            missing_predictions(found, self.predictions()?)
-                .filter(quadrants)
-                .cloned()
-                .collect(),
-        )
+        let mut missing = self.missing(found)?;
+        missing.retain(|p| p.shape == Shape::Quadrant);
+        Some(missing)
     }
 }
 
 /// Returns whether a position in semi-axes is inside the ellipse.
 fn is_in_unit_circle(p: f64, q: f64) -> bool {
     p * p + q * q < 1.0
-}
-
-/// Returns the predicted markers that have not been found.
-fn missing_predictions<'a>(
-    found: &[MeasuredMarker],
-    predictions: &'a [MarkerPrediction],
-) -> impl Iterator<Item = &'a MarkerPrediction> + use<'a> {
-    let found: Vec<&Detection> = found.iter().map(|m| &m.detection).collect();
-    let there = match_predictions(&found, predictions).1;
-    predictions
-        .iter()
-        .zip(there)
-        .filter(|(_, there)| !there)
-        .map(|(p, _)| p)
 }
 
 /// Returns whether an outline can be a part of one of the predicted markers.
@@ -265,6 +241,7 @@ pub fn keep_predicted(found: &mut FoundMarkers, predictions: &[MarkerPrediction]
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::detect::appearance::parameters::MarkerPattern;
     use nalgebra::Matrix2;
 
     fn prediction(x: f64) -> MarkerPrediction {

@@ -7,8 +7,9 @@ use crate::detect::attempt::{
 };
 use crate::detect::detection::{RejectReason, Rejected};
 use crate::detect::estimate::overshoot::Sharpening;
-use crate::detect::hypothesis::Hypothesis;
+use crate::detect::hypothesis::{Hypothesis, options::NEIGHBOURS};
 use crate::detect::image::ellipse::Ellipse;
+use crate::detect::numbers::MIN_GROUP;
 use crate::detect::propose::gather::{self, BlobCollector};
 use crate::detect::propose::{blurred_quadrants, moments};
 use crate::detect::revise::neighbours::{
@@ -28,13 +29,9 @@ pub fn is_faint(found: &FoundMarkers, factor: usize) -> bool {
     /// Darkness of a marker's darkest block, as a fraction of white or skin, below which it is faint: 2.5 times the
     /// smallest that passes the default thresholds.
     const MIN_DARKNESS: f64 = 0.3;
-    /// Smallest number of markers for an orientation.
-    const MIN_FOR_ORIENTATION: usize = 4;
     /// Reciprocal of the fraction of faint markers from which on the frame is faint: a spot or a cap may be faint among
     /// normal markers. In haze half of them are.
     const FAINT_ONE_IN: usize = 4;
-    /// Fraction of the median size from which on a detection counts: dirt is smaller.
-    const MIN_RELATIVE_SIZE: f64 = 0.5;
     // A marker thinner than a block covers only a part of it.
     let covered = |m: &MeasuredMarker| (2.0 * m.detection.semi_minor_px / factor as f64).min(1.0);
     let is_weak = |m: &&&MeasuredMarker| !m.through_glare && covered(m) * m.darkness < MIN_DARKNESS;
@@ -49,10 +46,9 @@ pub fn is_faint(found: &FoundMarkers, factor: usize) -> bool {
     let large: Vec<&MeasuredMarker> = found
         .measured
         .iter()
-        .filter(|m| m.detection.semi_major_px > MIN_RELATIVE_SIZE * median_size)
+        .filter(|m| m.detection.semi_major_px > NEIGHBOURS.min_relative_size * median_size)
         .collect();
-    large.len() < MIN_FOR_ORIENTATION
-        || large.iter().filter(is_weak).count() * FAINT_ONE_IN > large.len()
+    large.len() < MIN_GROUP || large.iter().filter(is_weak).count() * FAINT_ONE_IN > large.len()
 }
 
 /// Order in which hypotheses are measured.

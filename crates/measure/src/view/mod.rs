@@ -29,9 +29,10 @@ pub const MAX_PASSES: usize = 3;
 /// Distance from its predicted position within which a missing marker is searched for, px: ten times the error of a simple
 /// beam's predictions.
 const DISPLACED_SEARCH_PX: f64 = 100.0;
-/// Largest relative difference between the length of a marker's image and the one predicted from survey and distance: of a
-/// circle, and of quadrants, whose white area is less well determined.
-const SIZE_TOLERANCES: (f64, f64) = (0.05, 0.15);
+/// Largest relative difference between the length of a circle's image and the one predicted from survey and distance.
+const CIRCLE_TOLERANCE: f64 = 0.05;
+/// Largest such difference of quadrants.
+const QUADRANT_TOLERANCE: f64 = 0.15;
 
 /// Processing step of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -426,9 +427,9 @@ impl<'a, P: Picture> FrameView<'a, P> {
 /// Returns whether a detection has the shape and size of a marker.
 fn matches_marker(found: &Detection, marker: &MarkerPrediction) -> bool {
     let most = if found.shape == Shape::Circle {
-        SIZE_TOLERANCES.0
+        CIRCLE_TOLERANCE
     } else {
-        SIZE_TOLERANCES.1
+        QUADRANT_TOLERANCE
     };
     found.shape == marker.shape && (found.semi_major_px / marker.semi_major_px - 1.0).abs() < most
 }

@@ -100,7 +100,7 @@ pub fn frame_page(series: &SeriesData, shot: &ShotData, record: Option<&ImageRec
         @if let Some(record) = record.filter(|r| !r.markers.is_empty()) {
             @let reference = record.tip.as_ref().and_then(|tip| tip.reference).unwrap_or_default();
             h2 { "Markers, deflections " (reference.description()) }
-            div.scroll tabindex="0" { (table::marker_table(record, reference).html()) }
+            (table::marker_table(record, reference).html())
         }
     };
     render_read_only_page(&format!("{} of {}", image, series.name), &trail, &content)

@@ -183,12 +183,8 @@ fn variants_text(args: &PlanArgs, variants: &[DraftVariant]) -> String {
         "\nOther lenses and heights, one frame (- cannot be measured)\n{}",
         rows.text()
     );
-    let usable = variants.iter().filter(|v| v.sigma_m.is_some());
-    if let Some(best) = usable.min_by(|a, b| {
-        a.sigma_m
-            .unwrap_or(0.0)
-            .total_cmp(&b.sigma_m.unwrap_or(0.0))
-    }) {
+    let usable = variants.iter().filter_map(|v| Some((v, v.sigma_m?)));
+    if let Some((best, _)) = usable.min_by(|a, b| a.1.total_cmp(&b.1)) {
         let (focal, height) = (focal_mm(args, best), best.height_m);
         let way = if variants.first() == Some(best) {
             "None is more precise"

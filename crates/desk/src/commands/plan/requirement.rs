@@ -157,9 +157,7 @@ fn answer_text(answer: &RequirementResult, proposal: &Setup) -> String {
             ])
             .text()
     );
-    let taken = |sigma: Option<f64>| {
-        sigma.map_or_else(|| format_fixed(None, 0), |m| format!("{:.1}", 1e3 * m))
-    };
+    let taken = |sigma: Option<f64>| format_fixed(sigma.map(|m| 1e3 * m), 1);
     out.push_str(&format!(
         "\nPossible improvements, cheapest first\n{}",
         Grid::for_rows(&answer.remedies)
@@ -188,7 +186,8 @@ fn answer_text(answer: &RequirementResult, proposal: &Setup) -> String {
         ));
         if fixed > 0 {
             out.push_str(
-                "The fixed targets need places that are rigid to the cabin, near those of the drawing as seen from the lens\n",
+                "Fixed targets: near the directions of the drawing, as far from the lens as something rigid to the cabin is in view \
+                 (wing-body fairing, root fillet ahead of or behind the wing); pylon and nacelle move with the wing\n",
             );
         }
     }

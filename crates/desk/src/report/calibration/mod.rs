@@ -102,11 +102,7 @@ fn parameter_table(c: &Calibration) -> Markup {
             }),
         ]);
     }
-    scrollable_table(&grid)
-}
-
-fn scrollable_table(grid: &Grid) -> Markup {
-    html! { div.scroll { (grid.html()) } }
+    grid.html()
 }
 
 fn correlation_table(c: &Calibration) -> Markup {
@@ -140,7 +136,7 @@ fn correlation_table(c: &Calibration) -> Markup {
                 ". The standard deviations of the other parameters apply to this fixed denominator."
             }
         }
-        (scrollable_table(&grid))
+        (grid.html())
     }
 }
 
@@ -165,7 +161,7 @@ fn board_section(c: &Calibration) -> Markup {
         ]);
     }
     html! {
-        (scrollable_table(&grid))
+        (grid.html())
         @if let Some(s) = c.stretch {
             p {
                 (format!("Stretch across over along {:.4} ± {:.4} %", 1e2 * s.value, 1e2 * s.sigma)) ", "
@@ -192,5 +188,5 @@ fn image_table(c: &Calibration, names: &[&str], excluded: &[Option<String>]) -> 
             excluded[k].clone().unwrap_or_default(),
         ]);
     }
-    scrollable_table(&grid)
+    grid.html()
 }

@@ -112,12 +112,15 @@ class FrameViewer {
     for (const one of this.root.querySelectorAll("[data-frame]")) one.hidden = one.dataset.frame !== `${frame.series}/${frame.image}`;
     const names = (markers) => markers.map((m) => m.name);
     const seen = (used) => frame.markers.filter((m) => m.seen !== null && m.used === used);
-    [true, false].forEach((used, k) => this.positions.setPoints(k, seen(used).map((m) => [m.seen[0], m.seen[1], null]), names(seen(used))));
-    this.positions.setPoints(2, seen(true).flatMap(({ seen: [u, v, du, dv] }) => [[u, v, null], [u + du, v + dv, null], BREAK]));
     const deflected = frame.markers.filter((m) => this.data.surveyed && m.ground !== null && isNumber(m.deflection[0]));
+    [true, false].forEach((used, k) => {
+      this.positions.setPoints(k, seen(used).map((m) => [m.seen[0], m.seen[1], null]), names(seen(used)));
+      const shown = deflected.filter((m) => m.used === used);
+      this.curve.setPoints(1 + k, shown.map((m) => [m.ground[0], ...m.deflection]), names(shown));
+    });
+    this.positions.setPoints(2, seen(true).flatMap(({ seen: [u, v, du, dv] }) => [[u, v, null], [u + du, v + dv, null], BREAK]));
     this.curve.setPoints(0, frame.curve);
-    this.curve.setPoints(1, this.data.means[frame.series] ?? []);
-    this.curve.setPoints(2, deflected.map((m) => [m.ground[0], ...m.deflection]), names(deflected));
+    if (this.curve.tracks.length > 3) this.curve.setPoints(3, this.data.means[frame.series] ?? []);
     this.positions.name = `Image positions ${name}`;
     this.curve.name = `Deflection of ${name}`;
     for (const figure of [this.positions, this.curve]) figure.resetZoom();

@@ -102,6 +102,14 @@ impl<'a> FrameProblem<'a> {
         }
     }
 
+    /// Fixes the derivatives with respect to the estimated dimensions at those of a solution: they hardly change while it
+    /// converges, and a bent wing for each dimension would be half of every iteration.
+    pub fn fix_dimension_derivatives(&mut self, solution: &DVector<f64>) {
+        let values = self.layout.values(solution, &DVector::zeros(0));
+        let derivatives = self.scene.dimension_derivatives(&values.bending());
+        self.layout.dimension_derivatives = Some(Arc::new(derivatives));
+    }
+
     /// Linearises all blocks of the frame at a point.
     pub fn linearise(&self, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> EstimationResult<()> {
         self.layout.linearise(self.scene, &self.members, at, blocks)

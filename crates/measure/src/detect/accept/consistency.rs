@@ -8,6 +8,7 @@ use crate::detect::accept::options::CONSISTENCY;
 use crate::detect::detection::{Detection, RejectReason};
 use crate::detect::hypothesis::neighbours;
 use crate::detect::image::ellipse::wrap_half_turn;
+use crate::detect::numbers::{MIN_GROUP, MIN_TYPICAL};
 use crate::ordering::sort_by_value;
 use crate::setup::Shape;
 
@@ -61,10 +62,10 @@ pub fn is_out_of_focus(shape: Shape, semi_minor_px: f64, blur: f64) -> bool {
 }
 
 /// Returns the largest blur, px, that is consistent with the frame's other edges; `None` with fewer than
-/// `CONSISTENCY.min_others` detections. Edges are weighted by their length, because the image noise next to the wing yields
+/// `MIN_TYPICAL` detections. Edges are weighted by their length, because the image noise next to the wing yields
 /// many short ones.
 pub fn blur_limit(found: &FoundMarkers) -> Option<f64> {
-    if found.measured.len() < CONSISTENCY.min_others {
+    if found.measured.len() < MIN_TYPICAL {
         return None;
     }
     let mut blurs: Vec<[f64; 2]> = found
@@ -93,7 +94,7 @@ pub fn reject_orientation_outliers(found: &mut FoundMarkers) {
         .map(|m| &m.detection)
         .filter(|d| flatter(d, CONSISTENCY.min_flatness))
         .collect();
-    if flat.len() < CONSISTENCY.min_others {
+    if flat.len() < MIN_TYPICAL {
         return;
     }
     // Directions repeat after half a turn. Weighting by area keeps many small objects next to the wing from
@@ -107,12 +108,13 @@ pub fn reject_orientation_outliers(found: &mut FoundMarkers) {
     found.reject_matching(
         RejectReason::OrientationOutlier,
         |MeasuredMarker { detection: d, .. }| {
-            let (flat, most) = if d.shape == Shape::Circle {
+            let limit = if d.shape == Shape::Circle {
                 CONSISTENCY.disc_across
             } else {
                 CONSISTENCY.quadrants_across
             };
-            flatter(d, flat) && wrap_half_turn(d.angle_rad - along).abs() > most
+            flatter(d, limit.min_flatness)
+                && wrap_half_turn(d.angle_rad - along).abs() > limit.max_rad
         },
     );
 }
@@ -129,7 +131,7 @@ pub fn reject_size_outliers(found: &mut FoundMarkers) {
     sizes.sort_unstable_by(|a, b| b.total_cmp(a));
     let gap = sizes
         .windows(2)
-        .skip(CONSISTENCY.min_larger - 1)
+        .skip(MIN_GROUP - 1)
         .find(|w| w[0] > CONSISTENCY.max_size_ratio * w[1]);
     let least = gap.map_or(0.0, |w| w[0]);
     found.reject_matching(RejectReason::SizeOutlier, |m| {
@@ -162,8 +164,9 @@ fn is_size_outlier(own: &Detection, all: &[Detection]) -> bool {
     let apart = |d: &Detection| (d.centre_px - own.centre_px).norm();
     let mut near: Vec<&Detection> = larger().collect();
     sort_by_value(&mut near, |one| apart(one));
-    near.truncate(CONSISTENCY.min_larger + 1);
-    near.iter().filter(|d| far_larger(d.semi_major_px)).count() >= CONSISTENCY.min_larger
+    // One of the nearest may be a dot.
+    near.truncate(MIN_GROUP + 1);
+    near.iter().filter(|d| far_larger(d.semi_major_px)).count() >= MIN_GROUP
 }
 
 #[cfg(test)]

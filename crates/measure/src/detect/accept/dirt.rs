@@ -50,7 +50,8 @@ fn variance_across(image: &Raster, disc: &Detection, blur: f64, others: &[Ellips
     let Some((light, scale)) = fit_skin_light(&pixels) else {
         return 0.0;
     };
-    let max_difference = DIRT.max_contrast * disc.contrast;
+    // A difference of more than half of the contrast is another object.
+    let max_difference = 0.5 * disc.contrast;
     let mut sides = [[0.0; 2]; 2];
     for pixel in pixels.iter().filter(|pixel| pixel.is_near) {
         let [sum, weight] = &mut sides[usize::from(pixel.facing < 0.0)];
@@ -65,7 +66,8 @@ fn variance_across(image: &Raster, disc: &Detection, blur: f64, others: &[Ellips
     let shift = |darker: f64| 0.5 * DIRT.shift_blurs * blur * darker / disc.contrast;
     let square = shift(one / m + other / n).powi(2);
     let chance = shift(DIRT.correlation * scale * (1.0 / m + 1.0 / n).sqrt()).powi(2);
-    (square - DIRT.chance_sigmas * DIRT.chance_sigmas * chance).max(0.0)
+    // Up to two standard deviations it may be chance.
+    (square - 2.0 * 2.0 * chance).max(0.0)
 }
 
 /// Samples the skin on both sides of a disc.

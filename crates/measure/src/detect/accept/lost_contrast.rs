@@ -14,6 +14,7 @@ use super::verdict::MeasuredMarker;
 use crate::detect::accept::options::LOST;
 use crate::detect::detection::covariance::CovarianceSource;
 use crate::detect::estimate::options::PRIOR;
+use crate::detect::numbers::MIN_GROUP;
 use crate::estimation::robust::median;
 use crate::setup::Shape;
 
@@ -37,11 +38,11 @@ pub fn add_lost_contrast(marker: &mut MeasuredMarker, by_px: f64) {
     );
 }
 
-/// Returns the root mean square of the quadrants' lost contrast, as a fraction; 0 if fewer than `LOST.min_affected` are
+/// Returns the root mean square of the quadrants' lost contrast, as a fraction; 0 if fewer than two are
 /// affected, because a single one may just be covered.
 fn frame_loss(lost: &[Option<f64>]) -> f64 {
     let fractions: Vec<f64> = lost.iter().copied().flatten().collect();
-    if fractions.iter().filter(|fraction| **fraction > 0.0).count() < LOST.min_affected {
+    if fractions.iter().filter(|fraction| **fraction > 0.0).count() < 2 {
         return 0.0;
     }
     (fractions
@@ -63,7 +64,7 @@ fn lost_fractions(measured: &[MeasuredMarker]) -> Vec<Option<f64>> {
         all
     };
     let (darkness, taken) = (sorted(0), sorted(1));
-    let typical = median(taken).filter(|_| darkness.len() >= LOST.min_quadrants);
+    let typical = median(taken).filter(|_| darkness.len() >= MIN_GROUP);
     let (Some(typical), Some(full)) = (typical, darkness.get(darkness.len() / 4)) else {
         return vec![None; measured.len()];
     };

@@ -35,7 +35,8 @@ fn shift_px(image: &Raster, marker: &MeasuredMarker, noise: f64) -> f64 {
     let detection = &marker.detection;
     let contrast = detection.contrast;
     let beyond = |noise: f64| {
-        let explained = (VERDICT.max_rms.0 * noise).powi(2) + (WEIGHT.floor * contrast).powi(2);
+        let explained =
+            (VERDICT.max_rms_over_noise * noise).powi(2) + (WEIGHT.floor * contrast).powi(2);
         (detection.fit_rms.powi(2) - explained).max(0.0)
     };
     let mut left = beyond(noise);

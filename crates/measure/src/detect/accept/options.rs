@@ -1,5 +1,17 @@
 //! Tuned numbers of the acceptance: meaning, unit, origin.
 
+use std::ops::Range;
+
+use crate::detect::numbers::GrowingLength;
+
+/// Limit on the direction of flat detections.
+pub struct DirectionLimit {
+    /// Axis ratio from which on the direction is checked.
+    pub min_flatness: f64,
+    /// Largest deviation from that of the markers, rad.
+    pub max_rad: f64,
+}
+
 numbers! {
     /// Conditions for a fit to be accepted as a marker.
     VERDICT: VerdictOptions {
@@ -33,31 +45,25 @@ numbers! {
         min_darkness: f64 = 0.06,
         /// Smallest contrast, grey levels: steps of JPEG are as high.
         min_contrast: f64 = 5.0,
-        /// Smallest contrast in standard deviations of the noise: the 100 pixels around the smallest marker's edge do not
-        /// show such a step at random.
-        min_contrast_over_noise: f64 = 4.0,
         /// Largest blur that is measured, px. Chosen: a camera is not used farther out of focus.
         max_blur_px: f64 = 3.2,
-        /// Largest root mean square of a marker's residuals: over the noise, plus over its contrast, ratios. Chosen:
-        /// `tests/detect/bad_light.rs`.
-        max_rms: (f64, f64) = (1.6, 0.05),
+        /// Largest root mean square of a marker's residuals: a multiple of the noise, plus a fraction of its contrast.
+        /// Chosen: `tests/detect/bad_light.rs`.
+        max_rms_over_noise: f64 = 1.6,
+        max_rms_over_contrast: f64 = 0.05,
         /// Smallest mean weight of a marker's pixels: below, half of them show something else.
         min_inliers: f64 = 0.55,
-        /// Largest distance of a fit from its start: fraction of the semi-major axis, plus px.
-        max_shift: (f64, f64) = (0.25, 2.0),
-        /// Smallest distance of an outline from the centre of the frame's outermost pixels, px.
-        rim_px: f64 = 0.5,
+        /// Largest distance of a fit from its start, by its semi-major axis.
+        max_shift: GrowingLength = GrowingLength { factor: 0.25, px: 2.0 },
         /// Smallest semi-axes, px: fewer pixels do not determine an outline.
         min_axes_px: [f64; 2] = [3.5, 0.8],
-        /// Largest difference of a disc's two ends, standard deviations (`PRIOR.taper`).
-        max_taper_sigmas: f64 = 4.0,
         /// Largest standard deviation of any centre, as a fraction of the semi-major axis.
         max_relative_sigma: f64 = 0.05,
-        /// Largest standard deviation of the centre of a marker seen whole: fraction of the semi-major axis, and at least
-        /// px. A complete outline determines more than a part does.
-        max_sigma_whole: (f64, f64) = (0.02, 0.6),
-        /// Factor on `max_sigma_whole` for a disc whose length is predicted.
-        predicted_factor: f64 = 2.0,
+        /// Largest standard deviation of the centre of a marker seen whole, as a fraction of the semi-major axis. A
+        /// complete outline determines more than a part does.
+        max_relative_sigma_whole: f64 = 0.02,
+        /// Smallest such limit, px. Both are doubled for a disc whose length is predicted.
+        min_sigma_limit_px: f64 = 0.6,
         /// Noise that may remain at edges if JPEG has removed it next to them, grey levels. Chosen;
         /// `tests/detect/bad_light.rs`.
         edge_noise: f64 = 1.0,
@@ -68,10 +74,8 @@ numbers! {
         /// Largest ratio of the extents of black along the middle of a quadrant and along both sides of it. Half way
         /// between 1 of a circle and 1.37 of a square; `tests/detect/background.rs`.
         min_corner_ratio: f64 = 1.18,
-        /// Distance beyond the outline at which skin begins: blurs (`skin_start_blurs`), limited to a range of radii
-        /// (`skin_start`).
-        skin_start_blurs: f64 = 2.0,
-        skin_start: (f64, f64) = (0.1, 0.2),
+        /// Range of the distance beyond the outline at which skin begins, two blurs, radii.
+        skin_start: Range<f64> = 0.1..0.2,
         /// Three positions from there, radii, all short of the corner at 1.25 radii of a square of the same size. The
         /// majority decides, because the outline is rough and a line may cross it.
         skin_radii: [f64; 3] = [0.0, 0.04, 0.08],
@@ -83,7 +87,7 @@ numbers! {
         /// Fraction of the contrast below white at which black ends.
         end_contrast: f64 = 0.6,
         /// Range and step of the search for that end, radii.
-        end_range: (f64, f64) = (0.5, 1.7),
+        end_range: Range<f64> = 0.5..1.7,
         end_step: f64 = 0.02,
         /// Smallest semi-minor axis for which a corner can be recognised, blurs. Chosen; `tests/detect/background.rs`.
         min_corner_blurs: f64 = 8.0,
@@ -106,23 +110,17 @@ numbers! {
         /// shadow. Derived: a marker of 0.1 m at 3 m has 50 and more, a shadow's edge on a marker on the wing fewer than 8.
         /// Tested in `consistency.rs`.
         crisp_blurs: f64 = 12.0,
-        /// Smallest number of markers for a median blur, and of flat detections for the direction of the skin's horizon.
-        /// Fewer may all be something else.
-        min_others: usize = 5,
         /// Axis ratio from which on a direction is determined.
         min_flatness: f64 = 2.0,
-        /// Axis ratio from which on a disc's direction is checked, and its largest deviation, rad: of 20,300 markers in 116
-        /// rendered sets none deviates by more than 0.3 rad.
-        disc_across: (f64, f64) = (8.0, 0.6),
-        /// Axis ratio and largest deviation of quadrants, which deviate by up to 0.41 rad near the camera.
-        quadrants_across: (f64, f64) = (2.5, 0.8),
+        /// Direction of discs: of 20,300 markers in 116 rendered sets none deviates by more than 0.3 rad.
+        disc_across: DirectionLimit = DirectionLimit { min_flatness: 8.0, max_rad: 0.6 },
+        /// Direction of quadrants, which deviate by up to 0.41 rad near the camera.
+        quadrants_across: DirectionLimit = DirectionLimit { min_flatness: 2.5, max_rad: 0.8 },
         /// Size of the next larger marker over that of a detection that is too small to be a marker, a ratio: it would have
         /// to be that many times farther away than all others. Chosen on the rendered sets; `tests/detect/near.rs`.
         max_size_ratio: f64 = 2.5,
         /// Ratio by which neighbours must be longer to predict a size: other dots do not.
         min_longer: f64 = 1.3,
-        /// Smallest number of larger neighbours; one more of the nearest is used, because one of them may be a dot.
-        min_larger: usize = 4,
     }
 
     /// Correlation of residuals that all of a frame's markers have in common.
@@ -149,15 +147,11 @@ numbers! {
         length: f64 = 0.85,
         /// Smallest number of pixels that must be visible on a side.
         min_px: f64 = 20.0,
-        /// Largest difference from the skin that counts, as a fraction of the contrast: a larger one is another object.
-        max_contrast: f64 = 0.5,
         /// Shift of an edge, blurs, by contamination next to it that is darker than the skin by one contrast. Near the
         /// slope of a blurred edge, sqrt(2 pi) = 2.5.
         shift_blurs: f64 = 2.25,
         /// Factor of the scatter of the mean of correlated residuals over that of independent ones.
         correlation: f64 = 2.0,
-        /// Standard deviations up to which a difference is not significant.
-        chance_sigmas: f64 = 2.0,
         /// Iterations of the robust fit of the skin's light: it hardly changes after two.
         rounds: usize = 3,
         /// Residual scales from which on a pixel has no weight: Tukey's biweight, 95 % efficient.
@@ -168,31 +162,16 @@ numbers! {
 
     /// Contrast that quadrants have lost compared with the frame's others.
     LOST: LostContrastOptions {
-        /// Smallest number of quadrants for a reference contrast. Chosen: with fewer, a single one decides.
-        min_quadrants: usize = 4,
         /// Fraction that is not significant. Derived: in the clear frames of five rendered sets, the darkness of quadrants
         /// is up to 0.09 below the upper quartile of their frame.
         chance_fraction: f64 = 0.1,
-        /// Smallest number of affected quadrants for which all of the frame's markers are affected: a single one may just
-        /// be covered.
-        min_affected: usize = 2,
     }
 
-    /// Residuals beyond the limit that noise explains (`VERDICT.max_rms`).
+    /// Residuals beyond the limit that noise explains (`VERDICT.max_rms_over_noise`).
     MISFIT: MisfitOptions {
         /// Shift of a marker for residuals as large as its contrast, as a fraction of an edge's width. Chosen: about half
         /// of the residuals are a bias of the edge, the rest only changes its form. Errors of 1500 markers of eight
         /// rendered sets are then 0.8 to 1.2 standard deviations (`docs/validation/data/cabin-sets.csv`).
         edge_fraction: f64 = 0.5,
-    }
-
-    /// Choice between two measurements of one marker.
-    PREFERENCE: PreferenceOptions {
-        /// Ratio of the sizes (products of semi-axes) from which on the smaller measurement is a part: a decal or glare
-        /// that hides half of a disc.
-        part_ratio: f64 = 2.0,
-        /// Standard deviations by which two measurements of one position, or a size and its prediction, may differ: 1 in
-        /// 16,000 at random.
-        same_sigmas: f64 = 4.0,
     }
 }

@@ -31,9 +31,8 @@ pub fn ends_in_arcs(
         let at = ellipse.centre + direction * (factor * radius);
         f64::from(image.nearest_value(at.x, at.y))
     };
-    let first = 1.0
-        + (PATTERN.skin_start_blurs * m[BLUR] / radius)
-            .clamp(PATTERN.skin_start.0, PATTERN.skin_start.1);
+    let first =
+        1.0 + (2.0 * m[BLUR] / radius).clamp(PATTERN.skin_start.start, PATTERN.skin_start.end);
     [-1.0, 1.0].iter().all(|side| {
         let inside = grey(side * PATTERN.black_radius);
         let skin = inside + PATTERN.min_lighter * (light - inside);
@@ -76,12 +75,12 @@ pub fn have_corners(
             let at = ellipse.centre + radius * *factor;
             f64::from(image.nearest_value(at.x, at.y)) > edge
         };
-        let steps = [PATTERN.end_range.0, PATTERN.end_range.1]
+        let steps = [PATTERN.end_range.start, PATTERN.end_range.end]
             .map(|v| (v / PATTERN.end_step).round() as i32);
         (steps[0]..steps[1])
             .map(|k| PATTERN.end_step * f64::from(k))
             .find(light)
-            .unwrap_or(PATTERN.end_range.1)
+            .unwrap_or(PATTERN.end_range.end)
     };
     [0.0, PI].iter().all(|side| {
         let at = |part: f64| end(bisector + side + part * half);

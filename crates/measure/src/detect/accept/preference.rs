@@ -1,19 +1,17 @@
 //! Choice between two measurements of one marker.
 
-use crate::detect::accept::options::PREFERENCE;
 use crate::detect::detection::{Detection, covariance::squared_mahalanobis};
+use crate::detect::numbers::IMPROBABLE_SIGMAS;
 
 /// Returns whether a measurement is better than another one of the same marker:
 ///
-/// - If one is far smaller, it is a part; the larger one explains more of the image.
+/// - If one has half the size (product of semi-axes) or less, it is a part; the larger one explains more of the image.
 /// - If both agree on the position, the more precise one is better.
 /// - If they disagree, the one with the smaller residuals is better.
 pub fn is_preferred(new: &Detection, old: &Detection) -> bool {
     let size = |d: &Detection| d.semi_major_px * d.semi_minor_px;
     let ratio = size(new) / size(old);
-    if new.shape != old.shape
-        || !(1.0 / PREFERENCE.part_ratio..PREFERENCE.part_ratio).contains(&ratio)
-    {
+    if new.shape != old.shape || !(0.5..2.0).contains(&ratio) {
         return ratio > 1.0;
     }
     if positions_agree(new, old) {
@@ -34,5 +32,5 @@ pub fn fits_better(new: &Detection, old: &Detection) -> bool {
 fn positions_agree(one: &Detection, other: &Detection) -> bool {
     let both = *one.covariance_px2 + *other.covariance_px2;
     squared_mahalanobis(&(one.centre_px - other.centre_px), &both)
-        < PREFERENCE.same_sigmas * PREFERENCE.same_sigmas
+        < IMPROBABLE_SIGMAS * IMPROBABLE_SIGMAS
 }

@@ -16,8 +16,8 @@ use crate::detect::estimate::{gauss_newton::MarkerFit, options::PRIOR};
 use crate::detect::hypothesis::{Hypothesis, options::NEIGHBOURS};
 use crate::detect::image::ellipse::{Ellipse, wrap_half_turn};
 use crate::detect::image::noise;
+use crate::detect::numbers::IMPROBABLE_SIGMAS;
 use crate::raster::Raster;
-use crate::setup::Shape;
 
 /// Returns whether residuals (root mean square, grey levels) are larger than those of a marker. They are compared with the
 /// noise of the frame and, for a disc, with the noise around it. Sharpening amplifies the residuals of a marker with the
@@ -29,8 +29,8 @@ pub fn fits_poorly(
     noise: f64,
     (contrast, overshoot): (f64, f64),
 ) -> bool {
-    let own = VERDICT.max_rms.1 * contrast * (1.0 + overshoot.max(0.0));
-    let is_larger = |noise: f64| rms > VERDICT.max_rms.0 * noise + own;
+    let own = VERDICT.max_rms_over_contrast * contrast * (1.0 + overshoot.max(0.0));
+    let is_larger = |noise: f64| rms > VERDICT.max_rms_over_noise * noise + own;
     // Letters raise the noise around them; they are mistaken for quadrants rather than for discs.
     if hypothesis.pattern == MarkerPattern::Disc {
         is_larger(noise.max(VERDICT.edge_noise))
@@ -105,10 +105,7 @@ pub fn judge_fit(
     let ellipse = fitted_ellipse(hypothesis, m);
     check_shape(image, hypothesis, m, &ellipse)?;
     if m[DARK] < VERDICT.min_darkness
-        || contrast
-            < VERDICT
-                .min_contrast
-                .max(VERDICT.min_contrast_over_noise * noise)
+        || contrast < VERDICT.min_contrast.max(IMPROBABLE_SIGMAS * noise)
     {
         return Err(RejectReason::LowContrast);
     }
@@ -129,11 +126,7 @@ pub fn judge_fit(
     let is_disc = hypothesis.pattern == MarkerPattern::Disc;
     Ok(MeasuredMarker {
         detection: Detection {
-            shape: if is_disc {
-                Shape::Circle
-            } else {
-                Shape::Quadrant
-            },
+            shape: hypothesis.pattern.shape(),
             centre_px: ellipse.centre,
             covariance_px2: covariance,
             semi_major_px: ellipse.major,
@@ -188,7 +181,7 @@ fn check_shape(
     ellipse: &Ellipse,
 ) -> Result<(), RejectReason> {
     let moved = (ellipse.centre - hypothesis.ellipse.centre).norm();
-    if moved > VERDICT.max_shift.0 * hypothesis.ellipse.major + VERDICT.max_shift.1 {
+    if moved > VERDICT.max_shift.at(hypothesis.ellipse.major) {
         return Err(RejectReason::PoorFit);
     }
     let (extent, last) = (
@@ -196,14 +189,14 @@ fn check_shape(
         [image.width() - 1, image.height() - 1].map(|v| v as f64),
     );
     let (low, high) = (ellipse.centre - extent, ellipse.centre + extent);
-    if (0..2).any(|k| low[k] < VERDICT.rim_px || high[k] > last[k] - VERDICT.rim_px) {
+    if (0..2).any(|k| low[k] < 0.5 || high[k] > last[k] - 0.5) {
         return Err(RejectReason::TouchesEdge);
     }
     if ellipse.major < VERDICT.min_axes_px[0] || ellipse.minor < VERDICT.min_axes_px[1] {
         return Err(RejectReason::TooSmall);
     }
     let is_disc = hypothesis.pattern == MarkerPattern::Disc;
-    let lopsided = is_disc && m[TAPER].abs() > VERDICT.max_taper_sigmas * PRIOR.taper;
+    let lopsided = is_disc && m[TAPER].abs() > IMPROBABLE_SIGMAS * PRIOR.taper;
     let flattest = if is_disc {
         VERDICT.max_axis_ratio
     } else {
@@ -279,15 +272,13 @@ fn centre_covariance(hypothesis: &Hypothesis, fit: &MarkerFit, ellipse: &Ellipse
 /// it.
 fn max_centre_sigma(hypothesis: &Hypothesis, ellipse: &Ellipse) -> f64 {
     let (limit, factor) = match (hypothesis.prior.size, hypothesis.pattern) {
-        (Some(_), MarkerPattern::Disc) => {
-            (VERDICT.max_sigma_predicted_px, VERDICT.predicted_factor)
-        }
+        (Some(_), MarkerPattern::Disc) => (VERDICT.max_sigma_predicted_px, 2.0),
         // Edges that only point at their crossing.
         (Some(_), _) => (VERDICT.max_sigma_crossing_px, 1.0),
         (None, _) => (VERDICT.max_sigma_px, 1.0),
     };
     let most = if hypothesis.is_whole() && !hypothesis.is_painted() {
-        factor * (VERDICT.max_sigma_whole.0 * ellipse.major).max(VERDICT.max_sigma_whole.1)
+        factor * (VERDICT.max_relative_sigma_whole * ellipse.major).max(VERDICT.min_sigma_limit_px)
     } else {
         limit
     };

@@ -1,13 +1,12 @@
 //! Blurred fraction of black between the two crossing edges of opposite quadrants, for a batch of pixels.
 
 use super::parameters::{BEND, BLUR, BlackFraction, MarkerParameters, TANGENT, UNEVEN_BLUR};
+use crate::detect::appearance::disc::END_SIGMAS;
 use crate::detect::simd::functions::{GAUSS_8, PEAK, gauss_kernel, normal_distributions};
 use crate::detect::simd::lanes::{LANES, Lanes, all_lanes, each};
 
 /// Distance from the crossing, standard deviations of blur, beyond which its two edges do not interact.
 pub const NEAR_SIGMAS: f64 = 3.6;
-/// Reach of a sum along s to both sides, standard deviations of blur: beyond, 0.003 % is left.
-const REACH_SIGMAS: f32 = 4.2;
 
 /// Parameters of the edges in single precision.
 #[derive(Clone, Copy)]
@@ -85,7 +84,7 @@ impl BlackFraction {
 /// Computes the fraction near the crossing: summed along s on both sides of it, in closed form across.
 #[inline(always)]
 fn sum_near_crossing(s: &Lanes, t: &Lanes, e: EdgeParameters, fraction: &mut BlackFraction) {
-    let reach = REACH_SIGMAS * e.sigma;
+    let reach = END_SIGMAS as f32 * e.sigma;
     for before in [true, false] {
         for (node, weight) in GAUSS_8 {
             for i in 0..LANES {

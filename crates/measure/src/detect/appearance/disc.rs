@@ -11,8 +11,8 @@ pub const END_SIGMAS: f64 = 4.2;
 
 /// Reach of the sum to both sides, standard deviations of blur: beyond, 0.001 % is left.
 const REACH_SIGMAS: f32 = 4.4;
-/// Limits of a blunt outline: smallest radius of curvature, blurs, and largest axis ratio.
-const BLUNT: (f64, f64) = (3.0, 3.0);
+/// Limit of a blunt outline: smallest radius of curvature, blurs, and also largest axis ratio.
+const BLUNT: f64 = 3.0;
 /// Smallest divisors: the precision of single numbers near 1, and less than any position in semi-axes.
 const ROUNDING: f32 = 1e-6;
 const TINY: f32 = 1e-9;
@@ -72,7 +72,7 @@ pub fn disc_fraction(s: &Lanes, t: &Lanes, m: &MarkerParameters) -> BlackFractio
     if all_lanes(|i| nothing[i] > 0.0) {
         return fraction;
     }
-    if m[MINOR] * m[MINOR] > BLUNT.0 * m[BLUR] * m[MAJOR] && m[MAJOR] < BLUNT.1 * m[MINOR] {
+    if m[MINOR] * m[MINOR] > BLUNT * m[BLUR] * m[MAJOR] && m[MAJOR] < BLUNT * m[MINOR] {
         fraction_by_distance(s, &straight, d, &mut fraction);
     } else if all_lanes(|i| s[i].abs() < d.a - END_SIGMAS as f32 * d.sigma) {
         fraction_by_chord(s, &straight, d, &mut fraction);

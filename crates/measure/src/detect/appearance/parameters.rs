@@ -1,6 +1,7 @@
 //! Parameters of a marker's image, their slots, and the batches of grey values and derivatives.
 
 use crate::detect::simd::lanes::{Lanes, each};
+use crate::setup::Shape;
 
 /// Number of parameters common to all markers' images.
 pub const COMMON: usize = 18;
@@ -69,6 +70,16 @@ pub enum MarkerPattern {
     BlackAlong,
     /// White between the edges along s, black along t.
     WhiteAlong,
+}
+
+impl MarkerPattern {
+    /// Returns the shape of markers with this pattern.
+    pub fn shape(self) -> Shape {
+        match self {
+            Self::Disc => Shape::Circle,
+            _ => Shape::Quadrant,
+        }
+    }
 }
 
 /// Shape of a marker's image, from the slots of its pattern.

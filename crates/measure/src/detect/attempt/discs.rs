@@ -3,7 +3,6 @@
 use super::strategies::Measurer;
 use super::whole::looks_cut;
 use crate::detect::accept::verdict::MeasurementResult;
-use crate::detect::attempt::options::WHOLE;
 use crate::detect::detection::Detection;
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::propose::moments;
@@ -38,8 +37,7 @@ impl Measurer<'_> {
                 continue;
             };
             let ellipse = disc.detection.ellipse();
-            let better = disc.is_sure()
-                && disc.detection.fit_rms < WHOLE.max_disc_residuals * quadrants.fit_rms;
+            let better = disc.is_sure() && disc.detection.fit_rms < 0.5 * quadrants.fit_rms;
             if better && !found.iter().any(|other| other.contains(ellipse.centre)) {
                 found.push(ellipse);
             }

@@ -24,6 +24,7 @@ use crate::detect::estimate::terms::{glare_spline, veiling_glare};
 use crate::detect::estimate::{lack_of_fit, outlined_quadrants};
 use crate::detect::hypothesis::{EdgePair, Hypothesis, prior::MarkerPrior};
 use crate::detect::image::ellipse::Ellipse;
+use crate::detect::numbers::SIGNIFICANT_SIGMAS;
 use crate::detect::occlusion::region::{OcclusionBand, Region};
 use crate::detect::occlusion::{glare, paint, seam};
 use crate::detect::propose::quadrant_outline::{fit_outline_and_edges, refine_outline};
@@ -32,7 +33,6 @@ use crate::detect::sample::select::{
 };
 use crate::detect::segment::blob::Blob;
 use crate::raster::Raster;
-use crate::setup::Shape;
 
 /// Conditions under which the markers of a frame are measured.
 #[derive(Clone, Copy)]
@@ -145,12 +145,8 @@ pub fn measure_hypothesis(
 
 /// Returns whether a blur can be that of a marker out of focus, independent of the blur of the frame's other markers.
 fn may_be_out_of_focus(hypothesis: &Hypothesis, blur: f64) -> bool {
-    let shape = if hypothesis.pattern == MarkerPattern::Disc {
-        Shape::Circle
-    } else {
-        Shape::Quadrant
-    };
-    is_out_of_focus(shape, hypothesis.ellipse.minor, blur) && blur < VERDICT.max_blur_px
+    is_out_of_focus(hypothesis.pattern.shape(), hypothesis.ellipse.minor, blur)
+        && blur < VERDICT.max_blur_px
 }
 
 /// Rejects hypotheses that need no fit.
@@ -275,7 +271,7 @@ impl FitAttempt<'_> {
         let bent = bent.ok_or(RejectReason::NoConvergence)?;
         // If the bend is not significant, the straight model is more precise.
         let sigma = |k: usize| bent.covariance[(k, k)].max(0.0).sqrt();
-        let is_bent = |&k: &usize| bent.parameters[k].abs() > MEASURE.bend_sigmas * sigma(k);
+        let is_bent = |&k: &usize| bent.parameters[k].abs() > SIGNIFICANT_SIGMAS * sigma(k);
         let result = if !hypothesis.is_whole() || bends.iter().any(is_bent) {
             bent
         } else {
@@ -447,7 +443,7 @@ impl FitAttempt<'_> {
 
 /// Returns the smallest scale of residuals, grey levels.
 pub fn min_scale(noise: f64) -> f64 {
-    MEASURE.min_scale.1.max(MEASURE.min_scale.0 * noise)
+    MEASURE.min_scale.max(MEASURE.min_scale_over_noise * noise)
 }
 
 /// Returns the rule that excludes pixels outside a fitted disc that are darker than its bright surroundings by more than a
@@ -464,14 +460,10 @@ fn with_fitted_geometry(hypothesis: &Hypothesis, m: &MarkerParameters) -> Hypoth
     let mut out = hypothesis.clone();
     match hypothesis.edges {
         None => {
-            let [major, minor] = [
-                m[MAJOR].max(MEASURE.min_start_axes_px[0]),
-                m[MINOR].max(MEASURE.min_start_axes_px[1]),
-            ];
             out.ellipse = Ellipse {
                 centre: Vector2::new(m[X], m[Y]),
-                major,
-                minor,
+                major: m[MAJOR],
+                minor: m[MINOR],
                 angle: m[ANGLE],
             };
         }

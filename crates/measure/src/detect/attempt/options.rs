@@ -3,9 +3,6 @@
 numbers! {
     /// Fits to one hypothesis.
     MEASURE: MeasureOptions {
-        /// Standard deviations from which on a bend of axis or edges is significant: for one unknown it reduces the
-        /// weighted sum of squares by 9.
-        bend_sigmas: f64 = 3.0,
         /// Contrast over white or skin below which the tone curve's exponent is not separable from the darkness: the grey
         /// half way up an edge then changes by less than 0.5 % with it, and both diverge together.
         min_gamma_contrast: f64 = 0.3,
@@ -21,25 +18,22 @@ numbers! {
         /// Fraction of a marker's contrast by which pixels darker than the skin around it are excluded as contamination.
         /// Chosen on the rendered sets; `tests/detect/bad_light.rs`.
         foreign_contrast: f64 = 0.25,
-        /// Semi-minor axis from which on a marker shows the sharpening of the frame, blurs: otherwise the overshoots of
-        /// both its edges meet.
-        min_overshoot_blurs: f64 = 4.0,
         /// Smallest semi-axes of a hypothesis, px: major, minor. Below, it would not determine anything.
         min_axes_px: [f64; 2] = [3.5, 0.7],
         /// Blur with which a fit starts if none is predicted, px: that of a sharp image.
         blur_px: f64 = 1.0,
         /// Smallest tangent of half the angle between quadrants' edges at the start.
         min_tangent: f64 = 0.02,
-        /// Smallest semi-axes at the start of the last fit, px: major, minor.
-        min_start_axes_px: [f64; 2] = [1.0, 0.5],
         /// Smallest number of pixels for a start.
         min_pixels: usize = 20,
         /// Standard deviation of a coarse fit if no more is required, px: few pixels, with seams among them.
         rough_px: f64 = 0.2,
         /// Distance from the position for which the pixels were chosen below which a position through glare is final, px.
         settled_px: f64 = 1.0,
-        /// Smallest scale of residuals: over the frame's noise, a ratio, and grey levels, because grey values are rounded.
-        min_scale: (f64, f64) = (0.8, 0.5),
+        /// Smallest scale of residuals over the frame's noise, a ratio.
+        min_scale_over_noise: f64 = 0.8,
+        /// Smallest scale of residuals, grey levels: grey values are rounded.
+        min_scale: f64 = 0.5,
         /// Smallest darkness at the start; that of an accepted marker is slightly larger.
         min_start_darkness: f64 = 0.05,
         /// Smallest step from the darkest 1/40 of the pixels to the lightest 1/5 at the start, grey levels.
@@ -58,11 +52,9 @@ numbers! {
         margin_px: f64 = 6.0,
         /// Largest squareness of a whole disc: constant part, and part over the square of its semi-minor axis, px^2,
         /// because few pixels across make steps in its outline.
-        max_squareness: (f64, f64) = (0.13, 1.3),
+        max_squareness: f64 = 0.13,
+        max_squareness_px2: f64 = 1.3,
         /// Smallest semi-minor axis for that, px.
         min_axis_px: f64 = 0.5,
-        /// Largest residuals of two discs over those of the quadrants that contain them for the discs to be preferred.
-        /// Chosen; `tests/detect/bad_light.rs`.
-        max_disc_residuals: f64 = 0.5,
     }
 }

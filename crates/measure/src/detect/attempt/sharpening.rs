@@ -12,6 +12,7 @@ use crate::detect::estimate::overshoot::{
     Sharpening, SharpeningEvidence, assess_sharpening, combine_evidence, is_outvoted,
 };
 use crate::detect::estimate::prior::select_unknowns;
+use crate::detect::numbers::MIN_GROUP;
 use crate::detect::sample::select::{EdgeAppearance, FINAL, select_pixels};
 use crate::ordering::sort_by_value;
 use crate::raster::Raster;
@@ -36,8 +37,7 @@ pub fn estimate_sharpening(
             .filter(|assessment| **assessment == SharpeningEvidence::Excluded)
             .count();
         let most = (shown + collected.candidates.len() - k).min(OVERSHOT.enough_markers);
-        let hopeless =
-            most < OVERSHOT.min_markers || is_outvoted(most, collected.unsharpened + excluded);
+        let hopeless = most < MIN_GROUP || is_outvoted(most, collected.unsharpened + excluded);
         if hopeless || shown >= OVERSHOT.enough_markers {
             break;
         }

@@ -1,10 +1,10 @@
 //! Candidates for the estimation of a frame's sharpening, recorded during the measurement of hypotheses.
 
 use crate::detect::appearance::parameters::{BLUR, MarkerParameters, X, Y, grey_contrast};
-use crate::detect::attempt::options::MEASURE;
 use crate::detect::estimate::options::OVERSHOT;
 use crate::detect::estimate::overshoot::{SharpeningEvidence, evidence_from_rms};
 use crate::detect::hypothesis::{Hypothesis, prior::MarkerPrior};
+use crate::detect::sample::bands::THIN_BLURS;
 
 /// Possible marker whose residuals may be those of sharpened edges.
 #[derive(Clone)]
@@ -44,7 +44,7 @@ impl SharpeningCandidates {
             is_marker,
         } = &candidate;
         let is_whole = hypothesis.excluded.is_empty() && hypothesis.prior == MarkerPrior::default();
-        if !is_whole || hypothesis.ellipse.minor < MEASURE.min_overshoot_blurs * plain[BLUR] {
+        if !is_whole || hypothesis.ellipse.minor < THIN_BLURS * plain[BLUR] {
             return;
         }
         match evidence_from_rms(*scale, grey_contrast(plain), noise) {

@@ -10,7 +10,7 @@ use crate::raster::Raster;
 /// Returns whether a blob is too square for a whole disc of its size.
 pub fn looks_cut(blob: &Blob) -> bool {
     let minor = Ellipse::from_blob(blob).minor.max(WHOLE.min_axis_px);
-    moments::squareness(blob) / (WHOLE.max_squareness.0 + WHOLE.max_squareness.1 / (minor * minor))
+    moments::squareness(blob) / (WHOLE.max_squareness + WHOLE.max_squareness_px2 / (minor * minor))
         > 1.0
 }
 

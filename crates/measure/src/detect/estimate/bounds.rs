@@ -1,5 +1,7 @@
 //! Plausible ranges of a marker's parameters, and the largest change of each parameter in one iteration.
 
+use std::ops::Range;
+
 use crate::detect::appearance::parameters::{
     ANGLE, BLUR, CHORD, DARK, GAMMA, HALO, LENGTH, LIGHT, MAJOR, MINOR, MarkerParameters,
     MarkerPattern, OVERSHOOT, SHEAR, ShapeParameters, TANGENT, UNEVEN_BLUR, X, Y,
@@ -13,21 +15,21 @@ numbers! {
     /// those of real markers.
     BOUNDS: Bounds {
         /// Blur, px: from less than the blur of a pixel to more than is accepted.
-        blur_px: (f64, f64) = (0.2, 4.0),
+        blur_px: Range<f64> = 0.2..4.0,
         /// Light of white or skin, grey levels: saturated white is lighter than 255.
-        light: (f64, f64) = (1.0, 1500.0),
+        light: Range<f64> = 1.0..1500.0,
         /// Darkness as a fraction of the light: black that blur has not reached is above 1.
-        dark: (f64, f64) = (0.02, 1.5),
+        dark: Range<f64> = 0.02..1.5,
         /// Exponent of the tone curve.
-        gamma: (f64, f64) = (0.15, 3.0),
+        gamma: Range<f64> = 0.15..3.0,
         /// Minimum semi-axes of a disc, px: major, minor.
         axes_px: [f64; 2] = [1.0, 0.2],
         /// Plausible tangent of half the angle between the edges of a quadrant marker.
-        tangent: (f64, f64) = (0.005, 2.5),
+        tangent: Range<f64> = 0.005..2.5,
         /// Maximum relative difference between the blur of either edge of quadrants and their mean blur.
         uneven_blur: f64 = 0.7,
         /// Amplitude of sharpening, a ratio: strong camera settings reach 2; a negative amplitude is blurring.
-        overshoot: (f64, f64) = (-0.5, 6.0),
+        overshoot: Range<f64> = -0.5..6.0,
         /// Maximum blur of the copy that sharpening subtracts, px.
         halo_px: f64 = 6.0,
         /// Minimum half length and half chord of the outline of quadrants, px.
@@ -85,18 +87,18 @@ pub fn limit_step(
 pub fn is_plausible(pixels: &Pixels, m: &MarkerParameters) -> bool {
     let outline = || m[LENGTH] > BOUNDS.outline_px[0] && m[CHORD] > BOUNDS.outline_px[1];
     is_sharp(m)
-        && is_within(m[LIGHT], BOUNDS.light)
-        && is_within(m[DARK], BOUNDS.dark)
+        && BOUNDS.light.contains(&m[LIGHT])
+        && BOUNDS.dark.contains(&m[DARK])
         && has_shape(pixels.pattern, m)
         && (!pixels.outlined || outline())
-        && is_within(m[OVERSHOOT], BOUNDS.overshoot)
+        && BOUNDS.overshoot.contains(&m[OVERSHOOT])
         && (0.0..BOUNDS.halo_px).contains(&m[HALO])
 }
 
 /// Returns true if tone curve and shape are within [`BOUNDS`]. Light and darkness are not checked: under glare they can
 /// have any value.
 pub fn has_shape(pattern: MarkerPattern, m: &MarkerParameters) -> bool {
-    is_within(m[GAMMA], BOUNDS.gamma)
+    BOUNDS.gamma.contains(&m[GAMMA])
         && match ShapeParameters::from_parameters(pattern, m) {
             ShapeParameters::Disc { major, minor } => {
                 major > BOUNDS.axes_px[0] && minor > BOUNDS.axes_px[1]
@@ -104,15 +106,11 @@ pub fn has_shape(pattern: MarkerPattern, m: &MarkerParameters) -> bool {
             ShapeParameters::Quadrants {
                 tangent,
                 uneven_blur,
-            } => is_within(tangent, BOUNDS.tangent) && uneven_blur.abs() < BOUNDS.uneven_blur,
+            } => BOUNDS.tangent.contains(&tangent) && uneven_blur.abs() < BOUNDS.uneven_blur,
         }
 }
 
 /// Returns true if all parameters are finite and the blur is that of a marker.
 pub fn is_sharp(m: &MarkerParameters) -> bool {
-    m.iter().all(|v| v.is_finite()) && is_within(m[BLUR], BOUNDS.blur_px)
-}
-
-fn is_within(value: f64, (least, most): (f64, f64)) -> bool {
-    value > least && value < most
+    m.iter().all(|v| v.is_finite()) && BOUNDS.blur_px.contains(&m[BLUR])
 }

@@ -11,7 +11,7 @@ use super::prior::FitUnknowns;
 use crate::detect::appearance::parameters::{
     LENGTH, MAJOR, MarkerParameters, MarkerPattern, N, X, Y, grey_contrast,
 };
-use crate::detect::estimate::options::{ITERATION, WEIGHT};
+use crate::detect::estimate::options::{HopelessFit, ITERATION, WEIGHT};
 use crate::detect::sample::pixels::Pixels;
 
 /// A converged fit.
@@ -263,12 +263,12 @@ impl<'a> FitProblem<'a> {
     /// Returns true if the residuals, as a fraction of the contrast, are too large for a marker after the first iterations
     /// of a coarse fit.
     fn is_hopeless(&self, iteration: usize, scale: f64) -> bool {
-        let (after, most) = match self.pixels.pattern {
+        let HopelessFit { after, residuals } = match self.pixels.pattern {
             MarkerPattern::Disc => ITERATION.hopeless,
             _ if self.pixels.outlined => ITERATION.hopeless_outlined,
             _ => ITERATION.hopeless_crossing,
         };
-        iteration >= after && scale > most
+        iteration >= after && scale > residuals
     }
 
     /// Returns true if the length of a disc or of an outline changes by less than `most` px, or if the pattern has none.

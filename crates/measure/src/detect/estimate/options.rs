@@ -1,6 +1,17 @@
 //! Tuned numbers of the fit, with meaning, unit, origin.
 
+use std::ops::Range;
+
 use crate::detect::hypothesis::prior::PriorValue;
+use crate::detect::numbers::GrowingLength;
+
+/// Limit above which a coarse fit cannot be that of a marker.
+pub struct HopelessFit {
+    /// Number of iterations before the check.
+    pub after: usize,
+    /// Largest residuals, as a fraction of the contrast.
+    pub residuals: f64,
+}
 
 numbers! {
     /// Limits of the iteration: bounds on time, which change results only if a fit does not converge.
@@ -35,24 +46,23 @@ numbers! {
         min_reduction: f64 = 0.1,
         /// Step of the centre, in its standard deviations, below which the final fit has converged.
         final_tolerance: f64 = 0.1,
-        /// Iterations after which a coarse fit of a disc cannot be a marker if its residuals exceed a fraction of the
-        /// contrast. The worst of 116 rendered discs had 0.28; 40 % of the fits that failed had more than 0.35.
-        hopeless: (usize, f64) = (2, 0.35),
-        /// Corresponding limit for crossing edges: the worst of 123 had 0.15; 87 % of the fits that failed had more than
-        /// that.
-        hopeless_crossing: (usize, f64) = (1, 0.25),
-        /// Corresponding limit for quadrants fitted by edges and outline, whose final residuals are 0.12 at most.
-        hopeless_outlined: (usize, f64) = (2, 0.25),
+        /// Coarse fit of a disc: the worst of 116 rendered ones had 0.28; 40 % of the fits that failed had more than 0.35.
+        hopeless: HopelessFit = HopelessFit { after: 2, residuals: 0.35 },
+        /// Coarse fit of crossing edges: the worst of 123 had 0.15; 87 % of the fits that failed had more than that.
+        hopeless_crossing: HopelessFit = HopelessFit { after: 1, residuals: 0.25 },
+        /// Quadrants fitted by edges and outline, whose final residuals are 0.12 at most.
+        hopeless_outlined: HopelessFit = HopelessFit { after: 2, residuals: 0.25 },
         /// Maximum iterations of the fit with a light field, which starts from the result of the final fit.
         max_field_steps: usize = 4,
         /// Damping of the fit with a light field in the first two iterations and afterwards, fractions of the diagonal.
         field_damping: [f64; 2] = [1e-3, 1e-7],
-        /// Step of the centre below which the fit with a light field has converged, and its maximum step, px.
-        field_px: (f64, f64) = (1e-3, 2.0),
-        /// Ratio of the scale to the previous one above which the fits with a light field and with glare have converged.
+        /// Step of the centre below which the fit with a light field has converged, px.
+        field_tolerance_px: f64 = 1e-3,
+        /// Maximum step of the centre in the fit with a light field, px.
+        max_field_step_px: f64 = 2.0,
+        /// Ratio of the scale to the previous one above which the fits with a light field and with glare have converged; it
+        /// is at most halved in one iteration.
         scale_ratio_converged: f64 = 0.9,
-        /// Minimum ratio of the scale to the previous one in one iteration of these fits.
-        min_final_scale_ratio: f64 = 0.5,
         /// First scale of the residuals relative to the previous fit, if foreign pixels distorted that fit.
         scale_with_foreign: f64 = 3.0,
         /// First scale of the residuals relative to the previous fit, if glare distorted that fit.
@@ -158,8 +168,8 @@ numbers! {
         coarse_px: f64 = 400.0,
         /// Approximate number of pixels for the final fit: more than most such targets have.
         final_px: f64 = 6000.0,
-        /// Distance up to which pixels outside the outline are used, blurs and px: it must include flat skin.
-        beyond: (f64, f64) = (2.5, 2.0),
+        /// Distance up to which pixels outside the outline are used, by blur: it must include flat skin.
+        beyond: GrowingLength = GrowingLength { factor: 2.5, px: 2.0 },
         /// Step between the pixels used outside the outline, which only determine the skin's grey level, relative to those
         /// inside.
         outside_step: usize = 3,
@@ -177,7 +187,7 @@ numbers! {
         min_major_px: f64 = 10.0,
         /// Minimum contrast, grey levels.
         min_contrast: f64 = 6.0,
-        /// Factor by which the region of the pixels is larger than the outline.
+        /// Factor by which the region of the pixels, and a reduced image, are larger than the outline.
         larger: f64 = 1.2,
         /// Maximum number of selections of pixels: a bound on time.
         max_rounds: usize = 5,
@@ -189,7 +199,7 @@ numbers! {
         over_noise: f64 = 1.2,
         /// Range of the ratio of a marker's residuals to its contrast in which sharpening is tested: from the accuracy of
         /// the image formula to the residuals next to an edge with an overshoot of twice that edge.
-        residual_range: (f64, f64) = (0.02, 0.2),
+        residual_range: Range<f64> = 0.02..0.2,
         /// Minimum amplitude with an effect. Derived: 2 % of the contrast at an edge, the accuracy of the image formula,
         /// divided by 0.13, the difference between an edge and its copy.
         min_amplitude: f64 = 0.15,
@@ -198,20 +208,13 @@ numbers! {
         /// Halos that are tried, px: cameras compare an image with copies blurred by 0.7 to 2 px, and the residuals of
         /// discs in rendered phone frames change by 2 % between 1 and 2.
         halos_px: [f64; 3] = [1.0, 1.4, 2.0],
-        /// Minimum ratio of the contrast with sharpening to that without: below that, the overshoot would replace the edge
-        /// itself.
-        min_contrast_ratio: f64 = 0.5,
         /// Minimum blur at which the fit starts, px: sharpening makes an edge look sharper than it is.
         min_first_blur_px: f64 = 0.8,
-        /// Number of standard deviations above which an amplitude is significant.
-        significance: f64 = 3.0,
         /// Minimum reduction of a marker's squared residuals, in variances of one residual: five standard deviations of one
         /// unknown.
         min_gain: f64 = 25.0,
         /// Distance below which two pieces of evidence belong to one object, px.
         apart_px: f64 = 5.0,
-        /// Minimum number of markers that show sharpening: fewer may all be dirt.
-        min_markers: usize = 4,
         /// Minimum fraction of the examined markers that must show it.
         min_share: f64 = 0.6,
         /// Number of markers after which no more are examined.
@@ -235,12 +238,12 @@ numbers! {
         saturated: f32 = 250.0,
         /// Initial ratio of the assumed light of a saturated pixel to its grey value.
         saturated_factor: f64 = 1.2,
-        /// Extent of the knots around the disc: fractions of its semi-axes, and px. Chosen: as far as its pixels reach,
-        /// also with a slant.
-        reach: (f64, f64, f64) = (1.2, 2.0, 20.0),
-        /// Distance from foreign pixels within which pixels are excluded from a light field, blurs and px: as far as
-        /// foreign objects darken.
-        foreign: (f64, f64) = (2.5, 1.0),
+        /// Extent of the knots along the disc, by its semi-major axis, without what the largest slant adds for its
+        /// semi-minor axis. Chosen: as far as its pixels reach.
+        reach: GrowingLength = GrowingLength { factor: 1.2, px: 20.0 },
+        /// Distance from foreign pixels within which pixels are excluded from a light field, by blur: as far as foreign
+        /// objects darken.
+        foreign: GrowingLength = GrowingLength { factor: 2.5, px: 1.0 },
         /// Number of slants that are tried to each side.
         slants: i32 = 20,
         /// Step between the tried slants, px along for each px across.
@@ -251,9 +254,8 @@ numbers! {
         tip: f32 = 0.2,
         /// Fraction of an end's pixels that must be unsaturated for it to be visible.
         ends: f64 = 0.9,
-        /// Minimum prior standard deviation of the glare of a knot, relative to the skin's own light.
+        /// Minimum prior standard deviation of the glare of a knot, relative to the skin's own light; the
+        /// largest glare next to it is added.
         glare_floor: f64 = 0.03,
-        /// Prior standard deviation of a knot as a fraction of the largest glare next to it.
-        glare_share: f64 = 1.0,
     }
 }

@@ -167,7 +167,7 @@ fn sample_pixels(
     blur: f64,
     wanted: f64,
 ) -> Option<Pixels> {
-    let (centre, margin) = (ellipse.centre, OUTLINED.beyond.0 * blur + OUTLINED.beyond.1);
+    let (centre, margin) = (ellipse.centre, OUTLINED.beyond.at(blur));
     let origin = [centre.x.round(), centre.y.round()];
     let about = ellipse.enlarged(OUTLINED.larger, 0.0);
     let (frame, own) = (EllipseFrame::new(&about), EllipseFrame::new(ellipse));

@@ -15,6 +15,7 @@ use crate::detect::appearance::parameters::{
 use crate::detect::detection::Overshoot;
 use crate::detect::estimate::options::{ITERATION, OVERSHOT};
 use crate::detect::hypothesis::prior::PriorValue;
+use crate::detect::numbers::{MIN_GROUP, SIGNIFICANT_SIGMAS};
 use crate::detect::sample::pixels::Pixels;
 use crate::estimation::robust::{SIGMA_OVER_MEDIAN, median};
 
@@ -107,13 +108,13 @@ pub fn combine_evidence(evidence: &[SharpeningEvidence], without: usize) -> Shar
             .filter(|seen| **seen == SharpeningEvidence::Excluded)
             .count();
     if is_outvoted(shown.len(), without) {
-        return if without < OVERSHOT.min_markers {
+        return if without < MIN_GROUP {
             Sharpening::Undetermined
         } else {
             Sharpening::Absent
         };
     }
-    let overshoot = if shown.len() < OVERSHOT.min_markers {
+    let overshoot = if shown.len() < MIN_GROUP {
         None
     } else {
         common_overshoot(&shown)
@@ -134,7 +135,7 @@ fn common_overshoot(shown: &[&[HaloFit; HALOS]]) -> Option<Overshoot> {
     let amplitude = median(values.clone())?;
     let off = median(values.iter().map(|v| (v - amplitude).abs()).collect())?;
     let amplitude_sigma = (SIGMA_OVER_MEDIAN * off).max(OVERSHOT.min_scatter * amplitude);
-    let chance = OVERSHOT.significance * amplitude_sigma / (values.len() as f64).sqrt();
+    let chance = SIGNIFICANT_SIGMAS * amplitude_sigma / (values.len() as f64).sqrt();
     let halo_px = OVERSHOT.halos_px[halo];
     let sure = amplitude > OVERSHOT.min_amplitude && amplitude > chance;
     sure.then_some(Overshoot {
@@ -148,10 +149,10 @@ fn common_overshoot(shown: &[&[HaloFit; HALOS]]) -> Option<Overshoot> {
 /// must be tested. Residuals below the accuracy of the image formula exclude sharpening; residuals within the noise, or
 /// larger than sharpening leaves, are inconclusive.
 pub fn evidence_from_rms(rms: f64, contrast: f64, noise: f64) -> Option<SharpeningEvidence> {
-    let (least, most) = OVERSHOT.residual_range;
+    let tested = OVERSHOT.residual_range;
     match rms / contrast {
-        share if share < least => Some(SharpeningEvidence::Excluded),
-        share if rms > OVERSHOT.over_noise * noise && share < most => None,
+        share if share < tested.start => Some(SharpeningEvidence::Excluded),
+        share if rms > OVERSHOT.over_noise * noise && share < tested.end => None,
         _ => Some(SharpeningEvidence::Undetermined),
     }
 }
@@ -169,7 +170,7 @@ pub fn assess_sharpening(
     match at_once {
         None => return SharpeningEvidence::Undetermined,
         Some(seen) if excludes_sharpening(&seen) => return SharpeningEvidence::Excluded,
-        Some(PriorValue { value, sigma }) if value < OVERSHOT.significance * sigma => {
+        Some(PriorValue { value, sigma }) if value < SIGNIFICANT_SIGMAS * sigma => {
             return SharpeningEvidence::Undetermined;
         }
         Some(_) => {}
@@ -177,13 +178,7 @@ pub fn assess_sharpening(
     let all = OVERSHOT
         .halos_px
         .map(|halo_px| fit_halo(pixels, plain, (scale, halo_px), unknowns, floor));
-    let shown = all.map(|one| {
-        if let Some(Ok(shown)) = one {
-            Some(shown)
-        } else {
-            None
-        }
-    });
+    let shown = all.map(|one| one.and_then(Result::ok));
     if let [Some(one), Some(two), Some(three)] = shown {
         return SharpeningEvidence::Explained([one, two, three]);
     }
@@ -199,7 +194,7 @@ pub fn assess_sharpening(
 
 /// Returns true if an amplitude with an effect is excluded.
 fn excludes_sharpening(seen: &PriorValue) -> bool {
-    seen.value + OVERSHOT.significance * seen.sigma < OVERSHOT.min_amplitude
+    seen.value + SIGNIFICANT_SIGMAS * seen.sigma < OVERSHOT.min_amplitude
 }
 
 /// Returns first parameters and unknowns with an unconstrained amplitude.
@@ -256,9 +251,10 @@ fn fit_halo(
     let m = &found.parameters;
     let sigma = found.covariance[(OVERSHOOT, OVERSHOOT)].max(0.0).sqrt();
     let gain = (1.0 - (found.rms / scale).powi(2)) * pixels.weight();
-    let explains = m[OVERSHOOT] > OVERSHOT.significance * sigma
+    let explains = m[OVERSHOOT] > SIGNIFICANT_SIGMAS * sigma
         && gain > OVERSHOT.min_gain
-        && grey_contrast(m) > OVERSHOT.min_contrast_ratio * grey_contrast(plain);
+        // Otherwise the overshoot would replace the edge itself.
+        && grey_contrast(m) > 0.5 * grey_contrast(plain);
     let amplitude = m[OVERSHOOT];
     Some(if explains {
         Ok(HaloFit {

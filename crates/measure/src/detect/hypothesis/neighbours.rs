@@ -4,7 +4,7 @@ use nalgebra::{Cholesky, Matrix3, Vector2, Vector3};
 
 use crate::detect::detection::Detection;
 use crate::detect::hypothesis::{options::NEIGHBOURS, prior::PriorValue};
-use crate::detect::numbers::TINY;
+use crate::detect::numbers::{MIN_TYPICAL, TINY};
 use crate::estimation::robust::median;
 use crate::ordering::sort_by_value;
 use crate::setup::Shape;
@@ -17,7 +17,7 @@ pub fn predict_major<'a>(
 ) -> Option<PriorValue> {
     let discs: Vec<&Detection> = whole.filter(|d| d.shape == Shape::Circle).collect();
     let within = |most: f64| discs.iter().copied().filter(move |d| d.variance() < most);
-    let certain = within(NEIGHBOURS.certain_px2).count() >= NEIGHBOURS.min_discs;
+    let certain = within(NEIGHBOURS.certain_px2).count() >= MIN_TYPICAL;
     let whole: Vec<&Detection> = within(if certain {
         NEIGHBOURS.certain_px2
     } else {
@@ -63,7 +63,7 @@ pub fn predict_major<'a>(
         .sum();
     // A plane has three unknowns.
     let scatter = (squares / (near.len() as f64 - 3.0)).sqrt();
-    let sound = near.len() >= NEIGHBOURS.min_discs
+    let sound = near.len() >= MIN_TYPICAL
         && scatter < NEIGHBOURS.max_scatter
         && plane.x > NEIGHBOURS.min_relative_prediction * median_size;
     let sigma = plane.x * scatter.max(NEIGHBOURS.min_scatter) * far.sqrt();

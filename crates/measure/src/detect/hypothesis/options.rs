@@ -5,8 +5,6 @@ numbers! {
     NEIGHBOURS: NeighboursOptions {
         /// Largest number of discs used: a plane has three unknowns, which leaves three redundant discs.
         max_discs: usize = 6,
-        /// Smallest number of discs.
-        min_discs: usize = 5,
         /// Smallest relative standard deviation of a predicted size: deviation of a bent skin from a plane. M18 of
         /// `fixtures/dev`; `tests/detect/fixtures.rs`.
         min_scatter: f64 = 0.007,

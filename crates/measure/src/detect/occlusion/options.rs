@@ -1,5 +1,7 @@
 //! Tuned numbers of occlusions, with meaning, unit, origin.
 
+use std::ops::Range;
+
 numbers! {
     /// Decals that may lie over a marker.
     DECAL: DecalOptions {
@@ -64,30 +66,20 @@ numbers! {
         max_signs: usize = 32,
         /// Minimum distance between two candidates that define a line, px.
         apart_px: f64 = 6.0,
-        /// Minimum scale of the residuals, grey levels.
-        min_scale: f64 = 0.1,
         /// Minimum variance of the skin next to a seam, in squares of the residual scale.
         min_variance: f64 = 0.25,
         /// Fraction of the peak darkness above which a piece is dark.
         dark_piece: f64 = 0.4,
         /// Fraction of the peak darkness below which the profile has ended.
         ended: f64 = 0.12,
-        /// Minimum half width of a seam, px: that of a pixel.
-        min_half_width_px: f64 = 1.0,
         /// Half width of the strip that contains the candidates of a seam, px.
         half_width_px: f64 = 1.2,
         /// Range of distances from a seam at which the skin next to it is sampled, px: beyond its blur and its profile.
-        beside_px: (f64, f64) = (4.5, 7.5),
+        beside_px: Range<f64> = 4.5..7.5,
         /// Width of a bin of the profile, px.
         bin_px: f64 = 0.5,
         /// Number of bins of the profile, which ends before the sampled skin begins.
         bins: usize = 9,
-        /// Maximum distance of a pixel on the line, px.
-        on_px: f32 = 1.0,
-        /// Deviation from the skin above which a pixel is foreign, residual scales.
-        foreign_scales: f32 = 4.0,
-        /// Margin that the blur of a seam darkens beyond its apparent end, px.
-        skirt_px: f64 = 1.0,
         /// Minimum darkness of a seam, in its standard deviations. The line is the best of about 500, and some candidates
         /// are aligned at random.
         significance: f64 = 8.0,
@@ -99,26 +91,12 @@ numbers! {
         pieces: usize = 4,
         /// Maximum fraction of the outline that a seam may hide: a larger part would be seen otherwise.
         max_hidden: f64 = 0.35,
-        /// Maximum number of seams at a disc: one at each tip.
+        /// Maximum number of seams at a disc: one at each tip. One line more is tried.
         max_seams: usize = 2,
-        /// Maximum number of lines that are tried: a bound on time.
-        max_tries: usize = 3,
     }
 
     /// Dark paint at the end of a disc. Derived unless noted otherwise; `tests/detect/robustness.rs` checks it.
     PAINT: PaintOptions {
-        /// Radius of curvature up to which an end is thin, blurs: blur then removes more of it than it leaves.
-        thin_blurs: f64 = 1.0,
-        /// Minimum darkness of paint relative to the skin, a fraction of the contrast. Chosen on two rendered sets: with 25
-        /// %, panel lines count too, which shift a disc by less (0.1 px) than excluding an end costs (0.2 px).
-        dark: f64 = 0.5,
-        /// Minimum darkness of paint, residual scales: 1 of 16,000 pixels exceeds it at random.
-        significance: f64 = 4.0,
-        /// Inner limit of the searched region around an end, blurs from the outline: the disc's own edge leaves 16 % there.
-        clear_blurs: f64 = 1.0,
-        /// Outer limit of that region, blurs from the outline: paint one blur farther than that darkens the outline by less
-        /// than 2 %.
-        reach_blurs: f64 = 3.0,
         /// Position at which an end begins, as a fraction of the semi-major axis: the disc is 0.6 times as thick there as
         /// in the middle.
         end: f64 = 0.8,

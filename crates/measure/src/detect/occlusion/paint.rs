@@ -5,9 +5,10 @@ use nalgebra::Vector2;
 
 use super::region::OcclusionBand;
 use crate::detect::appearance::parameters::{
-    BLUR, EDGE_SKIRT_BLURS, MarkerParameters, grey_contrast, light_at,
+    BLUR, EDGE_END_BLURS, EDGE_SKIRT_BLURS, MarkerParameters, grey_contrast, light_at,
 };
 use crate::detect::image::ellipse::Ellipse;
+use crate::detect::numbers::IMPROBABLE_SIGMAS;
 use crate::detect::occlusion::options::PAINT;
 use crate::raster::Raster;
 
@@ -20,15 +21,15 @@ pub fn find_painted_end(
     m: &MarkerParameters,
     scale: f64,
 ) -> Option<OcclusionBand> {
-    // The radius of curvature of an end is `minor^2 / major`.
-    if ellipse.minor * ellipse.minor > PAINT.thin_blurs * m[BLUR] * ellipse.major {
+    // Blur removes more of an end than it leaves if the radius of curvature, `minor^2 / major`, is below it.
+    if ellipse.minor * ellipse.minor > m[BLUR] * ellipse.major {
         return None;
     }
-    let limit = (PAINT.dark * grey_contrast(m)).max(PAINT.significance * scale);
-    let (clear, reach) = (
-        PAINT.clear_blurs * m[BLUR],
-        PAINT.reach_blurs * m[BLUR] + 1.0,
-    );
+    // With a quarter of the contrast, panel lines count too, which shift a disc by less (0.1 px) than excluding an end costs
+    // (0.2 px).
+    let limit = (0.5 * grey_contrast(m)).max(IMPROBABLE_SIGMAS * scale);
+    // One blur from the outline, 16 % of the disc's own edge are left.
+    let (clear, reach) = (m[BLUR], EDGE_END_BLURS * m[BLUR] + 1.0);
     let (inner, outer) = (ellipse.enlarged(1.0, clear), ellipse.enlarged(1.0, reach));
     let (axis, extent) = (ellipse.major_direction(), outer.half_extent());
     let inwards = |end: f64| {

@@ -11,6 +11,7 @@ use crate::detect::appearance::parameters::{
 };
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::image::scanline::{self, EllipseFrame};
+use crate::detect::numbers::IMPROBABLE_SIGMAS;
 use crate::detect::occlusion::options::SEAM;
 use crate::detect::simd::lanes::{LANES, Lanes, all_lanes, each};
 use crate::dispatch::wide;
@@ -35,7 +36,7 @@ pub fn find_seams(
     let mut signs = ring.dark_pixels();
     sort_by_value(&mut signs, |one| f64::from(-one.darker));
     let mut out = Vec::new();
-    for _ in 0..SEAM.max_tries {
+    for _ in 0..=SEAM.max_seams {
         if out.len() == SEAM.max_seams {
             break;
         }
@@ -81,7 +82,7 @@ impl<'a> SeamRing<'a> {
             ellipse,
             frame,
             m,
-            scale: scale.max(SEAM.min_scale),
+            scale,
             rows,
         }
     }
@@ -155,7 +156,7 @@ impl<'a> SeamRing<'a> {
         };
         let mut out = Vec::new();
         for (y, parts) in &self.rows {
-            let (from, to) = through.row_interval(*y as f64, SEAM.beside_px.1 + 1.0);
+            let (from, to) = through.row_interval(*y as f64, SEAM.beside_px.end + 1.0);
             let (from, to) = (from.max(0.0) as usize, to.max(0.0) as usize);
             for part in parts {
                 let near = part.start.max(from)..part.end.min(to.saturating_add(1));
@@ -320,18 +321,15 @@ fn half_width(spots: &[RingPixel], line: &SeamLine) -> Option<f64> {
             bin[0] += darker;
             bin[1] += 1.0;
         }
-        if (SEAM.beside_px.0..SEAM.beside_px.1).contains(&distance) {
-            let darker = darker.clamp(
-                -f64::from(SEAM.foreign_scales),
-                f64::from(SEAM.foreign_scales),
-            );
+        if SEAM.beside_px.contains(&distance) {
+            let darker = darker.clamp(-IMPROBABLE_SIGMAS, IMPROBABLE_SIGMAS);
             nearby = [
                 nearby[0] + darker,
                 nearby[1] + 1.0,
                 nearby[2] + darker * darker,
             ];
         }
-        if distance < f64::from(SEAM.on_px) {
+        if distance < 1.0 {
             let piece = (along.dot(&spot.at) / SEAM.piece_px).floor() as i32;
             match pieces.iter_mut().find(|(k, _)| *k == piece) {
                 Some((_, sum)) => *sum = [sum[0] + darker, sum[1] + 1.0],
@@ -348,5 +346,6 @@ fn half_width(spots: &[RingPixel], line: &SeamLine) -> Option<f64> {
     let certain = pieces.len() >= SEAM.pieces && dark as f64 >= SEAM.unbroken * pieces.len() as f64;
     let ended = |&[sum, count]: &[f64; 2]| count > 0.0 && sum / count - skin < SEAM.ended * peak;
     let half = (profile.iter().position(ended)? as f64 + 0.5) * SEAM.bin_px;
-    certain.then_some(half.max(SEAM.min_half_width_px) + SEAM.skirt_px)
+    // At least half a pixel to both sides, blurred; blur darkens another pixel beyond the apparent end.
+    certain.then_some(half.max(1.0) + 1.0)
 }

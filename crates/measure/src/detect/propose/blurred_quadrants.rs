@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use nalgebra::{Matrix2, Vector2};
 
 use super::quadrant_outline::{grey_values_inside, skin_grey};
-use crate::detect::estimate::options::OUTLINED;
+use crate::detect::estimate::options::{OUTLINED, PRIOR};
 use crate::detect::hypothesis::{Hypothesis, prior::MarkerPrior};
 use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
 use crate::detect::propose::{moments, options::BLURRED, quadrant_edges};
@@ -53,7 +53,7 @@ pub fn find_narrow_quadrants(
         let free = !taken
             && !blob.at_edge
             && blob.area > BLURRED.min_area_px
-            && seen.minor < BLURRED.max_minor_px
+            && seen.minor < PRIOR.narrow_px
             && wanted(&seen);
         let contrast = if free {
             white_black_contrast(image, blob, noise)

@@ -197,7 +197,7 @@ fn covering_decal(
         let mut lines = (3..=most as usize).map(|j| print[k].round() + sign * j as f64);
         let black = lines.find(|&at| shows(&white, along_rows, at));
         let hidden = black.map_or(default, |at| {
-            sign * (at - print[k]) + DECAL_CUT.edge_blurs * blur - DECAL_CUT.half_way_px
+            sign * (at - print[k]) + DECAL_CUT.edge_blurs * blur - 0.5
         });
         bounds[k] = print[k] + sign * hidden;
         white[k] = black.map_or(bounds[k], |at| at - sign);

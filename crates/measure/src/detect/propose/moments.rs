@@ -50,13 +50,12 @@ pub fn inertia_ellipse(indices: &[usize], all: &[Blob]) -> Option<Ellipse> {
 /// Returns a disc if the blob fills its ellipse of inertia.
 pub fn disc_from_blob(index: usize, blob: &Blob) -> Option<Hypothesis> {
     let ellipse = Ellipse::from_blob(blob);
-    let (thin, square) = (MOMENTS.disc_thin, MOMENTS.disc_square);
-    let most = if ellipse.minor < thin.0 {
-        thin.1
+    let most = if ellipse.minor < MOMENTS.thin_px {
+        MOMENTS.max_squareness_thin
     } else {
-        square.0 + square.1 / (ellipse.minor * ellipse.minor)
+        MOMENTS.max_squareness + MOMENTS.max_squareness_px2 / (ellipse.minor * ellipse.minor)
     };
-    (is_within(blob.fill(), MOMENTS.disc_fill) && squareness(blob) < most)
+    (MOMENTS.disc_fill.contains(&blob.fill()) && squareness(blob) < most)
         .then(|| Hypothesis::new(MarkerPattern::Disc, ellipse, vec![index]))
 }
 
@@ -72,7 +71,9 @@ pub fn quadrants_from_blobs(indices: &[usize], all: &[Blob]) -> Option<Hypothesi
     let shape = combine_blob_shapes(&blobs);
     let det = shape.covariance.determinant();
     if det <= MOMENTS.min_determinant_px4
-        || !is_within(shape.area / (4.0 * PI * det.sqrt()), MOMENTS.fill)
+        || !MOMENTS
+            .fill
+            .contains(&(shape.area / (4.0 * PI * det.sqrt())))
     {
         return None;
     }
@@ -80,7 +81,7 @@ pub fn quadrants_from_blobs(indices: &[usize], all: &[Blob]) -> Option<Hypothesi
     // Whitened, the diagonals (1, 1) and (1, -1) of the pattern are orthogonal and of known length.
     let diagonal = (whiten * (other - one)) * (0.5 * 3.0 * PI / 4.0);
     let length = (2.0 / MOMENT_ALONG).sqrt();
-    if !is_within(diagonal.norm() / length, MOMENTS.apart) {
+    if !MOMENTS.apart.contains(&(diagonal.norm() / length)) {
         return None;
     }
     let unit = diagonal.normalize();
@@ -90,7 +91,7 @@ pub fn quadrants_from_blobs(indices: &[usize], all: &[Blob]) -> Option<Hypothesi
     let (e1, e2) = ((p + q) * 0.5, (p - q) * 0.5);
     let affine = Matrix2::from_columns(&[e1, e2]);
     let expected = 0.5 * PI * affine.determinant().abs();
-    if !is_within(shape.area / expected, MOMENTS.area) {
+    if !MOMENTS.area.contains(&(shape.area / expected)) {
         return None;
     }
     let ellipse = Ellipse::from_moments(shape.centre, affine * affine.transpose(), 1.0);
@@ -228,10 +229,6 @@ fn split_wedges(blobs: &[&Blob], shape: &BlobShape) -> Option<(Matrix2<f64>, [Ve
     (n0 > least && n1 > least).then(|| (whiten, [s0 / n0, s1 / n1]))
 }
 
-fn is_within(value: f64, (least, most): (f64, f64)) -> bool {
-    (least..most).contains(&value)
-}
-
 /// Maximum ratio of the areas of the two black quadrants of one marker.
 const MAX_AREA_RATIO: f64 = 2.5;
 
@@ -247,7 +244,7 @@ pub fn find_pairs(blobs: &[Blob]) -> Vec<[usize; 2]> {
             (
                 b.area,
                 b.centroid,
-                MOMENTS.pair.0 * b.covariance.trace().sqrt() + MOMENTS.pair.1,
+                MOMENTS.pair.at(b.covariance.trace().sqrt()),
             )
         })
         .collect();

@@ -1,5 +1,9 @@
 //! Tuned numbers of proposals, with meaning, unit, origin.
 
+use std::ops::Range;
+
+use crate::detect::numbers::GrowingLength;
+
 numbers! {
     /// Quadrants of whose black blur leaves too little. Chosen on drawn and rendered quadrants and checked by
     /// `tests/detect/sweep.rs`, unless they are bounds on time.
@@ -15,8 +19,6 @@ numbers! {
         /// Minimum distance along a marker up to which its white is searched for, px: the black may be visible only in the
         /// middle.
         half_px: f64 = 60.0,
-        /// Maximum semi-minor axis of a blob that may be the rest of blurred quadrants, px.
-        max_minor_px: f64 = 10.0,
         /// Minimum area of such a blob, px.
         min_area_px: f64 = 30.0,
         /// Distance from the blob up to which white is searched for, px.
@@ -83,26 +85,29 @@ numbers! {
         /// of 36 and more; a contrast of 8, the minimum of a marker, leaves 25 % with a blur of half their thickness.
         white_over_black: f64 = 2.0,
         /// Range of a disc's pixels relative to those of its ellipse of inertia.
-        disc_fill: (f64, f64) = (0.72, 1.2),
-        /// Maximum squareness of a disc: up to a semi-minor axis in px, a constant. `disc_square` holds that of thicker
-        /// discs: a constant, and a term over the square of that axis, px^2, because the outline has steps if few pixels
-        /// lie across. An ellipse has 0, a parallelogram 0.6.
-        disc_thin: (f64, f64) = (1.8, 1.3),
-        disc_square: (f64, f64) = (0.36, 0.6),
+        disc_fill: Range<f64> = 0.72..1.2,
+        /// Maximum squareness of a disc: a constant, and a part over the square of its semi-minor axis, px^2, because the
+        /// outline has steps if few pixels lie across. An ellipse has 0, a parallelogram 0.6.
+        max_squareness: f64 = 0.36,
+        max_squareness_px2: f64 = 0.6,
+        /// Semi-minor axis below which a disc may have any outline of pixels, px, and the maximum squareness there.
+        thin_px: f64 = 1.8,
+        max_squareness_thin: f64 = 1.3,
         /// Range of the pixels of two opposite quadrants relative to their ellipse of inertia, which they fill to 0.64.
-        fill: (f64, f64) = (0.5, 0.85),
+        fill: Range<f64> = 0.5..0.85,
         /// Minimum determinant of the second moments of quadrants, px^4.
         min_determinant_px4: f64 = 1e-6,
         /// Range of the distance of the quadrants' centroids relative to the one expected from the second moments.
-        apart: (f64, f64) = (0.85, 1.15),
+        apart: Range<f64> = 0.85..1.15,
         /// Range of the quadrants' area relative to the one expected from centroids and second moments.
-        area: (f64, f64) = (0.75, 1.3),
+        area: Range<f64> = 0.75..1.3,
         /// Maximum kurtosis along quadrants: 2 for a disc, 1.38 for quadrants.
         kurtosis: f64 = 1.62,
         /// Minimum fraction of the area in either quadrant.
         half: f64 = 0.35,
-        /// Maximum distance of the quadrants' centroids: roots of the sums of variances, and px.
-        pair: (f64, f64) = (3.0, 3.0),
+        /// Part of the maximum distance of the quadrants' centroids that either adds, by the root of the sum of its
+        /// variances.
+        pair: GrowingLength = GrowingLength { factor: 3.0, px: 3.0 },
     }
 
     /// Discs that are partly covered by a decal. Chosen on drawn and rendered decals; `tests/detect/decals.rs` checks them.
@@ -125,8 +130,6 @@ numbers! {
         off_px: f64 = 0.7,
         /// Distance to which the edge of a decal is blurred into its surroundings, blurs: 1 % of the contrast.
         edge_blurs: f64 = 2.4,
-        /// Distance of the middle of an edge from the adjacent pixels, px.
-        half_way_px: f64 = 0.5,
         /// Default extent of a decal to the sides of its print, px: in the image it is wider than long.
         side_px: f64 = 35.0,
         /// Distance of the first centre from the middle of the visible rim, radii: towards the neighbour.
@@ -180,8 +183,10 @@ numbers! {
         white_px: f64 = 2.0,
         /// Minimum area of a white part, a fraction of the product of the semi-axes.
         white: f64 = 0.05,
-        /// Minimum distance of both ends of the white from the centre, in semi-major axes, and maximum ratio of the two.
-        white_ends: (f64, f64) = (0.7, 1.25),
+        /// Minimum distance of both ends of the white from the centre, in semi-major axes.
+        min_white_end: f64 = 0.7,
+        /// Maximum ratio of these two distances.
+        max_white_ratio: f64 = 1.25,
         /// Semi-minor axis above which blur removes too little of quadrants to affect the outline, px.
         thick_px: f64 = 20.0,
         /// Semi-minor axis below which quadrants are fitted with their outline, blurs: blur removes too much of their
@@ -194,7 +199,5 @@ numbers! {
         large_px: f64 = 24.0,
         /// Semi-minor axis in the reduced image, px.
         small_px: f64 = 12.0,
-        /// Ratio of the reduced image to the outline.
-        small_about: f64 = 1.2,
     }
 }

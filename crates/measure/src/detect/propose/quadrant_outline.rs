@@ -136,9 +136,8 @@ fn white_half_length(image: &Raster, ellipse: &Ellipse, m: &MarkerParameters) ->
             }
         }
     }
-    let (far, unlike) = OUTLINE.white_ends;
     let (before, behind) = (-least, most);
-    let even = before.min(behind) > far * ellipse.major
-        && before.max(behind) < unlike * before.min(behind);
+    let even = before.min(behind) > OUTLINE.min_white_end * ellipse.major
+        && before.max(behind) < OUTLINE.max_white_ratio * before.min(behind);
     even.then_some(0.5 * (before + behind))
 }

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector2;
 
+use crate::detect::estimate::options::OUTLINED;
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::propose::options::OUTLINE;
@@ -28,7 +29,7 @@ impl ReducedImage {
         }
         let step = (ellipse.minor / OUTLINE.small_px) as usize;
         let factor = step as f64;
-        let reach = ellipse.half_extent() * OUTLINE.small_about;
+        let reach = ellipse.half_extent() * OUTLINED.larger;
         let corner = (ellipse.centre - reach).map(|v| v.max(0.0).floor());
         let most = Vector2::new(image.width() as f64, image.height() as f64);
         let size =

@@ -2,16 +2,16 @@
 
 use nalgebra::Vector2;
 
-use crate::detect::accept::options::PREFERENCE;
 use crate::detect::accept::{
     found::FoundMarkers, preference::is_preferred, verdict::MeasuredMarker,
 };
-use crate::detect::appearance::parameters::MarkerPattern;
+use crate::detect::appearance::parameters::{EDGE_END_BLURS, MarkerPattern};
 use crate::detect::attempt::{strategies::Measurer, whole::looks_cut};
 use crate::detect::detection::{RejectReason, covariance::CovarianceSource};
 use crate::detect::estimate::{options::PRIOR, prior::darkness_for_grey_ratio};
 use crate::detect::hypothesis::prior::{EdgePrior, PriorValue, SizePrior};
 use crate::detect::hypothesis::{Hypothesis, neighbours};
+use crate::detect::numbers::{IMPROBABLE_SIGMAS, MIN_TYPICAL};
 use crate::detect::occlusion::region::OcclusionBand;
 use crate::detect::propose::{gather::BlobCollector, moments};
 use crate::detect::revise::options::NEIGHBOUR;
@@ -51,7 +51,7 @@ pub fn revise_with_size(
                 .for_each(|shown| found.replace_or_add(index, shown));
             continue;
         };
-        let fits = |m: &MeasuredMarker| has_predicted_length(m, size, PREFERENCE.same_sigmas);
+        let fits = |m: &MeasuredMarker| has_predicted_length(m, size, IMPROBABLE_SIGMAS);
         // Whole discs may lie next to saturated areas.
         if old.is_some_and(|old| old.is_whole && old.is_sure() && fits(old)) {
             continue;
@@ -112,7 +112,7 @@ pub fn revise_with_edge_prior(
             continue;
         }
         hypothesis.prior.edge = edge_prior(found, ellipse.centre)
-            .filter(|edge| ellipse.minor < NEIGHBOUR.thin_blurs * edge.blur.value);
+            .filter(|edge| ellipse.minor < EDGE_END_BLURS * edge.blur.value);
         if hypothesis.prior.edge.is_none() {
             continue;
         }
@@ -173,15 +173,15 @@ pub fn predict_major_from_others(
     neighbours::predict_major(others.map(|(_, m)| &m.detection), at)
 }
 
-/// Increases the covariance of thin discs whose length differs from the prediction of their neighbours: something at one
+/// Increases the covariance of thin discs whose length differs from the prediction of their neighbours by more than two
+/// standard deviations: something at one
 /// end was taken for a part of the disc, so the centre may be displaced along the axis by as much. Rejects discs that
 /// differ by a large fraction of their length.
 pub fn inflate_length_outliers(found: &mut FoundMarkers) {
     let inflations: Vec<f64> = (found.measured.iter().enumerate())
         .map(|(i, own)| {
             let d = &own.detection;
-            let thin =
-                d.shape == Shape::Circle && d.semi_minor_px < NEIGHBOUR.thin_blurs * own.blur;
+            let thin = d.shape == Shape::Circle && d.semi_minor_px < EDGE_END_BLURS * own.blur;
             let size = if thin {
                 predict_major_from_others(found, Some(i), d.centre_px)
             } else {
@@ -190,7 +190,7 @@ pub fn inflate_length_outliers(found: &mut FoundMarkers) {
             let Some(major) = size else { return 0.0 };
             let longer = (d.semi_major_px - major.value).powi(2);
             let chance = own.major_sigma_px.powi(2) + major.sigma * major.sigma;
-            if longer > NEIGHBOUR.inflation_sigmas * NEIGHBOUR.inflation_sigmas * chance {
+            if longer > 2.0 * 2.0 * chance {
                 longer - chance
             } else {
                 0.0
@@ -216,12 +216,12 @@ pub fn inflate_length_outliers(found: &mut FoundMarkers) {
 /// Returns the prior of an edge from the markers nearest to a position, if there are enough.
 fn edge_prior(found: &FoundMarkers, at: Vector2<f64>) -> Option<EdgePrior> {
     let mut near: Vec<&MeasuredMarker> = found.measured.iter().collect();
-    if near.len() < NEIGHBOUR.min_markers {
+    if near.len() < MIN_TYPICAL {
         return None;
     }
     let distance = |m: &MeasuredMarker| (m.detection.centre_px - at).norm_squared();
     sort_by_value(&mut near, |one| distance(one));
-    near.truncate(NEIGHBOUR.min_markers);
+    near.truncate(MIN_TYPICAL);
     let blur = median(near.iter().map(|m| m.blur).collect())?;
     let darkness = median(near.iter().map(|m| m.darkness).collect())?;
     let dark = darkness_for_grey_ratio((1.0 - darkness).max(0.0));

@@ -7,14 +7,6 @@ numbers! {
         min_visible: f64 = 0.4,
         /// Limit for a disc so thin that it determines little more than that size, standard deviations.
         max_thin_size_sigmas: f64 = 2.5,
-        /// Limit above which the standard deviation is increased, standard deviations: a streak that lengthened a disc by
-        /// 2.5 px shifted it by 2.3 px, with a standard deviation of 0.4 px.
-        inflation_sigmas: f64 = 2.0,
-        /// Smallest number of markers from which blur and darkness are predicted.
-        min_markers: usize = 5,
-        /// Semi-minor axis below which a marker's blur and darkness are not separable, blurs. Chosen;
-        /// `tests/detect/robustness.rs`.
-        thin_blurs: f64 = 3.0,
         /// Largest error of a thin disc's length to remain accepted, as a fraction of its length.
         max_length_error: f64 = 0.25,
     }
@@ -37,8 +29,6 @@ numbers! {
         thin_ratio_whole: f64 = 0.7,
         /// Relative axis ratio of a partly hidden disc below which the hidden edge may lie elsewhere.
         thin_ratio_part: f64 = 0.95,
-        /// Largest ratio of the lengths of two markers: dirt is shorter.
-        max_length_ratio: f64 = 2.0,
     }
 
     /// Markers whose outline the orientation predicts. Chosen on some 110 rendered sets; `tests/detect/second_pass.rs`.
@@ -51,8 +41,6 @@ numbers! {
         reliable_px2: f64 = 0.08,
         /// Smallest number of such discs.
         min_discs: usize = 3,
-        /// Number of discs with similar direction from which the effect of the skin's slope is estimated.
-        similar_discs: usize = 5,
         /// Smallest relative error of predicted major axes: diameter over distance; prints differ by as much.
         major_sigma: f64 = 0.0015,
         /// Smallest relative error of predicted minor axes, which depend on the skin's slope: 2 % in rendered frames, plus
@@ -66,10 +54,6 @@ numbers! {
         max_distance_px: f64 = 4.0,
         /// Factor on the median distance of the reliable discs.
         distance_factor: f64 = 3.0,
-        /// Largest ratio to the previous variances for a disc that is assumed to be hidden and can be seen whole.
-        max_variance_ratio: f64 = 0.5,
-        /// Standard deviations by which a size differs significantly from the prediction.
-        max_size_sigmas: f64 = 3.0,
         /// Inner fraction of quadrants that is certainly theirs if the skin slopes slightly differently.
         inner_fraction: f64 = 0.75,
         /// Error of quadrants' outline, px: near the camera the centre of a target's outline is not its own.

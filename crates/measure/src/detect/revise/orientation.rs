@@ -10,7 +10,7 @@ use crate::detect::accept::{correlated, dirt, lost_contrast, misfit};
 use crate::detect::accept::{
     options::CONSISTENCY, preference::is_preferred, verdict::MeasuredMarker,
 };
-use crate::detect::appearance::parameters::MarkerPattern;
+use crate::detect::appearance::parameters::{EDGE_END_BLURS, MarkerPattern};
 use crate::detect::attempt::{measure::Bounds, strategies::Measurer};
 use crate::detect::detection::covariance::CovarianceSource;
 use crate::detect::detection::{Detection, Detections, MarkerPrediction, compare_positions};
@@ -18,9 +18,10 @@ use crate::detect::estimate::options::PRIOR;
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::hypothesis::prior::{EdgePrior, MarkerPrior, PriorValue, SizePrior, SlopePrior};
 use crate::detect::image::ellipse::{Ellipse, wrap_half_turn};
+use crate::detect::numbers::{MIN_TYPICAL, SIGNIFICANT_SIGMAS};
 use crate::detect::occlusion::{decal::ROW_DIRECTION, glare, options::GLARE};
 use crate::detect::propose::{decal_cut, quadrant_edges};
-use crate::detect::revise::options::{NEIGHBOUR, ORIENTATION};
+use crate::detect::revise::options::ORIENTATION;
 use crate::estimation::robust::{SIGMA_OVER_MEDIAN, median};
 use crate::ordering::sort_by_value;
 use crate::raster::Raster;
@@ -67,7 +68,7 @@ impl ReliableDiscs {
         let difference =
             |p: &MarkerPrediction| wrap_half_turn(p.angle_rad - expected.angle_rad).abs();
         sort_by_value(&mut similar, |(one, _)| difference(one));
-        let few = similar.len().min(ORIENTATION.similar_discs);
+        let few = similar.len().min(MIN_TYPICAL);
         let typical =
             |count: usize, value: &dyn Fn(&MarkerPrediction, &Detection) -> f64, least: f64| {
                 let all: Vec<f64> = similar[..count].iter().map(|(p, d)| value(p, d)).collect();
@@ -186,8 +187,7 @@ impl SizeDeviations {
             let chance =
                 axis.dot(&(*disc.covariance_px2 * axis)) + (ratio.sigma * predicted).powi(2);
             let off = (size - ratio.value * predicted).powi(2);
-            let is_unlike =
-                off > ORIENTATION.max_size_sigmas * ORIENTATION.max_size_sigmas * chance;
+            let is_unlike = off > SIGNIFICANT_SIGMAS * SIGNIFICANT_SIGMAS * chance;
             axis * axis.transpose() * if is_unlike { off - chance } else { 0.0 }
         };
         let variance = variance(
@@ -349,10 +349,8 @@ impl SecondPass<'_> {
                 let near =
                     (centre - prediction.centre_px).norm() < self.max_distance_px.max(search_px);
                 let new = &measured.detection;
-                // A marker assumed to be hidden may be seen whole.
-                let is_sure = |old: &Detection| {
-                    whole || new.variance() < ORIENTATION.max_variance_ratio * old.variance()
-                };
+                // A marker assumed to be hidden may be seen whole: the new measurement must have half the variance.
+                let is_sure = |old: &Detection| whole || new.variance() < 0.5 * old.variance();
                 let beats = |old: &Detection| {
                     new.shape == old.shape && is_preferred(new, old) && is_sure(old)
                 };
@@ -397,9 +395,7 @@ impl SecondPass<'_> {
             },
             psf,
         ) = (target, self.psf);
-        if prediction.shape == Shape::Circle
-            && hypothesis.ellipse.minor < NEIGHBOUR.thin_blurs * psf
-        {
+        if prediction.shape == Shape::Circle && hypothesis.ellipse.minor < EDGE_END_BLURS * psf {
             hypothesis.prior.edge = Some(EdgePrior {
                 blur: PriorValue::with_relative_sigma(psf, PRIOR.edge_scatter),
                 dark: PriorValue::UNKNOWN,

@@ -3,7 +3,7 @@
 use nalgebra::Matrix2;
 
 use super::neighbours::{has_predicted_length, predict_major_from_others};
-use crate::detect::accept::options::{PREFERENCE, VERDICT};
+use crate::detect::accept::options::VERDICT;
 use crate::detect::accept::{
     found::FoundMarkers, preference::fits_better, verdict::MeasuredMarker,
 };
@@ -11,6 +11,7 @@ use crate::detect::attempt::strategies::Measurer;
 use crate::detect::detection::{RejectReason, covariance::CovarianceSource};
 use crate::detect::hypothesis::{Hypothesis, prior::PriorValue};
 use crate::detect::image::ellipse::Ellipse;
+use crate::detect::numbers::IMPROBABLE_SIGMAS;
 use crate::detect::occlusion::decal::{self, ROW_DIRECTION};
 use crate::detect::propose::decal_cut;
 use crate::detect::revise::options::UNDER_DECAL;
@@ -45,7 +46,7 @@ impl PartialDisc<'_> {
     /// Returns whether a new measurement is one of the disc. It uses size and shape and therefore replaces a measurement of
     /// a part.
     fn matches_disc(&self, new: &MeasuredMarker) -> bool {
-        has_predicted_length(new, self.size, PREFERENCE.same_sigmas)
+        has_predicted_length(new, self.size, IMPROBABLE_SIGMAS)
             && is_within_factor(
                 new.detection.contrast,
                 self.neighbour.detection.contrast,
@@ -115,11 +116,8 @@ fn inflation_if_thin(
         UNDER_DECAL.thin_ratio_part
     };
     let is_far_thinner = axis_ratio(thin) < least * axis_ratio(neighbour)
-        && is_within_factor(
-            ellipse.major,
-            other_ellipse.major,
-            UNDER_DECAL.max_length_ratio,
-        );
+        // Dirt is shorter than half of it.
+        && is_within_factor(ellipse.major, other_ellipse.major, 2.0);
     let off = ellipse.minor_direction() * (axis_ratio(neighbour) * ellipse.major - ellipse.minor);
     is_far_thinner.then(|| (ellipse, off * off.transpose()))
 }
@@ -192,7 +190,7 @@ pub fn revise_under_decals(
             index,
             neighbour,
             size,
-            old: slot.filter(|m| has_predicted_length(m, size, PREFERENCE.same_sigmas)),
+            old: slot.filter(|m| has_predicted_length(m, size, IMPROBABLE_SIGMAS)),
         });
         if part.as_ref().is_some_and(PartialDisc::is_seen_whole) {
             continue;

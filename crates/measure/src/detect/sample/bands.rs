@@ -1,22 +1,32 @@
 //! Bands around an edge in which pixels are used.
 
+use std::ops::Range;
+
+use crate::detect::numbers::GrowingLength;
+
 /// Width over which a weight decreases to zero, px.
 pub const FADE_PX: f64 = 1.0;
-/// Thickness in blurs below which a disc is thin.
-const THIN_BLURS: f64 = 4.0;
+/// Semi-minor axis, blurs, below which a disc is thin: in a sharpened image the overshoots of both its edges meet.
+pub const THIN_BLURS: f64 = 4.0;
 /// Range of blurs, px, to which the width of bands is limited: from a sharp image to slightly more than the largest
 /// measured blur.
-const BLUR_RANGE: (f64, f64) = (0.5, 3.5);
-/// Half width of the band that contains the position information of a blurred edge, blurs and px. Within 1.9 blurs lies 99
-/// % of that information.
-const EDGE_BAND: (f32, f32) = (1.4, 0.4);
-/// Half width of the band that contains the flat background from which the grey levels are estimated, blurs and px. Chosen;
+const BLUR_RANGE: Range<f64> = 0.5..3.5;
+/// Half width of the band that contains the position information of a blurred edge, by blur. Within 1.9 blurs lies 99 % of
+/// that information.
+const EDGE_BAND: GrowingLength<f32> = GrowingLength {
+    factor: 1.4,
+    px: 0.4,
+};
+/// Half width of the band that contains the flat background from which the grey levels are estimated, by blur. Chosen;
 /// `tests/detect/fixtures.rs`.
-const FLAT_BAND: (f32, f32) = (3.5, 2.0);
+const FLAT_BAND: GrowingLength<f32> = GrowingLength {
+    factor: 3.5,
+    px: 2.0,
+};
 
 /// Limits a blur, px, to the range for which bands are defined.
 pub fn clamp_blur(blur: f64) -> f64 {
-    blur.clamp(BLUR_RANGE.0, BLUR_RANGE.1)
+    blur.clamp(BLUR_RANGE.start, BLUR_RANGE.end)
 }
 
 /// Half widths of the bands around an edge, px: its blurred part, and with the flat background next to it.
@@ -31,8 +41,8 @@ impl EdgeBands {
     pub fn from_blur(blur: f64) -> Self {
         let blur = clamp_blur(blur) as f32;
         Self {
-            edge: EDGE_BAND.0 * blur + EDGE_BAND.1,
-            flat: FLAT_BAND.0 * blur + FLAT_BAND.1,
+            edge: EDGE_BAND.at(blur),
+            flat: FLAT_BAND.at(blur),
         }
     }
 

@@ -4,6 +4,8 @@
 //! that is used changes smoothly with the size of the marker. The selection, and with it the result, therefore hardly
 //! depends on the way in which the geometry was obtained.
 
+use std::ops::Range;
+
 use nalgebra::Vector2;
 
 use super::bands::{EdgeBands, FADE_PX, clamp_blur};
@@ -58,18 +60,18 @@ const SHARP_BAND_PX: f64 = 1.5;
 /// Range of the distance from the rim of quadrants within which pixels are excluded, blurs. At 1.5 blurs 7 % of skin is
 /// mixed in, equally on opposite sides, so that the crossing does not shift. Thick quadrants have enough edge farther
 /// inside.
-const END_MARGIN: (f64, f64) = (1.5, 2.5);
+const END_MARGIN: Range<f64> = 1.5..2.5;
 /// Range of semi-minor axes, in blurs, over which the distance from the rim increases by one blur.
-const END_THICK: (f64, f64) = (10.0, 25.0);
-/// Maximum distance from the rim as a fraction of the semi-minor axis, and its minimum, px.
-const END_PART: (f64, f64) = (0.45, 1.0);
+const END_THICK: Range<f64> = 10.0..25.0;
+/// Maximum distance from the rim as a fraction of the semi-minor axis; the minimum is a pixel.
+const END_PART: f64 = 0.45;
 
 /// Returns the distance from the rim within which pixels are excluded, px, for quadrants of a given semi-minor axis and
 /// blur, px.
 fn end_margin(minor: f64, blur: f64) -> f64 {
-    let by = (minor / blur - END_THICK.0) / (END_THICK.1 - END_THICK.0);
-    let margin = (END_MARGIN.0 + by).clamp(END_MARGIN.0, END_MARGIN.1) * blur;
-    margin.min(END_PART.0 * minor).max(END_PART.1)
+    let by = (minor / blur - END_THICK.start) / (END_THICK.end - END_THICK.start);
+    let margin = (END_MARGIN.start + by).clamp(END_MARGIN.start, END_MARGIN.end) * blur;
+    margin.min(END_PART * minor).max(1.0)
 }
 
 /// Number of pixels in the period of a sampling pattern: fractions of pixels are resolved to 1/16 of a pixel.
@@ -155,7 +157,7 @@ fn column_bits(columns: &ColumnRange, first: usize) -> u64 {
     from(columns.start) & !from(columns.end)
 }
 
-type ColumnRange = std::ops::Range<usize>;
+type ColumnRange = Range<usize>;
 
 /// Pixels of a frame that may be used, with those of them that are excluded.
 struct PixelSource<'a> {

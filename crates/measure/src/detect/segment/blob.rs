@@ -46,7 +46,7 @@ pub fn region_blobs(
     region: &DarkRegion,
 ) -> (Vec<Blob>, bool) {
     let least = f64::from(region.least) / 256.0;
-    let level = ((least + BLOB.default_share * (1.0 - least)) * 256.0) as u32;
+    let level = ((least + 0.5 * (1.0 - least)) * 256.0) as u32;
     blobs_below(
         image,
         coarse,

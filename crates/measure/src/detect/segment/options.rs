@@ -28,8 +28,6 @@ numbers! {
     BLOB: BlobOptions {
         /// Minimum number of pixels of a blob: fewer are noise.
         min_pixels: u32 = 6,
-        /// Threshold, as a fraction of the difference between black and background.
-        default_share: f64 = 0.5,
         /// Ratio of the longer side of a large frame to the longest marker.
         long_side_divisor: usize = 4,
         /// Maximum length of a marker in any frame, px.

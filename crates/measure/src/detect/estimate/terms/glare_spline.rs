@@ -22,7 +22,8 @@ pub struct GlareSpline {
 impl GlareSpline {
     /// Creates a spline without glare for a disc of this outline.
     fn new(ellipse: &Ellipse) -> Self {
-        let reach = TERM.reach.0 * ellipse.major + TERM.reach.1 * ellipse.minor + TERM.reach.2;
+        let slant = f64::from(TERM.slants) * TERM.slant_step;
+        let reach = TERM.reach.at(ellipse.major) + slant * ellipse.minor;
         let count = (2.0 * reach / TERM.knot_px).ceil() as usize + 3;
         Self {
             first: -reach,

@@ -61,7 +61,7 @@ fn clean_pixels(pixels: &Pixels, seen: &ResidualAnalysis, blur: f64) -> Vec<[usi
                 .map(|i| [batch.x[i], batch.y[i]]),
         );
     }
-    let reach2 = (TERM.foreign.0 * blur + TERM.foreign.1).powi(2) as f32;
+    let reach2 = TERM.foreign.at(blur).powi(2) as f32;
     let near = |x: f32, y: f32| {
         let near = foreign
             .iter()
@@ -131,10 +131,10 @@ pub fn fit_light_field(
         }
         let worst = field.apply_step(&change, &list);
         let new = floor.max(robust_sigma(&mut step.sizes));
-        if worst < ITERATION.field_px.0 && new > ITERATION.scale_ratio_converged * scale {
+        if worst < ITERATION.field_tolerance_px && new > ITERATION.scale_ratio_converged * scale {
             break;
         }
-        scale = new.max(ITERATION.min_final_scale_ratio * scale);
+        scale = new.max(0.5 * scale);
     }
     let m = &field.m;
     let step = field.linearise(&cells, unknowns, &list, scale);
@@ -199,7 +199,7 @@ impl LightField {
     fn apply_step(&mut self, change: &DVector<f64>, list: &[usize]) -> f64 {
         let place = |k: usize| list.iter().position(|&l| l == k).map_or(0.0, |i| change[i]);
         let worst = place(X).hypot(place(Y));
-        let factor = (ITERATION.field_px.1 / worst.max(TINY)).min(1.0);
+        let factor = (ITERATION.max_field_step_px / worst.max(TINY)).min(1.0);
         for (i, &k) in list.iter().enumerate() {
             self.m[k] += factor * change[i];
         }

@@ -51,7 +51,7 @@ impl KnotPriors {
             let most = about.iter().fold(0.0, |a: f64, &b| a.max(b));
             PriorValue {
                 value: knots[k],
-                sigma: TERM.glare_floor + TERM.glare_share * most,
+                sigma: TERM.glare_floor + most,
             }
         };
         Self((0..knots.len()).map(known).collect())
@@ -140,7 +140,7 @@ pub fn fit_with_glare(
         let new = floor.max(robust_sigma(&mut step.sizes));
         let still = ITERATION.glare_tolerance * centre.white.trace().max(0.0).sqrt();
         if moved > still || new < ITERATION.scale_ratio_converged * scale {
-            scale = new.max(ITERATION.min_final_scale_ratio * scale);
+            scale = new.max(0.5 * scale);
             continue;
         }
         let mut blocks = ResidualBlocks::new(pixels, &state.m);
