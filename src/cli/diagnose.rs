@@ -12,8 +12,9 @@ use wingd_evaluation::inputs::default_paths::{load_installation, resolve_install
 use wingd_evaluation::inputs::manual_points::ManualPoints;
 use wingd_evaluation::installation::Installation;
 use wingd_evaluation::pipeline;
-use wingd_evaluation::pipeline::{ProcessedFrame, orienting, stages};
+use wingd_evaluation::pipeline::{ProcessedFrame, SolveJob, orienting, stages};
 use wingd_evaluation::record::Reason;
+use wingd_measure::estimation::GlobalTest;
 use wingd_measure::identify;
 use wingd_measure::identify::IdentifyError;
 use wingd_measure::identify::OTHER_AIRCRAFT;
@@ -96,7 +97,7 @@ fn diagnose_ground(
                 }),
             };
             let found = identify::diagnose_ground(setup, &orienting::detected_markers(&frames));
-            found.map_or(DiagnosedImage::Sentence(reason), DiagnosedImage::Ranked)
+            found.map_or(DiagnosedImage::Sentence(reason), DiagnosedImage::ranked)
         }
     };
     let images: Vec<&str> = frames
@@ -122,7 +123,20 @@ fn diagnose_flights(
             Err(reason) => ProcessedFrame::failed(name, reason),
         };
         processed.add_manual(marks.for_image(name));
-        let found = pipeline::diagnose_frame(&processed, setup, orientation);
+        let mut found = pipeline::diagnose_frame(&processed, setup, orientation);
+        if let Some(found) = found
+            .as_mut()
+            .ok()
+            .filter(|found| found.causes().is_empty())
+        {
+            let job = SolveJob::default();
+            let solved =
+                pipeline::solve_processed_frame(&processed, installation, orientation, &job);
+            found.global_test = solved.global_test;
+            if let Some(cause) = solved.cause.or(solved.reason).or(solved.counted) {
+                return (processed.image, DiagnosedImage::Sentence(cause));
+            }
+        }
         let reason = processed
             .failure
             .map_or("the image cannot be diagnosed".to_owned(), |reason| {
@@ -131,7 +145,7 @@ fn diagnose_flights(
         let sentence = |cause: Option<String>| DiagnosedImage::Sentence(cause.unwrap_or(reason));
         (
             processed.image,
-            found.map_or_else(sentence, DiagnosedImage::Ranked),
+            found.map_or_else(sentence, DiagnosedImage::ranked),
         )
     };
     let mut outcomes = vec![];
@@ -146,6 +160,17 @@ fn diagnose_flights(
 }
 
 impl DiagnosedImage {
+    /// Returns the diagnosis, or that it does not explain images which do not fit.
+    fn ranked(found: Diagnosis) -> Self {
+        if !found.causes().is_empty() || found.global_test != Some(GlobalTest::Rejected) {
+            return Self::Ranked(found);
+        }
+        let factor = found.variance_factor;
+        Self::Sentence(format!(
+            "no single error explains the images, variance factor {factor:.2}"
+        ))
+    }
+
     fn is_sound(&self) -> bool {
         matches!(self, Self::Ranked(found) if found.causes().is_empty())
     }
