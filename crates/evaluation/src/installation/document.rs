@@ -158,16 +158,12 @@ fn uncertainty_of(setup: &Setup, document: &InstallationDocument) -> SetupUncert
 
 /// Combines several vibration modes into one: the squares of their velocities are added.
 fn combine_modes(modes: &[VibrationTable]) -> Vibration {
-    let amplitude = modes
-        .iter()
-        .map(|m| m.amplitude_m.powi(2))
-        .sum::<f64>()
-        .sqrt();
-    let velocity = modes
-        .iter()
-        .map(|m| (m.amplitude_m * m.frequency_hz).powi(2))
-        .sum::<f64>()
-        .sqrt();
+    let norm = |of: fn(&VibrationTable) -> f64| {
+        let squares = modes.iter().map(|m| of(m).powi(2));
+        squares.sum::<f64>().sqrt()
+    };
+    let amplitude = norm(|m| m.amplitude_m);
+    let velocity = norm(|m| m.amplitude_m * m.frequency_hz);
     let frequency_hz = if amplitude > 0.0 {
         velocity / amplitude
     } else {
