@@ -51,9 +51,11 @@ const REFERENCE: TaperedBeam = TaperedBeam {
     power: 3.0,
 };
 
-/// Ranges of the beams in the fleet, low and high.
+/// Range of [`TaperedBeam::taper`] in the fleet.
 const TAPER_RANGE: [f64; 2] = [0.2, 0.45];
+/// Range of [`TaperedBeam::root_extension`].
 const ROOT_EXTENSION_RANGE: [f64; 2] = [0.0, 0.35];
+/// Range of [`TaperedBeam::power`].
 const POWER_RANGE: [f64; 2] = [2.5, 4.0];
 /// Range of the fraction of triangular load in an otherwise elliptic lift distribution.
 const TRIANGULAR_RANGE: [f64; 2] = [0.0, 1.0];
@@ -272,8 +274,7 @@ struct FleetCovariances {
 }
 
 impl FleetCovariances {
-    /// Fits beams over the whole range of the fleet with the basis. The coefficients are linear in the load, so each beam is
-    /// fitted under each kind of load once.
+    /// Fits the fleet's beams with the basis, once per kind of load: the coefficients are linear in it.
     fn new() -> Self {
         let fit = RatioFit::new();
         let ratios_of =
