@@ -2,8 +2,6 @@
 
 mod frame;
 
-use nalgebra::DMatrix;
-
 use self::frame::{FrameProblem, FrameStart, SingleFrame};
 use super::beam::MAX_CURVATURE_TERMS;
 use super::budget::{BlockMembers, with_variance_sources};
@@ -24,7 +22,7 @@ use super::stated_widths::{
 use super::{
     AdjustError, AdjustResult, GlobalTest, Observation, Options, Solution, VarianceComponent,
 };
-use crate::estimation::{Fit, SolveOptions, VarianceGroup, quality, variance_components};
+use crate::estimation::{Fit, Minimum, SolveOptions, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};
 use crate::widths::Unknown;
 
@@ -44,6 +42,65 @@ const DEFAULT_ORDER: usize = 8;
 const SEPARATION_REMARK: &str = "the mounting's pitch and bending are poorly separable in this frame; to separate them, use an \
     orientation written by `wingd orient` (with the observations of the ground frame) or several frames with --flight";
 
+/// A frame at its minimum, found roughly.
+struct RoughFrame<'a> {
+    frame: FrameProblem<'a>,
+    minimum: Minimum,
+    amplitude: f64,
+}
+
+impl<'a> RoughFrame<'a> {
+    /// Finds the minimum, starting from an earlier solution.
+    fn new(
+        single: &SingleFrame<'a>,
+        amplitude: f64,
+        last: Option<&SolvedFrame>,
+    ) -> AdjustResult<Self> {
+        let start = FrameStart {
+            amplitude_per_m: amplitude,
+            from: last.map(|s| (&s.frame.layout, &s.fit.global)),
+        };
+        let mut frame = FrameProblem::new(single, &start);
+        frame.fix_dimension_derivatives();
+        let minimum = frame.find_minimum(&SolveOptions {
+            rough: true,
+            residuals: last.map_or(vec![], |s| s.fit.residuals()),
+        })?;
+        Ok(Self {
+            frame,
+            minimum,
+            amplitude,
+        })
+    }
+
+    /// Weights the shape ratios with another amplitude.
+    fn change_amplitude(&mut self, amplitude: f64) -> AdjustResult<()> {
+        let ratio = amplitude / self.amplitude;
+        self.amplitude = amplitude;
+        for prior in &mut self.frame.problem.priors {
+            if prior.name.unknown == Unknown::Shape.name() {
+                prior.covariance *= ratio * ratio;
+            }
+        }
+        self.frame.problem.start = self.minimum.global().clone();
+        self.frame.fix_dimension_derivatives();
+        self.minimum = self.frame.find_minimum(&SolveOptions {
+            rough: true,
+            residuals: self.minimum.residuals().to_vec(),
+        })?;
+        Ok(())
+    }
+
+    fn into_solved(self) -> AdjustResult<SolvedFrame<'a>> {
+        let fit = self.minimum.into_fit(&self.frame.problem)?;
+        Ok(SolvedFrame {
+            frame: self.frame,
+            fit,
+            amplitude: self.amplitude,
+        })
+    }
+}
+
 /// A frame with its solution.
 struct SolvedFrame<'a> {
     frame: FrameProblem<'a>,
@@ -55,57 +112,33 @@ impl<'a> SolvedFrame<'a> {
     /// Solves in several passes that also find the amplitude with which the shape ratios are weighted.
     fn new(single: &SingleFrame<'a>, before: Option<&SolvedFrame>) -> AdjustResult<Self> {
         let amplitude = before.map_or(TYPICAL_CURVATURE_PER_M, |b| b.amplitude);
-        let mut solved = Self::roughly(single, amplitude, before)?;
+        let mut rough = RoughFrame::new(single, amplitude, before)?;
         for pass in 1.. {
-            let found = bounded_amplitude(solved.fit.global[0]);
-            let ratio = found / solved.amplitude;
-            if ratio.ln().abs() < AMPLITUDE_SETTLED {
+            let found = bounded_amplitude(rough.minimum.global()[0]);
+            if (found / rough.amplitude).ln().abs() < AMPLITUDE_SETTLED {
                 break;
             }
-            solved.amplitude = found;
             if pass == AMPLITUDE_PASSES {
+                rough.amplitude = found;
                 break;
             }
-            for prior in &mut solved.frame.problem.priors {
-                if prior.name.unknown == Unknown::Shape.name() {
-                    prior.covariance *= ratio * ratio;
-                }
-            }
-            solved.solve_again(true)?;
+            rough.change_amplitude(found)?;
         }
-        Ok(solved)
+        rough.into_solved()
     }
 
-    /// Computes a rough solution, starting from an earlier one.
-    fn roughly(
-        single: &SingleFrame<'a>,
-        amplitude: f64,
-        last: Option<&SolvedFrame>,
-    ) -> AdjustResult<Self> {
-        let start = FrameStart {
-            amplitude_per_m: amplitude,
-            from: last.map(|s| (&s.frame.layout, &s.fit.global)),
-        };
-        let mut frame = FrameProblem::new(single, &start);
-        frame.fix_dimension_derivatives();
-        let fit = frame.solve(&SolveOptions {
-            rough: true,
-            residuals: last.map(|s| &s.fit),
-        })?;
-        Ok(Self {
-            frame,
-            fit,
-            amplitude,
-        })
-    }
-
-    fn solve_again(&mut self, rough: bool) -> AdjustResult<()> {
+    /// Solves exactly, from this solution.
+    fn solve_exactly(&mut self) -> AdjustResult<()> {
         self.frame.problem.start = self.fit.global.clone();
         self.frame.fix_dimension_derivatives();
-        self.fit = self.frame.solve(&SolveOptions {
-            rough,
-            residuals: Some(&self.fit),
-        })?;
+        let options = SolveOptions {
+            rough: false,
+            residuals: self.fit.residuals(),
+        };
+        self.fit = self
+            .frame
+            .find_minimum(&options)?
+            .into_fit(&self.frame.problem)?;
         Ok(())
     }
 
@@ -120,19 +153,6 @@ impl<'a> SolvedFrame<'a> {
             group: 0,
             members,
         }
-    }
-
-    /// Twice the negative logarithm of the evidence for this number of terms, without contributions common to all
-    /// candidates.
-    fn negative_log_evidence(&self) -> f64 {
-        let terms = self.frame.layout.curvature_terms;
-        let log = |m: DMatrix<f64>| {
-            m.cholesky()
-                .map_or(f64::NEG_INFINITY, |c| c.ln_determinant())
-        };
-        let shape = log(shape_covariance(terms))
-            + 2.0 * (terms.saturating_sub(1) as f64) * self.amplitude.ln();
-        self.fit.omega - log(self.fit.covariance.clone()) + shape
     }
 
     /// Estimates variance components of images and survey, with remarks; updates the solution.
@@ -226,7 +246,7 @@ fn remove_outliers_and_widen(single: SingleFrame) -> AdjustResult<SnoopingResult
             ..clean.model.clone()
         });
         let Ok(mut wider) = wider else { break };
-        if wider.solved.solve_again(false).is_err() {
+        if wider.solved.solve_exactly().is_err() {
             break;
         }
         clean = wider;
@@ -262,15 +282,25 @@ fn choose_curvature_order<'a>(
     single: &SingleFrame<'a>,
     default: SolvedFrame<'a>,
 ) -> AdjustResult<SolvedFrame<'a>> {
+    // Twice the negative logarithm of the evidence, without contributions common to all candidates.
+    let cost = |terms: usize, amplitude: f64, fit: f64| {
+        let shape = shape_covariance(terms).cholesky();
+        let shape = shape.map_or(f64::NEG_INFINITY, |c| c.ln_determinant());
+        fit + shape + 2.0 * (terms.saturating_sub(1) as f64) * amplitude.ln()
+    };
+    let fit = default.fit.omega + default.fit.ln_determinant;
+    let mut least = cost(DEFAULT_ORDER, default.amplitude, fit);
     let mut best = default;
     for terms in CANDIDATE_ORDERS.into_iter().filter(|&t| t != DEFAULT_ORDER) {
         let candidate = SingleFrame {
             terms,
             ..single.clone()
         };
-        let other = SolvedFrame::roughly(&candidate, best.amplitude, Some(&best))?;
-        if other.negative_log_evidence() < best.negative_log_evidence() {
-            best = other;
+        let other = RoughFrame::new(&candidate, best.amplitude, Some(&best))?;
+        let fit = other.minimum.negative_log_evidence(&other.frame.problem)?;
+        let other_cost = cost(terms, other.amplitude, fit);
+        if other_cost < least {
+            (best, least) = (other.into_solved()?, other_cost);
         }
     }
     Ok(best)
@@ -368,7 +398,7 @@ pub fn solve_spatial_with<T>(
     if options.curvature_terms.is_none() {
         solved = choose_curvature_order(&single, solved)?;
     }
-    solved.solve_again(false)?;
+    solved.solve_exactly()?;
     solved.frame.layout.dimension_derivatives = None;
     let (components, mut remarks) = if options.variance_components {
         solved.estimate_variance_components()?

@@ -45,6 +45,8 @@ pub struct Fit {
     pub(super) response: DMatrix<f64>,
     /// Inverse of the covariance: the normal matrix, if that is close to the second derivatives.
     pub information: DMatrix<f64>,
+    /// Natural logarithm of the determinant of the normal matrix.
+    pub ln_determinant: f64,
     pub groups: Vec<GroupFit>,
     /// Weighted sum of squared residuals, priors included.
     pub omega: f64,
@@ -141,6 +143,13 @@ impl Fit {
     /// Returns the a-posteriori variance factor; `None` at redundancy 0.
     pub fn variance_factor(&self) -> Option<f64> {
         (self.redundancy > 0).then(|| self.omega / self.redundancy as f64)
+    }
+
+    /// Returns the residuals by group and block.
+    pub fn residuals(&self) -> Vec<Vec<DVector<f64>>> {
+        let of_group =
+            |group: &GroupFit| group.blocks.iter().map(|b| b.residuals.clone()).collect();
+        self.groups.iter().map(of_group).collect()
     }
 
     /// Returns the solution's information about the global parameters, as a prior for another problem.
@@ -307,10 +316,18 @@ impl<'a> FunctionCovariance<'a> {
     fn new(fit: &Fit, group: usize, by: &'a Gradient) -> Self {
         let (q, n) = (by.local.nrows(), by.columns.len());
         let group = &fit.groups[group];
+        // Most columns of a block are neighbours.
+        let runs: Vec<_> = by
+            .columns
+            .chunk_by(|a, b| a + 1 == *b)
+            .map(|run| run[0]..run[0] + run.len())
+            .collect();
         let mut shared = Vec::with_capacity(n * n);
         for &column in &by.columns {
             let covariance = fit.covariance.column(column);
-            shared.extend(by.columns.iter().map(|&c| covariance[c]));
+            for run in &runs {
+                shared.extend_from_slice(&covariance.as_slice()[run.clone()]);
+            }
         }
         let cross = group.cross.select_columns(&by.columns);
         let mut with_global = small_product(&cross, &by.local);
