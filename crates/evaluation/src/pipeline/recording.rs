@@ -12,7 +12,7 @@ use crate::aircraft;
 use crate::installation::{CAD_ALPHA, Installation};
 use crate::record::{
     CadFit, CurveRecord, ImageRecord, IncidenceRecord, MarkerRecord, Model, Panes, Provenance,
-    Quality, Reason, RecordStatus, Tip, TorsionRecord,
+    Quality, Reason, RecordStatus, Tip, TorsionRecord, json_fields,
 };
 use wingd_measure::adjust::{
     AdjustmentMethod, CurvePoint, MarkerSolution, PairTorsion, ParameterKind, Solution,
@@ -51,7 +51,7 @@ pub fn build_record(
             if let Some(doubt) = find_doubt(&record, frame, &installation.setup) {
                 (record.status, record.reason) = (RecordStatus::Doubtful, Some(doubt));
             }
-            record.quality.aircraft = aircraft::state_to_json(&frame.aircraft);
+            record.quality.aircraft = json_fields(&frame.aircraft);
             record.quality.refraction = refraction;
         }
     }
