@@ -222,13 +222,7 @@ fn a_late_and_jumping_feed_is_joined_and_its_air_is_used() {
     let html = std::fs::read_to_string(&page).unwrap();
     let (repeated, jumped) = (lines - tags.len(), shots.len());
     let unused = format!("{repeated} repeated, {jumped} with an implausible time");
-    let wanted = [
-        "Deflection against weight",
-        "Deflection against load factor",
-        "Exposure times",
-        &unused,
-    ];
-    for text in wanted {
+    for text in ["Exposure times", &unused] {
         assert!(html.contains(text), "{text}");
     }
 }

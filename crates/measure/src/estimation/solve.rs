@@ -82,6 +82,7 @@ pub struct Minimum {
 }
 
 impl Minimum {
+    /// Global parameters.
     pub fn global(&self) -> &DVector<f64> {
         &self.state.global
     }
@@ -91,7 +92,8 @@ impl Minimum {
         &self.state.residuals
     }
 
-    /// Weighted sum of squared residuals, priors included, plus the logarithm of the determinant of the normal matrix.
+    /// Twice the negative logarithm of the probability of the observations (Laplace's approximation), but for the priors'
+    /// determinants.
     ///
     /// # Errors
     /// Returns an error if the problem is singular.
