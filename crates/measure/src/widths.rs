@@ -71,6 +71,7 @@ unknowns! {
     ProjectionCentre = "projection centre", "projection centre" lasting;
     InteriorOrientation = "interior orientation", "lens" lasting;
     FlightScale = "scale of the camera in flight", "camera in flight";
+    Aspect = "image aspect", "camera in flight";
     FlightPrincipalPoint = "principal point in flight", "camera in flight";
     ImageShift = "shift of the image by stabilisation", "camera in flight";
     PaneShift = "panes' shift", "window" lasting;
@@ -212,7 +213,7 @@ widths! {
     InPlane = "wing" "in_plane_sigma_m", METRE, 0.05, max 5.0, flight, Some("in-plane bending"), [InPlane];
     /// relative standard deviation of the focal length in flight over the one on the ground: cold and focus
     FlightScale = "camera" "flight_scale_sigma", RATIO, 2e-4, max 0.1, flight,
-        Some("interior orientation in flight"), [FlightScale];
+        Some("interior orientation in flight"), [FlightScale, Aspect];
     /// standard deviation of the principal point in flight against the one on the ground
     PrincipalPoint = "camera" "flight_principal_point_sigma_px", PIXEL, 0.3, max 1000.0, flight,
         Some("interior orientation in flight"), [FlightPrincipalPoint];
@@ -232,7 +233,7 @@ widths! {
     Vertical = "survey" "vertical_sigma_deg", DEGREE, 0.1, max 20.0, flight, None, [Vertical];
 }
 
-/// Length of the wing, from the root to the outermost marker, from which on the defaults are those of an airliner, m.
+/// Length of the wing, from the root to the outermost marker, from which the defaults are an airliner's, m.
 const AIRLINER_REACH_M: f64 = 20.0;
 
 impl WidthRow {

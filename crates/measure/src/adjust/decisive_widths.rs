@@ -1,9 +1,9 @@
 //! Stated widths that are much narrower than the default and decide a result, which images rarely refute.
 
 use super::VarianceBudget;
+use super::causes::{SENSITIVE_RATIO, StatedWidth, TESTED, WidenedPriors, two_digits};
 use super::outcome::FrameOutcome;
 use super::snooping::SolvedGroup;
-use super::stated_widths::{SENSITIVE_RATIO, StatedWidth, TESTED, WidenedPriors, two_digits};
 use crate::widths::Unknown;
 
 /// Remarks on stated widths that are much narrower than the default and on which the tip deflection depends: the images

@@ -4,6 +4,7 @@
 pub mod beam;
 mod blocks;
 mod budget;
+pub(crate) mod causes;
 mod common_displacement;
 mod curve;
 mod decisive_widths;
@@ -28,7 +29,6 @@ mod shape_solving;
 mod shapes;
 mod snooping;
 mod spatial;
-pub(crate) mod stated_widths;
 mod term;
 mod terms;
 mod values;
@@ -195,7 +195,8 @@ pub struct MarkerSolution {
     pub deflection_m: Option<Estimate>,
     /// Vertical displacement relative to the ground frame, m; `None` for a fixed target and with the profile method.
     pub deflection_ground_m: Option<Estimate>,
-    /// Vertical displacement relative to the root tangent, which may have rotated and moved since the ground frame, m.
+    /// Vertical displacement relative to the root tangent, which may have rotated and moved since the ground frame, m; `None` if
+    /// the images ask for a larger rotation of the root, which they do not separate from the root's flexibility.
     pub deflection_root_m: Option<Estimate>,
 }
 
@@ -312,7 +313,7 @@ pub struct CurvePoint {
     /// Deflection of the bending axis relative to the survey, m.
     pub deflection_m: Estimate,
     /// Deflection relative to the ground frame and to the root's tangent, m; `None` with the profile method.
-    pub other_deflections_m: Option<[Estimate; 2]>,
+    pub other_deflections_m: Option<[Option<Estimate>; 2]>,
     /// Change of the slope along the span, tip up positive, rad; `None` with the profile method.
     pub slope_rad: Option<Estimate>,
     /// Twist of the section, nose up positive, rad; `None` with the profile method.
@@ -350,6 +351,10 @@ pub struct Solution {
     pub budget: Option<VarianceBudget>,
     /// Variance components, if requested.
     pub variance_components: Vec<VarianceComponent>,
+    /// Significant causes that the solution counts with, one sentence each; also among the remarks.
+    pub counted_causes: Vec<String>,
+    /// Reason why the result may not be used although it is adjusted, one sentence: significant causes leave it open.
+    pub doubt: Option<String>,
     /// Remarks for the reader (rejected markers, chosen order, poor separability).
     pub remarks: Vec<String>,
     pub iterations: usize,

@@ -12,6 +12,7 @@ pub use prior_conflict::with_prior_if_consistent;
 pub use sections::{MovedSection, MovedSections, SectionFunction};
 
 use super::beam::RAISE_TERMS;
+use super::causes::WidenedPriors;
 use super::curve::AxisCurve;
 use super::layout::{GroundPositions, ParameterLayout};
 use super::marker_state::MarkerState;
@@ -21,6 +22,7 @@ use super::values::UnknownValues;
 use super::{CurvePoint, Estimate, GlobalTest, MarkerSolution, Parameter, ParameterKind, Solution};
 use crate::estimation::quality::Reliability;
 use crate::estimation::{Gradient, VarianceSources};
+use crate::widths::{Unknown, Width};
 
 /// Part of a fit that belongs to one frame.
 pub struct FrameOutcome<'a> {
@@ -39,6 +41,8 @@ pub struct FrameOutcome<'a> {
     tested_sum: ResidualSum,
     /// True if `tested_sum` includes observations that were removed.
     before_removal: bool,
+    /// True if deflections from the root's tangent are not given.
+    withholds_root: bool,
 }
 
 impl<'a> FrameOutcome<'a> {
@@ -61,8 +65,20 @@ impl<'a> FrameOutcome<'a> {
             scale,
             tested_sum,
             before_removal,
+            withholds_root: false,
         };
         new.apply_global_test()
+    }
+
+    /// Withholds the deflections from the root's tangent if the root's rotation is free: the images do not separate it from the
+    /// flexibility of the root.
+    pub fn with_causes(self, free: &WidenedPriors) -> Self {
+        let withholds_root = free.increase(Unknown::RootRotation) > 0.0
+            && self.solved.input.setup.uncertainty[Width::RootFlexibility] > 0.0;
+        Self {
+            withholds_root,
+            ..self
+        }
     }
 
     /// Returns all results of the frame. `removed`: observations removed by data snooping; each yields a remark and is
@@ -106,6 +122,8 @@ impl<'a> FrameOutcome<'a> {
             axis_length_m: self.solved.input.scene.ground.axis.length_m,
             budget,
             variance_components: vec![],
+            counted_causes: vec![],
+            doubt: None,
             remarks,
             iterations: self.solved.fit.iterations,
         }
@@ -272,7 +290,8 @@ impl<'a> FrameOutcome<'a> {
         let in_wing = covariance.fixed_view::<3, 3>(0, 0).into_owned();
         let sigma = |k: usize| Some(covariance[(k, k)].max(0.0).sqrt());
         let deflection = |k: usize| {
-            deflections.map(|all| Estimate {
+            let given = deflections.filter(|all| all[k].is_finite());
+            given.map(|all| Estimate {
                 value: all[k],
                 sigma: sigma(4 + k),
             })
@@ -351,7 +370,10 @@ impl<'a> FrameOutcome<'a> {
             arc_length_m: curve.arcs_m[k],
             span_m: curve.bent[k].axis_m.x,
             deflection_m: all[0][k],
-            other_deflections_m: Some([all[1][k], all[2][k]]),
+            other_deflections_m: Some([
+                Some(all[1][k]),
+                Some(all[2][k]).filter(|_| !self.withholds_root),
+            ]),
             slope_rad: Some(all[3][k]),
             twist_rad: side.map(|_| all[4][k]),
             streamwise_twist_rad: all.get(5).map(|of_all| of_all[k]),

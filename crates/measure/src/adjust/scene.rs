@@ -54,8 +54,8 @@ pub struct PosedCamera {
     bow: f64,
     /// True if the bow is uncertain.
     bows: bool,
-    /// Ratio of the focal lengths to those on the ground.
-    scale: f64,
+    /// Ratios of the focal lengths along u and v to those on the ground.
+    factors: Vector2<f64>,
 }
 
 impl PosedCamera {
@@ -98,6 +98,8 @@ pub struct PredictedPixel {
     pub by_lens: SMatrix<f64, 2, BROWN>,
     /// d pixel / d relative change of both focal lengths, px.
     pub by_scale: Vector2<f64>,
+    /// d pixel / d relative change of the focal length along v, px.
+    pub by_aspect: Vector2<f64>,
 }
 
 /// The bent wing and its neighbours with the same bending: sections at the markers' stations.
@@ -233,12 +235,14 @@ impl WingScene {
     fn camera_behind_pane(&self, pose: &CameraPose, pane: Option<&Plate>) -> PosedCamera {
         let ground_from_wing = Rotation3::new(pose.ground_rad).matrix() * self.camera_from_wing;
         let mount = *Rotation3::new(pose.mount_rad).matrix();
+        let scale = 1.0 + pose.flight_scale;
+        let factors = Vector2::new(scale, scale * (1.0 + pose.flight_aspect));
         let camera_from_wing = mount * ground_from_wing;
         PosedCamera {
             lens: self
                 .lens
                 .with_changes(&pose.lens)
-                .with_flight_change(pose.flight_scale, &pose.flight_principal_px),
+                .with_flight_change(&factors, &pose.flight_principal_px),
             centre_m: pose.centre_m + pose.shift_m + pose.window_m,
             mount,
             camera_from_wing,
@@ -247,7 +251,7 @@ impl WingScene {
             pane: pane.map(|pane| pane.rotated(&camera_from_wing)),
             bow: pose.bow,
             bows: false,
-            scale: 1.0 + pose.flight_scale,
+            factors,
         }
     }
 
@@ -261,7 +265,9 @@ impl WingScene {
         let turned = by_seen * camera.mount;
         let Lens { cx, cy, .. } = camera.lens;
         let mut by_lens = camera.lens.parameter_jacobian(&seen);
-        (0..2).for_each(|k| by_lens[(k, k)] *= camera.scale);
+        (0..2).for_each(|k| by_lens[(k, k)] *= camera.factors[k]);
+        let off_px = pixel - Vector2::new(cx, cy);
+        let scale = camera.factors.x;
         Some(PredictedPixel {
             pixel,
             by_point: by_seen * by_place * camera.camera_from_wing,
@@ -269,7 +275,8 @@ impl WingScene {
             by_mount: -(by_seen * cross_matrix(&seen)) * camera.mount_jacobian,
             by_ground_rotation: -(turned * cross_matrix(&before_mount)) * camera.ground_jacobian,
             by_lens,
-            by_scale: (pixel - Vector2::new(cx, cy)) / camera.scale,
+            by_scale: off_px / scale,
+            by_aspect: Vector2::new(0.0, off_px.y * scale / camera.factors.y),
         })
     }
 

@@ -38,6 +38,11 @@ impl ResidualSum {
         }
     }
 
+    /// Returns the variance factor.
+    pub fn factor(&self) -> f64 {
+        self.omega / self.redundancy.max(1) as f64
+    }
+
     /// Returns the sum if so much was removed that the remaining observations cannot be tested on their own; otherwise
     /// `None`.
     pub fn if_many_removed<'s>(self, removed: impl Iterator<Item = &'s Suspect>) -> Option<Self> {

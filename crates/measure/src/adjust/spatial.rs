@@ -7,6 +7,10 @@ use nalgebra::DMatrix;
 use self::frame::{FrameProblem, FrameStart, SingleFrame};
 use super::beam::MAX_CURVATURE_TERMS;
 use super::budget::{BlockMembers, with_variance_sources};
+use super::causes::{
+    FREEING_PASSES, WidenedPriors, asked_causes, asked_image_causes, cause_remarks, find_spread,
+    inseparable_image,
+};
 use super::common_displacement::candidate_displacements;
 use super::decisive_widths::decisive_width_remarks;
 use super::flight;
@@ -18,11 +22,9 @@ use super::shapes::{TYPICAL_CURVATURE_PER_M, bounded_amplitude, shape_covariance
 use super::snooping::{
     self, ResidualSum, SnoopingModel, SnoopingResult, SolvedGroup, Suspect, SuspectTarget,
 };
-use super::stated_widths::{
-    WIDENING_PASSES, WidenedPriors, contradiction_remark, widen_refuted_priors,
-};
 use super::{
-    AdjustError, AdjustResult, GlobalTest, Observation, Options, Solution, VarianceComponent,
+    AdjustError, AdjustResult, GlobalTest, Observation, Options, Solution, VarianceBudget,
+    VarianceComponent,
 };
 use crate::estimation::{Fit, SolveOptions, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};
@@ -192,7 +194,21 @@ impl<'a> SnoopingModel for SingleFrame<'a> {
 
 /// Solves and removes outliers. If fixed targets contradict each other, the motion of all of them is increased.
 fn remove_outliers(mut single: SingleFrame) -> AdjustResult<SnoopingResult<SingleFrame>> {
-    let (mut all, input) = (single.solve_from(None)?, single.input);
+    let input = single.input;
+    let mut all = match single.solve_from(None) {
+        // An image of another scale may be so far off that there is no solution.
+        Err(_) if single.tests_image() => {
+            single.widened = WidenedPriors::free_image();
+            single.solve_from(None)?
+        }
+        all => all?,
+    };
+    if single.tests_image() {
+        single.widened = asked_image_causes(&all.frame.problem, &all.fit);
+        if !single.widened.is_empty() {
+            all = single.solve_from(Some(&all))?;
+        }
+    }
     let conflict = |all: &SolvedFrame| all.as_solved_group(&input).fixed_targets_conflict(1);
     while single.prior_scales.fixed_targets < snooping::MAX_FIXED_TARGET_SCALE && conflict(&all) {
         single.prior_scales.fixed_targets *= 2.0;
@@ -202,36 +218,58 @@ fn remove_outliers(mut single: SingleFrame) -> AdjustResult<SnoopingResult<Singl
     snooping::snoop_one_by_one(single, all, observations)
 }
 
-/// Removes outliers, and widens the priors whose stated widths the remaining observations refute, as long as there is a solution.
-fn remove_outliers_and_widen(single: SingleFrame) -> AdjustResult<SnoopingResult<SingleFrame>> {
+/// Removes outliers, and frees the causes that the remaining observations ask for, as long as there is a solution. A cause
+/// counts if the global test passes without it or with it; scale and aspect of the image also if other errors remain.
+fn remove_outliers_and_free_causes(
+    single: SingleFrame,
+) -> AdjustResult<SnoopingResult<SingleFrame>> {
+    let alpha = single.input.options.global_alpha;
     let mut clean = remove_outliers(single)?;
-    for _ in 0..WIDENING_PASSES {
+    let sum = |clean: &SnoopingResult<SingleFrame>| {
+        let fit = &clean.solved.fit;
+        clean.tested_sum.unwrap_or(ResidualSum::from_fit(fit))
+    };
+    let passes = |sum: ResidualSum| {
+        quality::global_test(sum.omega, sum.redundancy, alpha) == Some(GlobalTest::Passed)
+    };
+    for _ in 0..FREEING_PASSES {
         let SolvedFrame { frame, fit, .. } = &clean.solved;
-        // If the global test rejects all observations, the image or the survey is wrong, not only a width. Level 0: nothing is
-        // tested.
-        let (sum, alpha) = (
-            clean.tested_sum.unwrap_or(ResidualSum::from_fit(fit)),
-            clean.model.input.options.global_alpha,
-        );
-        let passes =
-            quality::global_test(sum.omega, sum.redundancy, alpha) == Some(GlobalTest::Passed);
-        let widened = widen_refuted_priors(&frame.problem, fit, &clean.model.widened);
-        if alpha <= 0.0 || !passes || !widened.differs_from(&clean.model.widened) {
+        let (before, tested) = (&clean.model.widened, sum(&clean));
+        let factor = if passes(tested) {
+            1.0
+        } else {
+            tested.factor().max(1.0)
+        };
+        let asked = asked_causes(&frame.problem, fit, before, factor);
+        // Level 0: nothing is tested.
+        if alpha <= 0.0 || !asked.differs_from(before) {
             break;
         }
-        let usage = flight::FlightUsage::all_used(1, clean.model.input.setup.markers.len());
-        let wider = remove_outliers(SingleFrame {
-            widened,
-            usage,
-            ..clean.model.clone()
-        });
-        let Ok(mut wider) = wider else { break };
-        if wider.solved.solve_again(false).is_err() {
+        let is_of_image = asked.has_image_cause() != before.has_image_cause();
+        let Ok(wider) = with_causes(&clean.model, asked) else {
+            break;
+        };
+        if !passes(tested) && !is_of_image && !passes(sum(&wider)) {
             break;
         }
         clean = wider;
     }
     Ok(clean)
+}
+
+/// Solves with these causes free, and removes outliers again.
+fn with_causes<'a>(
+    model: &SingleFrame<'a>,
+    widened: WidenedPriors,
+) -> AdjustResult<SnoopingResult<SingleFrame<'a>>> {
+    let usage = flight::FlightUsage::all_used(1, model.input.setup.markers.len());
+    let mut wider = remove_outliers(SingleFrame {
+        widened,
+        usage,
+        ..model.clone()
+    })?;
+    wider.solved.solve_again(false)?;
+    Ok(wider)
 }
 
 /// Tries all common displacements and returns the result that fits best, if it removes only few markers.
@@ -278,13 +316,12 @@ fn choose_curvature_order<'a>(
 
 /// Remarks on priors, number of terms and separability.
 fn model_remarks(single: &SingleFrame, outcome: &FrameOutcome, solution: &Solution) -> Vec<String> {
-    let AdjustmentInput { setup, options, .. } = *outcome.solved.input;
+    let options = outcome.solved.input.options;
     let (layout, fit) = (outcome.layout, outcome.solved.fit);
     let (budget, widened) = (solution.budget.as_ref(), &single.widened);
     let stayed = options.keeps_ground_mounting();
     let mut remarks = decisive_width_remarks(outcome, budget, stayed, widened);
-    let solved = (outcome.solved.problem, fit);
-    remarks.extend(contradiction_remark(setup, stayed, solved, widened));
+    remarks.extend_from_slice(&solution.counted_causes);
     remarks.extend(snooping::fixed_target_remark(
         single.prior_scales.fixed_targets,
     ));
@@ -300,6 +337,22 @@ fn model_remarks(single: &SingleFrame, outcome: &FrameOutcome, solution: &Soluti
     let remark = is_weak && !single.input.scene.has_ground_observations();
     remarks.extend(remark.then(|| SEPARATION_REMARK.into()));
     remarks
+}
+
+/// Returns why the significant causes leave the deflection open; `None` if the data separate them from it.
+fn find_doubt(
+    single: &SingleFrame,
+    outcome: &FrameOutcome,
+    budget: Option<&VarianceBudget>,
+) -> Option<String> {
+    let (free, budget) = (&single.widened, budget?);
+    let other = |widened: &WidenedPriors| {
+        let SnoopingResult { solved, model, .. } = with_causes(single, widened.clone()).ok()?;
+        let group = solved.as_solved_group(&model.input);
+        let (other, _) = FrameOutcome::new(group, &solved.frame.layout).tip_deflection(budget);
+        find_spread((free, widened), outcome.tip_deflection(budget), other)
+    };
+    inseparable_image(free, budget).or_else(|| free.alternatives.iter().find_map(other))
 }
 
 /// Adjusts one frame with the rigid-section beam.
@@ -355,7 +408,7 @@ pub fn solve_spatial_with<T>(
         widened: WidenedPriors::default(),
         common_displacement: None,
     };
-    let mut clean = remove_outliers_and_widen(single.clone())?;
+    let mut clean = remove_outliers_and_free_causes(single.clone())?;
     if clean.tested_sum.is_some() {
         clean = explain_by_displacement(&single).unwrap_or(clean);
     }
@@ -377,7 +430,8 @@ pub fn solve_spatial_with<T>(
     };
     let SolvedFrame { frame, fit, .. } = &solved;
     let outcome = FrameOutcome::new(solved.as_solved_group(&input), &frame.layout)
-        .judged_before_removal(tested_sum);
+        .judged_before_removal(tested_sum)
+        .with_causes(&single.widened);
     let blocks = BlockMembers {
         members: std::slice::from_ref(&frame.members),
         ground: &[],
@@ -387,10 +441,17 @@ pub fn solve_spatial_with<T>(
     });
     let derived = derive(&outcome);
     remarks.extend_from_slice(&solution.remarks);
+    let stayed = options.keeps_ground_mounting();
+    let solution = Solution {
+        counted_causes: cause_remarks(setup, stayed, (&frame.problem, fit), &single.widened),
+        ..solution
+    };
     remarks.extend(model_remarks(&single, &outcome, &solution));
+    let doubt = find_doubt(&single, &outcome, solution.budget.as_ref());
     Ok((
         Solution {
             variance_components: components,
+            doubt,
             remarks,
             ..solution
         },

@@ -83,6 +83,8 @@ pub struct CameraPose {
     pub bow: f64,
     /// Focal length in flight over that on the ground, minus 1.
     pub flight_scale: f64,
+    /// Ratio of height to width of the image in flight over that on the ground, minus 1.
+    pub flight_aspect: f64,
     /// Principal point in flight minus that on the ground, px.
     pub flight_principal_px: Vector2<f64>,
 }
@@ -98,6 +100,7 @@ impl CameraPose {
             window_m: none,
             bow: 0.0,
             flight_scale: 0.0,
+            flight_aspect: 0.0,
             flight_principal_px,
             ..*self
         }

@@ -5,6 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use super::flight_problem::FlightProblem;
 use super::joint::JointSolution;
 use super::solving::SolvedFlight;
+use crate::adjust::causes::cause_remarks;
 use crate::adjust::flight_prior::{FlightContribution, InvariantParameter, ReducedNormals};
 use crate::adjust::{AdjustError, AdjustResult, Estimate, GlobalTest, Observation, Options};
 use crate::estimation::quality::global_test;
@@ -40,6 +41,14 @@ pub fn learn_from_flight(
     let (omega, redundancy) =
         tested_sum.map_or((fit.omega, fit.redundancy), |j| (j.omega, j.redundancy));
     let is_other = options.flight_prior.is_some() && !flight.widened.is_empty();
+    if flight.widened.has_image_cause() {
+        let solved = (&flight_problem.problem, fit);
+        let causes = cause_remarks(setup, false, solved, &flight.widened);
+        return Err(AdjustError::Input(format!(
+            "the flight was not used: {}",
+            causes.join("; ")
+        )));
+    }
     if global_test(omega, redundancy, options.global_alpha) == Some(GlobalTest::Rejected)
         || is_other
     {

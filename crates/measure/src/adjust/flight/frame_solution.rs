@@ -5,9 +5,9 @@ use super::solving::SolvedFlight;
 use super::tuning::STEADY_ROTATION_RAD;
 use super::usage::RemovedObservation;
 use crate::adjust::budget;
+use crate::adjust::causes::{cause_remarks, inseparable_image};
 use crate::adjust::decisive_widths::decisive_width_remarks;
 use crate::adjust::snooping::{SuspectTarget, fixed_target_remark};
-use crate::adjust::stated_widths::contradiction_remark;
 use crate::adjust::terms::mount_drift_rad;
 use crate::adjust::{Estimate, Parameter, ParameterKind, Solution};
 use crate::estimation::{AttributedInformation, VarianceSources};
@@ -31,7 +31,9 @@ pub fn frame_solution(
         fit,
         ..
     } = solved;
-    let outcome = solved.frame_outcome(&flight.input, frame);
+    let outcome = solved
+        .frame_outcome(&flight.input, frame)
+        .with_causes(&flight.widened);
     let of_frame = removed
         .iter()
         .filter(|r| r.group == frame || r.suspect.target == SuspectTarget::Survey);
@@ -58,12 +60,13 @@ pub fn frame_solution(
         stayed,
         &flight.widened,
     ));
-    remarks.extend(contradiction_remark(
+    let counted_causes = cause_remarks(
         flight.input.setup,
         stayed,
         (&flight_problem.problem, fit),
         &flight.widened,
-    ));
+    );
+    remarks.extend_from_slice(&counted_causes);
     remarks.extend(fixed_target_remark(flight.prior_scales.fixed_targets));
     let displacement = flight
         .common_displacement
@@ -72,7 +75,10 @@ pub fn frame_solution(
     remarks
         .extend(displacement.map(|(displacement, column)| displacement.remark(fit.global[column])));
     remarks.extend(flight.exceedance_remarks());
+    let budget = solution.budget.as_ref();
     Solution {
+        counted_causes,
+        doubt: budget.and_then(|budget| inseparable_image(&flight.widened, budget)),
         remarks,
         ..solution
     }

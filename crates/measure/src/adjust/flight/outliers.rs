@@ -4,6 +4,7 @@ use super::frames::{Flight, MIN_MARKERS};
 use super::solving::SolvedFlight;
 use super::usage::RemovedObservation;
 use crate::adjust::AdjustResult;
+use crate::adjust::causes::{WidenedPriors, asked_image_causes};
 use crate::adjust::layout::BlockMember;
 use crate::adjust::snooping::{MAX_FIXED_TARGET_SCALE, ResidualSum, SuspectTarget};
 use crate::ordering::sort_by_value;
@@ -57,7 +58,22 @@ impl Flight<'_> {
     /// # Errors
     /// Returns an error if the flight has no solution.
     pub fn remove_outliers(&mut self) -> AdjustResult<(SolvedFlight, Vec<RemovedObservation>)> {
-        let mut solved = self.solve_rough(None)?;
+        let is_first = self.input.options.global_alpha > 0.0 && self.widened.is_unsettled();
+        let mut solved = match self.solve_rough(None) {
+            // Images of another scale may be so far off that there is no solution.
+            Err(_) if is_first => {
+                self.widened = WidenedPriors::free_image();
+                self.solve_rough(None)?
+            }
+            solved => solved?,
+        };
+        if is_first && self.widened.is_empty() {
+            let problem = &solved.flight_problem.problem;
+            self.widened = asked_image_causes(problem, &solved.fit);
+            if !self.widened.is_empty() {
+                solved = self.solve_rough(Some(&solved.fit))?;
+            }
+        }
         while self.prior_scales.fixed_targets < MAX_FIXED_TARGET_SCALE
             && self.fixed_targets_conflict(&solved)
         {

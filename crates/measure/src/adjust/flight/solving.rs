@@ -4,10 +4,10 @@ use super::flight_problem::FlightProblem;
 use super::frames::Flight;
 use super::usage::RemovedObservation;
 use crate::adjust::AdjustResult;
+use crate::adjust::causes::{FREEING_PASSES, WidenedPriors, asked_causes};
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::outcome::FrameOutcome;
 use crate::adjust::snooping::{ResidualSum, SolvedGroup};
-use crate::adjust::stated_widths::{WIDENING_PASSES, widen_refuted_priors};
 use crate::estimation::{Fit, SolveOptions};
 
 /// Flight problem with its solution.
@@ -73,26 +73,23 @@ impl Flight<'_> {
         Ok(solved)
     }
 
-    /// Widens the priors whose stated widths the frames refute, and then finds the outliers again, as long as there is a
-    /// solution.
-    pub fn widen_refuted_priors(
+    /// Frees the causes that the frames ask for, and then finds the outliers again, as long as there is a solution.
+    pub fn free_causes(
         &mut self,
         mut solved: SolvedFlight,
         removed: &mut Vec<RemovedObservation>,
     ) -> SolvedFlight {
-        for _ in 0..WIDENING_PASSES {
-            let widened =
-                widen_refuted_priors(&solved.flight_problem.problem, &solved.fit, &self.widened);
-            // Level 0: nothing is tested.
-            if self.input.options.global_alpha <= 0.0 || !widened.differs_from(&self.widened) {
+        // Level 0: nothing is tested.
+        if self.input.options.global_alpha <= 0.0 {
+            return solved;
+        }
+        for _ in 0..FREEING_PASSES {
+            let problem = &solved.flight_problem.problem;
+            let widened = asked_causes(problem, &solved.fit, &self.widened, 1.0);
+            if !widened.differs_from(&self.widened) {
                 break;
             }
-            let mut wider = Self {
-                widened,
-                ..self.clone()
-            };
-            wider.usage.reset_except(&[]);
-            let Ok((found, outliers)) = wider.remove_outliers() else {
+            let Ok((wider, found, outliers)) = self.with_causes(widened) else {
                 break;
             };
             if wider.solve_converged(&found.fit).is_err() {
@@ -101,6 +98,23 @@ impl Flight<'_> {
             (*self, solved, *removed) = (wider, found, outliers);
         }
         solved
+    }
+
+    /// Computes a rough solution with these causes free, and finds the outliers again.
+    ///
+    /// # Errors
+    /// Returns an error if the flight has no solution.
+    pub fn with_causes(
+        &self,
+        widened: WidenedPriors,
+    ) -> AdjustResult<(Self, SolvedFlight, Vec<RemovedObservation>)> {
+        let mut wider = Self {
+            widened,
+            ..self.clone()
+        };
+        wider.usage.reset_except(&[]);
+        let (found, outliers) = wider.remove_outliers()?;
+        Ok((wider, found, outliers))
     }
 
     /// Computes the converged solution, starting from a rough one.

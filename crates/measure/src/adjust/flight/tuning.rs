@@ -7,7 +7,7 @@ use super::hyperparameters::frame_rotation_column;
 use super::solving::SolvedFlight;
 use super::usage::{FlightUsage, RemovedObservation};
 use crate::adjust::AdjustResult;
-use crate::adjust::stated_widths::WidthEvidence;
+use crate::adjust::causes::WidthEvidence;
 use crate::adjust::terms::{mount_drift_rad, mount_repeatability_rad};
 use crate::estimation::Gradient;
 use crate::estimation::quality::chi_square_limit;

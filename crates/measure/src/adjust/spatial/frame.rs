@@ -6,6 +6,7 @@ use nalgebra::DVector;
 
 use crate::adjust::beam::MAX_TWIST_TERMS;
 use crate::adjust::blocks::survey_block;
+use crate::adjust::causes::WidenedPriors;
 use crate::adjust::common_displacement::CommonDisplacement;
 use crate::adjust::flight::FlightUsage;
 use crate::adjust::input::{AdjustmentInput, FrameObservations};
@@ -14,7 +15,6 @@ use crate::adjust::layout::{
 };
 use crate::adjust::prior_scales::PriorScales;
 use crate::adjust::scene::WingScene;
-use crate::adjust::stated_widths::WidenedPriors;
 use crate::adjust::term::ColumnAllocator;
 use crate::adjust::terms;
 use crate::estimation::{
@@ -52,6 +52,13 @@ pub(super) struct FrameStart<'a> {
     pub amplitude_per_m: f64,
     /// Earlier solution with the same layout except for the number of curvature terms.
     pub from: Option<(&'a ParameterLayout, &'a DVector<f64>)>,
+}
+
+impl SingleFrame<'_> {
+    /// Returns whether scale and aspect of the image are tested before outliers are removed.
+    pub fn tests_image(&self) -> bool {
+        self.input.options.global_alpha > 0.0 && self.widened.is_unsettled()
+    }
 }
 
 impl<'a> FrameProblem<'a> {

@@ -196,10 +196,31 @@ pub fn flight_changes(uncertainty: &SetupUncertainty) -> impl Iterator<Item = Pa
     let scale = Some(uncertainty[Width::FlightScale])
         .filter(|sigma| *sigma > 0.0)
         .map(flight_scale);
+    let aspect = Some(ASPECT_SHARE * uncertainty[Width::FlightScale])
+        .filter(|sigma| *sigma > 0.0)
+        .map(flight_aspect);
     let point = Some(uncertainty[Width::PrincipalPoint])
         .filter(|sigma| *sigma > 0.0)
         .map(flight_principal_point);
-    scale.into_iter().chain(point)
+    scale.into_iter().chain(aspect).chain(point)
+}
+
+/// Standard deviation of the ratio of height to width over that of the scale. Cold and focus do not change the ratio;
+/// refraction at a pane that is inclined by 30 degrees changes it by a quarter of the change of scale, sin^2 of the angle.
+const ASPECT_SHARE: f64 = 0.25;
+
+/// Relative change of the ratio of height to width in flight, due to an inclined window, or to resizing.
+fn flight_aspect(sigma: f64) -> ParameterTerm {
+    ParameterTerm {
+        unknown: Unknown::Aspect,
+        priors: vec![Prior::scalar(Unknown::Aspect, 0, 0.0, sigma)],
+        add_values: |x, values| values.pose.flight_aspect += x[0],
+        effect: TermEffect::Image {
+            pixel: |p, _| p.by_aspect,
+            on_ground: false,
+        },
+        ..flight_scale(sigma)
+    }
 }
 
 /// Relative change of both focal lengths in flight, due to cold, focus, or refraction at an undescribed window.

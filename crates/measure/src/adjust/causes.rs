@@ -1,20 +1,28 @@
-//! Stated standard deviations as claims that the data may refute.
+//! Causes of a misfit: unknowns whose prior standard deviations the data refute. A significant one counts in the solution,
+//! with the larger prior standard deviation that the data ask for, or makes the result doubtful.
 //!
 //! What all other information says about an unknown follows from the solution: the prior's residual divided by the prior's
 //! covariance, and the part of that covariance that the solution took away. From both follow the probability of the
-//! residual if the stated width is true, and the width that the data ask for.
+//! residual if the prior is true, and the prior that the data ask for, without another solution.
+//!
+//! Scale and aspect of the image come first: one unknown that explains all markers is more probable than several.
+
+mod remarks;
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-use super::Solution;
 use super::beam::RAISE_TERMS;
+use super::{VarianceBudget, VarianceShare};
 use crate::estimation::quality::chi_square_tail;
 use crate::estimation::{Fit, Prior, Problem};
-use crate::setup::{DEFAULT_REPEATABILITY_PX, Setup};
-use crate::widths::{Unknown, Width};
+use crate::ordering::sort_by_value;
+use crate::widths::Unknown;
 
-/// Unknowns whose stated widths are tested. The widths of skin and vibrations are estimated from the frames instead; a wrong
-/// scale of the images is a wrong image, and diagnosed as such.
+pub use remarks::{StatedWidth, cause_remarks, two_digits};
+
+/// Causes in the image: they are tried before all others, and before outliers are removed.
+pub const IN_IMAGE: [Unknown; 2] = [Unknown::FlightScale, Unknown::Aspect];
+/// Further causes. The prior standard deviations of skin and vibrations are estimated from the frames instead.
 pub const TESTED: [Unknown; 13] = [
     Unknown::MountingRotation,
     Unknown::MountingShift,
@@ -34,6 +42,8 @@ pub const TESTED: [Unknown; 13] = [
 /// Fraction of a stated variance that the data must determine for a direction to be tested: below, the linear model does not
 /// carry as far as the residual asks.
 const MIN_DETERMINED: f64 = 2e-3;
+/// The same for scale and aspect of the image, in which the model is linear: changes of 300 standard deviations, 1.5 % of aspect.
+const MIN_DETERMINED_IMAGE: f64 = 1e-5;
 /// Significance level from which a stated width is contradicted: named, and wider in the result. With all widths of an
 /// installation, less than 2 % of correct installations have a remark.
 const CONTRADICTION_ALPHA: f64 = 1e-3;
@@ -42,7 +52,11 @@ pub const NARROW_FRACTION: f64 = 0.2;
 /// Ratio of the tip's standard deviation with the default to that with the stated width from which on a narrow width is decisive.
 pub const SENSITIVE_RATIO: f64 = 1.3;
 /// Candidate increases of a stated variance, as powers of two.
-const INCREASES: std::ops::Range<i32> = -2..14;
+const INCREASES: std::ops::Range<i32> = -2..20;
+/// Increase of the variance of scale and aspect if nothing is known about them: standard deviations of 5 % and 1.3 % by default.
+const WIDEST: f64 = 65_536.0;
+/// Difference of the logarithms of two causes' probabilities below which they explain the data equally well: odds of 20 to 1.
+const ALIKE: f64 = 3.0;
 
 /// Distribution of the uncertainty of the axis height along the span: mean, then Legendre polynomials of degree 1 to 3. An
 /// error in the relative height of the axis in a section is similar along the wing. The difference from root to tip (twice
@@ -78,17 +92,47 @@ pub fn axis_height_covariance(sigma_m: f64) -> DMatrix<f64> {
 
 /// Increases of the stated variances of some unknowns, as multiples.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct WidenedPriors(Vec<(Unknown, f64)>);
+pub struct WidenedPriors {
+    increases: Vec<(Unknown, f64)>,
+    /// Whether they were found without outliers.
+    is_settled: bool,
+    /// Other causes that explain the data equally well.
+    pub alternatives: Vec<WidenedPriors>,
+}
 
 impl WidenedPriors {
     /// Returns whether no width is increased.
     pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.increases.is_empty()
+    }
+
+    /// Returns the causes in the image, with the widest priors.
+    pub fn free_image() -> Self {
+        Self {
+            increases: IN_IMAGE.map(|cause| (cause, WIDEST)).to_vec(),
+            ..Self::default()
+        }
+    }
+
+    /// Returns whether no cause was looked for yet.
+    pub fn is_unsettled(&self) -> bool {
+        self.is_empty() && !self.is_settled
+    }
+
+    /// Returns the names of the causes.
+    fn names(&self) -> String {
+        let names: Vec<&str> = self.increases.iter().map(|(one, _)| one.name()).collect();
+        names.join(" with ")
+    }
+
+    /// Returns whether the image has another scale or aspect.
+    pub fn has_image_cause(&self) -> bool {
+        IN_IMAGE.iter().any(|cause| self.increase(*cause) > 0.0)
     }
 
     /// Returns the increase of an unknown's variance; 0: it has its stated width.
     pub fn increase(&self, unknown: Unknown) -> f64 {
-        self.0
+        self.increases
             .iter()
             .find(|(widened, _)| *widened == unknown)
             .map_or(0.0, |(_, increase)| *increase)
@@ -107,7 +151,7 @@ impl WidenedPriors {
 
     /// Returns whether other unknowns are widened than in `other`, or by another size.
     pub fn differs_from(&self, other: &Self) -> bool {
-        TESTED.iter().any(|unknown| {
+        IN_IMAGE.iter().chain(&TESTED).any(|unknown| {
             let [a, b] = [self, other].map(|widened| 1.0 + widened.increase(*unknown));
             (a / b).ln().abs() > 1.0
         })
@@ -129,18 +173,28 @@ pub struct WidthEvidence {
     directions: Vec<(f64, f64)>,
     /// Increase in the solution.
     current: f64,
+    /// Least fraction of the stated variance that the data determine.
+    least: f64,
     /// Mean square of the unknown's values, in stated variances.
     square: f64,
+    /// Value and standard deviation of the unknown's first parameter.
+    first: (f64, f64),
 }
 
 impl WidthEvidence {
     /// Evidence from independent scores; see the fields.
-    pub fn new(mut directions: Vec<(f64, f64)>, current: f64) -> Self {
-        directions.retain(|(_, information)| *information > MIN_DETERMINED / (1.0 + current));
+    pub fn new(directions: Vec<(f64, f64)>, current: f64) -> Self {
+        Self::determined(directions, current, MIN_DETERMINED)
+    }
+
+    fn determined(mut directions: Vec<(f64, f64)>, current: f64, least: f64) -> Self {
+        directions.retain(|(_, information)| *information > least / (1.0 + current));
         Self {
             directions,
             current,
+            least,
             square: 0.0,
+            first: (0.0, 0.0),
         }
     }
 
@@ -212,9 +266,15 @@ impl WidthEvidence {
                 let kept = 1.0 / (1.0 + information * model * model);
                 ((score * kept).powi(2), information * kept)
             });
-        let evidence = Self::new(pairs.collect(), current);
+        let least = match IN_IMAGE.contains(&unknown) {
+            true => MIN_DETERMINED_IMAGE,
+            false => MIN_DETERMINED,
+        };
+        let evidence = Self::determined(pairs.collect(), current, least);
+        let variance = fit.covariance[(columns[0], columns[0])];
         (!evidence.directions.is_empty()).then_some(Self {
             square: square / n as f64,
+            first: (off[0], variance.max(0.0).sqrt()),
             ..evidence
         })
     }
@@ -244,26 +304,27 @@ impl WidthEvidence {
     }
 
     /// Increase that the data ask for, and how much more probable it makes them, as a logarithm; wide increases are less
-    /// probable than small ones (a density of 1 over the increase). `None` if the data do not contradict the stated width.
-    fn increase(&self) -> Option<(f64, f64)> {
-        let best = self.best_increase().filter(|_| self.is_contradicted());
+    /// probable than small ones (a density of 1 over the increase). `None` if the data, whose variance factor is `factor`, do
+    /// not contradict the prior.
+    fn increase(&self, factor: f64) -> Option<(f64, f64)> {
+        let best = self
+            .best_increase()
+            .filter(|_| self.tail(factor) < CONTRADICTION_ALPHA);
         best.map(|(increase, gain)| (increase, gain - increase.ln_1p()))
-    }
-
-    /// Returns whether the stated width is to be called contradicted.
-    fn is_contradicted(&self) -> bool {
-        self.probability() < CONTRADICTION_ALPHA
     }
 
     /// Probability of so large a residual if the stated width is true.
     pub fn probability(&self) -> f64 {
+        self.tail(1.0)
+    }
+
+    /// Probability of so large a residual if the prior is true and all variances are larger by `factor`.
+    fn tail(&self, factor: f64) -> f64 {
         let one = |(score, information): &(f64, f64)| {
-            score / (information * (1.0 - self.current * information).max(MIN_DETERMINED))
+            score / (information * (1.0 - self.current * information).max(self.least))
         };
-        chi_square_tail(
-            self.directions.len() as f64,
-            self.directions.iter().map(one).sum(),
-        )
+        let square: f64 = self.directions.iter().map(one).sum();
+        chi_square_tail(self.directions.len() as f64, square / factor)
     }
 }
 
@@ -271,155 +332,106 @@ fn all_evidence<'a>(
     problem: &'a Problem,
     fit: &'a Fit,
     widened: &'a WidenedPriors,
+    causes: &'a [Unknown],
 ) -> impl Iterator<Item = (Unknown, WidthEvidence)> + 'a {
-    TESTED.into_iter().filter_map(|unknown| {
+    causes.iter().filter_map(|unknown| {
         Some((
-            unknown,
-            WidthEvidence::from_fit(problem, fit, unknown, widened)?,
+            *unknown,
+            WidthEvidence::from_fit(problem, fit, *unknown, widened)?,
         ))
     })
 }
 
-/// Largest number of widths that are increased in one result.
-pub const WIDENING_PASSES: usize = 3;
+/// Difference of the tip deflections with one cause and with another, over the standard deviation, from which on a result is
+/// doubtful: the wrong choice adds as much as all other errors.
+const MAX_SPREAD: f64 = 1.0;
+/// Fraction of the variance of the tip deflection by scale and aspect of the image from which on they are not separable from it:
+/// the standard deviation is three times as large as without them.
+const MAX_IMAGE_SHARE: f64 = 0.9;
 
-/// Returns the increases that a solution asks for, each counted from the stated width: of those that are increased already,
-/// and of the one whose increase explains the data best. One residual may refute several widths, such as those of the
-/// mounting's and the root's rotation; the smallest increase is the most probable.
-pub fn widen_refuted_priors(
+/// Returns why another scale or aspect of the image leaves the deflection open.
+pub fn inseparable_image(widened: &WidenedPriors, budget: &VarianceBudget) -> Option<String> {
+    let is_of_image = |share: &&VarianceShare| share.source == Unknown::FlightScale.source();
+    let share = budget.shares.iter().find(is_of_image)?.share;
+    (widened.has_image_cause() && share > MAX_IMAGE_SHARE).then(|| {
+        "the image has another scale or aspect than the ground frames, and the markers hardly separate it from the deflection"
+            .into()
+    })
+}
+
+/// Largest number of solutions in which causes are freed one after the other.
+pub const FREEING_PASSES: usize = 4;
+
+/// Returns the causes that a solution asks to free, whose outliers are removed and whose variance factor is `factor`: those that
+/// are free and still significant, and the best new one. One residual may refute several priors, such as those of the mounting's
+/// and the root's rotation; the smallest increase is the most probable.
+pub fn asked_causes(
     problem: &Problem,
     fit: &Fit,
     widened: &WidenedPriors,
+    factor: f64,
 ) -> WidenedPriors {
-    let asked =
-        |(unknown, evidence): (Unknown, WidthEvidence)| Some((unknown, evidence.increase()?));
-    let (mut again, new): (Vec<_>, Vec<_>) = all_evidence(problem, fit, widened)
-        .filter_map(asked)
-        .partition(|(unknown, _)| widened.increase(*unknown) > 0.0);
-    again.extend(new.into_iter().max_by(|(_, a), (_, b)| a.1.total_cmp(&b.1)));
-    WidenedPriors(
-        again
-            .into_iter()
-            .map(|(unknown, (increase, _))| (unknown, increase))
-            .collect(),
-    )
+    let all = [&IN_IMAGE[..], &TESTED].concat();
+    asked_among(&all, problem, fit, widened, factor)
 }
 
-/// Words of the remark on a contradicted width.
-const CONTRADICTED: &str = "is contradicted: the";
-
-/// Returns whether the data contradict a stated width of a result.
-pub fn is_width_contradicted(solution: &Solution) -> bool {
-    solution
-        .remarks
-        .iter()
-        .any(|remark| remark.contains(CONTRADICTED))
-}
-
-/// Formats a positive number with two significant digits.
-pub fn two_digits(value: f64) -> String {
-    let decimals = (1.0 - value.log10().floor()).clamp(0.0, 6.0);
-    format!("{value:.0$}", decimals as usize)
-}
-
-/// A width that `installation.toml` states, or its default.
-pub struct StatedWidth {
-    /// Section and key.
-    pub key: String,
-    /// Unit of the key.
-    pub unit: &'static str,
-    /// Stated value, in the unit of the key.
-    pub value: f64,
-    /// Its default.
-    pub default: f64,
-}
-
-impl StatedWidth {
-    /// Finds the width of an unknown. `stayed`: the camera is stated to have stayed since the ground frames.
-    pub fn of_unknown(setup: &Setup, unknown: Unknown, stayed: bool) -> Self {
-        let row = Width::ROWS
-            .iter()
-            .find(|row| row.unknowns.contains(&unknown));
-        match (unknown, row) {
-            (Unknown::MountingRotation, _) if !stayed => Self {
-                key: "camera.mount_repeatability_px".into(),
-                unit: "px",
-                value: setup.mount_repeatability_px,
-                default: DEFAULT_REPEATABILITY_PX,
-            },
-            (_, Some(row)) => Self {
-                key: format!("{}.{}", row.section, row.key),
-                unit: row.unit.name,
-                value: setup.uncertainty[row.width] / row.unit.factor,
-                default: row.default_for(setup.reach_m()) / row.unit.factor,
-            },
-            (_, None) => Self {
-                key: "thermal.sigma_k".into(),
-                unit: "times the stated value",
-                value: 1.0,
-                default: 1.0,
-            },
-        }
-    }
-
-    /// Increase of the prior's covariance from the stated width to the default; `None` if the stated one is not much narrower.
-    pub fn increase_to_default(
-        &self,
-        unknown: Unknown,
-        stated: &DMatrix<f64>,
-    ) -> Option<DMatrix<f64>> {
-        (self.value < NARROW_FRACTION * self.default).then(|| match unknown {
-            Unknown::AxisHeight => {
-                axis_height_covariance(self.default) - axis_height_covariance(self.value)
-            }
-            _ => stated * ((self.default / self.value).powi(2) - 1.0),
-        })
+/// Returns the causes in the image that a solution with all observations asks to free: its outliers may be consequences.
+pub fn asked_image_causes(problem: &Problem, fit: &Fit) -> WidenedPriors {
+    WidenedPriors {
+        is_settled: false,
+        ..asked_among(&IN_IMAGE, problem, fit, &WidenedPriors::default(), 1.0)
     }
 }
 
-/// Remark that names the stated width that the data contradict most, if one is widened. `stayed`: the camera is stated
-/// to have stayed since the ground frames.
-pub fn contradiction_remark(
-    setup: &Setup,
-    stayed: bool,
-    (problem, fit): (&Problem, &Fit),
+fn asked_among(
+    causes: &[Unknown],
+    problem: &Problem,
+    fit: &Fit,
     widened: &WidenedPriors,
-) -> Option<String> {
-    if widened.is_empty() {
-        return None;
+    factor: f64,
+) -> WidenedPriors {
+    let asked = all_evidence(problem, fit, widened, causes)
+        .filter_map(|(unknown, evidence)| Some((unknown, evidence.increase(factor)?)));
+    let (again, mut new): (Vec<_>, Vec<_>) =
+        asked.partition(|(unknown, _)| widened.increase(*unknown) > 0.0);
+    if new.iter().any(|(unknown, _)| IN_IMAGE.contains(unknown)) {
+        new.retain(|(unknown, _)| IN_IMAGE.contains(unknown));
     }
-    let contradicted =
-        all_evidence(problem, fit, widened).filter(|(_, evidence)| evidence.current > 0.0);
-    let (unknown, evidence) =
-        contradicted.min_by(|a, b| a.1.probability().total_cmp(&b.1.probability()))?;
-    let StatedWidth {
-        key,
-        unit,
-        value: stated,
-        ..
-    } = StatedWidth::of_unknown(setup, unknown, stayed);
-    // The rotation is named by its size, other unknowns by the root mean square of their values.
-    let values = if unknown == Unknown::MountingRotation {
-        3.0
-    } else {
-        1.0
+    sort_by_value(&mut new, |(_, (_, gain))| -gain);
+    let with = |one: Option<&(Unknown, (f64, f64))>| WidenedPriors {
+        increases: again
+            .iter()
+            .chain(one)
+            .map(|(unknown, (increase, _))| (*unknown, *increase))
+            .collect(),
+        is_settled: true,
+        alternatives: vec![],
     };
-    let (step, counted) = match unknown {
-        Unknown::AxisHeight => (
-            AXIS_HEIGHT_STEP_M,
-            stated.hypot(AXIS_HEIGHT_STEP_M * evidence.current.sqrt()),
-        ),
-        _ => (stated, stated * (1.0 + evidence.current).sqrt()),
-    };
-    let moved = if stayed && unknown == Unknown::MountingRotation {
-        "; the camera did not stay as it was"
-    } else {
-        ""
-    };
-    Some(format!(
-        "{key} = {stated} {CONTRADICTED} {} is off by about {} {unit}{moved}. The result counts with {} {unit}",
-        unknown.name(),
-        two_digits(step * (values * evidence.square).sqrt()),
-        two_digits(counted),
-    ))
+    let least = new.first().map_or(0.0, |(_, (_, gain))| gain - ALIKE);
+    let alike = new.iter().skip(1).filter(|(_, (_, gain))| *gain > least);
+    let alternatives = widened.alternatives.iter().cloned();
+    WidenedPriors {
+        alternatives: alternatives
+            .chain(alike.map(|one| with(Some(one))))
+            .collect(),
+        ..with(new.first())
+    }
+}
+
+/// Returns why another cause, which explains the data equally well, leaves a deflection open: with the causes `free` it has a value
+/// and a standard deviation, with the other ones another value.
+pub fn find_spread(
+    (free, other): (&WidenedPriors, &WidenedPriors),
+    (value, sigma): (f64, f64),
+    other_value: f64,
+) -> Option<String> {
+    let spread = (other_value - value).abs();
+    (spread > MAX_SPREAD * sigma).then(|| {
+        format!(
+            "two causes explain the image equally well, with tip deflections that differ by {:.0} mm: {}, or {}",
+            1e3 * spread,
+            free.names(),
+            other.names()
+        )
+    })
 }
