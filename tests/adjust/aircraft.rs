@@ -315,7 +315,8 @@ pub struct SampledErrors {
 
 /// Whether the program reports an error: a rejecting test, or a remark on a displacement, on fixed targets or on motion.
 fn is_reported(solution: &Solution) -> bool {
-    const WORDS: [&str; 8] = [
+    const WORDS: [&str; 9] = [
+        "than that of the ground frames",
         "are jointly",
         "contradict",
         "inconsistent",

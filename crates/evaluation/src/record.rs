@@ -99,12 +99,12 @@ pub struct ImageRecord {
     /// Sentence that says what to do; not with `ok`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// Cause of a failed or doubtful result, with its correction.
+    /// Cause of a failed or doubtful result, and remedy.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
-    /// Counted cause.
+    /// A cause counts.
     #[serde(skip)]
-    pub counted: Option<String>,
+    pub counted: bool,
     /// Deflection model that was used; `None` for a frame that was never solved, written as an empty string.
     #[serde(with = "blank_method")]
     pub method: Option<AdjustmentMethod>,

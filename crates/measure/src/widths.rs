@@ -233,7 +233,7 @@ widths! {
     Vertical = "survey" "vertical_sigma_deg", DEGREE, 0.1, max 20.0, flight, None, [Vertical];
 }
 
-/// Length of the wing, from the root to the outermost marker, from which the defaults are an airliner's, m.
+/// Length of the wing, from the root to the outermost marker, with an airliner's defaults, m.
 const AIRLINER_REACH_M: f64 = 20.0;
 
 impl WidthRow {

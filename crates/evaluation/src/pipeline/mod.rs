@@ -156,8 +156,7 @@ fn adjustment_problem<T>(outcome: &Result<T, Reason>) -> Option<String> {
 /// Standard deviations of markers' sizes from which they are diagnosed: 0.1 % after the number of causes.
 const MAX_SIZE_SIGMAS: f64 = 4.0;
 
-/// Number of removed images of a frame from which a cause is diagnosed. Without one, the tests remove an image in
-/// 300, and two images in one frame of 500.
+/// Number of removed images of a frame from which a cause is diagnosed: in sound ones 1 of 500.
 const SUSPECT_REMOVALS: usize = 2;
 
 /// Adds the cause to the reason of a doubtful or failed result. A result that its test rejects, without several
@@ -179,8 +178,8 @@ fn add_diagnosis(
             .is_some_and(|sigma| e.value.abs() > MAX_SIZE_SIGMAS * sigma)
     };
     let is_needed = match record.status {
-        RecordStatus::Ok if record.counted.is_some() => false,
         RecordStatus::Ok if record.global_test == Some(GlobalTest::Rejected) => true,
+        RecordStatus::Ok if record.counted => false,
         RecordStatus::Ok => {
             let used = record.markers.iter().filter(|marker| marker.used).count();
             let removes_several = used + SUSPECT_REMOVALS <= processed.observations.len();

@@ -53,7 +53,7 @@ pub fn build_record(
                 (record.status, record.reason) = (RecordStatus::Doubtful, Some(doubt));
             }
             record.cause = solution.doubt;
-            record.counted = solution.counted_causes.into_iter().next();
+            record.counted = !solution.counted_causes.is_empty();
             record.quality.aircraft = aircraft::state_to_json(&frame.aircraft);
             record.quality.refraction = refraction;
         }

@@ -1,29 +1,26 @@
 //! Causes of a misfit: unknowns whose prior standard deviations the data refute. A significant one counts in the solution,
 //! with the larger prior standard deviation that the data ask for, or makes the result doubtful.
 //!
-//! What all other information says about an unknown follows from the solution: the prior's residual divided by the prior's
-//! covariance, and the part of that covariance that the solution took away. From both follow the probability of the
-//! residual if the prior is true, and the prior that the data ask for, without another solution.
-//!
-//! Scale and aspect of the image come first: one unknown that explains all markers is more probable than several.
+//! From the prior's residual and the part of its covariance that is left follow the probability of the residual if the prior
+//! is true, and the prior that the data ask for. Scale and aspect of the image
+//! come first: one unknown that explains all markers is more probable than several.
 
 mod remarks;
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::beam::RAISE_TERMS;
-use super::{VarianceBudget, VarianceShare};
-use crate::estimation::quality::chi_square_tail;
+use super::{AdjustResult, GlobalTest, VarianceBudget, VarianceShare};
+use crate::estimation::quality::{self, chi_square_tail};
 use crate::estimation::{Fit, Prior, Problem};
-use crate::ordering::sort_by_value;
 use crate::widths::Unknown;
 
-pub use remarks::{StatedWidth, cause_remarks, two_digits};
+pub use remarks::cause_remarks;
 
-/// Causes in the image: they are tried before all others, and before outliers are removed.
-pub const IN_IMAGE: [Unknown; 2] = [Unknown::FlightScale, Unknown::Aspect];
-/// Further causes. The prior standard deviations of skin and vibrations are estimated from the frames instead.
-pub const TESTED: [Unknown; 13] = [
+/// Registry of causes. Those of skin and vibrations are estimated from the frames instead.
+pub const CAUSES: [Unknown; 15] = [
+    Unknown::FlightScale,
+    Unknown::Aspect,
     Unknown::MountingRotation,
     Unknown::MountingShift,
     Unknown::AxisHeight,
@@ -38,26 +35,24 @@ pub const TESTED: [Unknown; 13] = [
     Unknown::FlightPrincipalPoint,
     Unknown::ThermalScale,
 ];
+/// Causes in the image: they are tried before all others, and before outliers are removed.
+const IN_IMAGE: [Unknown; 2] = [Unknown::FlightScale, Unknown::Aspect];
 
 /// Fraction of a stated variance that the data must determine for a direction to be tested: below, the linear model does not
 /// carry as far as the residual asks.
 const MIN_DETERMINED: f64 = 2e-3;
-/// The same for scale and aspect of the image, in which the model is linear: changes of 300 standard deviations, 1.5 % of aspect.
+/// The same for causes in the image, in which the model is linear: 300 standard deviations, 1.5 % of aspect.
 const MIN_DETERMINED_IMAGE: f64 = 1e-5;
-/// Significance level from which a stated width is contradicted: named, and wider in the result. With all widths of an
-/// installation, less than 2 % of correct installations have a remark.
-const CONTRADICTION_ALPHA: f64 = 1e-3;
+/// Probability that a cause counts in a result without errors, shared by all causes.
+const CAUSES_ALPHA: f64 = 1e-3;
 /// Fraction of the default below which a stated width is narrow: five times as precise as usual.
 pub const NARROW_FRACTION: f64 = 0.2;
 /// Ratio of the tip's standard deviation with the default to that with the stated width from which on a narrow width is decisive.
 pub const SENSITIVE_RATIO: f64 = 1.3;
 /// Candidate increases of a stated variance, as powers of two.
 const INCREASES: std::ops::Range<i32> = -2..20;
-/// Increase of the variance of scale and aspect if nothing is known about them: standard deviations of 5 % and 1.3 % by default.
+/// Increase for causes in the image if nothing is known: standard deviations of 5 % (scale) and 1.3 % (aspect) by default.
 const WIDEST: f64 = 65_536.0;
-/// Difference of the logarithms of two causes' probabilities below which they explain the data equally well: odds of 20 to 1.
-const ALIKE: f64 = 3.0;
-
 /// Distribution of the uncertainty of the axis height along the span: mean, then Legendre polynomials of degree 1 to 3. An
 /// error in the relative height of the axis in a section is similar along the wing. The difference from root to tip (twice
 /// the second value) is 40 % of the mean's standard deviation, the variation between the spars of different sections; the
@@ -92,37 +87,12 @@ pub fn axis_height_covariance(sigma_m: f64) -> DMatrix<f64> {
 
 /// Increases of the stated variances of some unknowns, as multiples.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct WidenedPriors {
-    increases: Vec<(Unknown, f64)>,
-    /// Whether they were found without outliers.
-    is_settled: bool,
-    /// Other causes that explain the data equally well.
-    pub alternatives: Vec<WidenedPriors>,
-}
+pub struct WidenedPriors(Vec<(Unknown, f64)>);
 
 impl WidenedPriors {
-    /// Returns whether no width is increased.
+    /// Returns whether none is increased.
     pub fn is_empty(&self) -> bool {
-        self.increases.is_empty()
-    }
-
-    /// Returns the causes in the image, with the widest priors.
-    pub fn free_image() -> Self {
-        Self {
-            increases: IN_IMAGE.map(|cause| (cause, WIDEST)).to_vec(),
-            ..Self::default()
-        }
-    }
-
-    /// Returns whether no cause was looked for yet.
-    pub fn is_unsettled(&self) -> bool {
-        self.is_empty() && !self.is_settled
-    }
-
-    /// Returns the names of the causes.
-    fn names(&self) -> String {
-        let names: Vec<&str> = self.increases.iter().map(|(one, _)| one.name()).collect();
-        names.join(" with ")
+        self.0.is_empty()
     }
 
     /// Returns whether the image has another scale or aspect.
@@ -132,7 +102,7 @@ impl WidenedPriors {
 
     /// Returns the increase of an unknown's variance; 0: it has its stated width.
     pub fn increase(&self, unknown: Unknown) -> f64 {
-        self.increases
+        self.0
             .iter()
             .find(|(widened, _)| *widened == unknown)
             .map_or(0.0, |(_, increase)| *increase)
@@ -151,7 +121,7 @@ impl WidenedPriors {
 
     /// Returns whether other unknowns are widened than in `other`, or by another size.
     pub fn differs_from(&self, other: &Self) -> bool {
-        IN_IMAGE.iter().chain(&TESTED).any(|unknown| {
+        CAUSES.iter().any(|unknown| {
             let [a, b] = [self, other].map(|widened| 1.0 + widened.increase(*unknown));
             (a / b).ln().abs() > 1.0
         })
@@ -184,18 +154,22 @@ pub struct WidthEvidence {
 impl WidthEvidence {
     /// Evidence from independent scores; see the fields.
     pub fn new(directions: Vec<(f64, f64)>, current: f64) -> Self {
-        Self::determined(directions, current, MIN_DETERMINED)
-    }
-
-    fn determined(mut directions: Vec<(f64, f64)>, current: f64, least: f64) -> Self {
-        directions.retain(|(_, information)| *information > least / (1.0 + current));
         Self {
             directions,
             current,
-            least,
+            least: MIN_DETERMINED,
             square: 0.0,
             first: (0.0, 0.0),
         }
+        .determined()
+    }
+
+    /// Drops directions that the data hardly determine.
+    fn determined(mut self) -> Self {
+        let least = self.least / (1.0 + self.current);
+        self.directions
+            .retain(|(_, information)| *information > least);
+        self
     }
 
     fn from_fit(
@@ -226,24 +200,17 @@ impl WidthEvidence {
                 .zip(means)
                 .map(|(column, mean)| fit.global[*column] - mean),
         );
-        let (mut weight, mut root) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
-        let (mut first, mut square) = (0, 0.0);
+        let (mut given, mut unit) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
+        let mut first = 0;
         for prior in own {
-            let size = prior.columns.len();
-            let one = match unknown {
-                Unknown::AxisHeight => step(unknown, &prior.covariance),
-                _ => &prior.covariance / (1.0 + current),
-            };
-            let factor = one.cholesky()?;
-            let values = off.rows(first, size).into_owned();
-            square += values.dot(&factor.solve(&values));
-            let at = ((first, first), (size, size));
-            root.view_mut(at.0, at.1).copy_from(&factor.l());
-            weight
-                .view_mut(at.0, at.1)
-                .copy_from(&prior.covariance.clone().cholesky()?.inverse());
-            first += size;
+            let (at, size) = ((first, first), prior.covariance.shape());
+            let stated = &prior.covariance / (1.0 + current);
+            unit.view_mut(at, size).copy_from(&step(unknown, &stated));
+            given.view_mut(at, size).copy_from(&prior.covariance);
+            first += size.0;
         }
+        let unit = unit.cholesky()?;
+        let (weight, root) = (given.cholesky()?.inverse(), unit.l());
         let posterior = fit
             .covariance
             .select_columns(&columns)
@@ -270,13 +237,22 @@ impl WidthEvidence {
             true => MIN_DETERMINED_IMAGE,
             false => MIN_DETERMINED,
         };
-        let evidence = Self::determined(pairs.collect(), current, least);
         let variance = fit.covariance[(columns[0], columns[0])];
-        (!evidence.directions.is_empty()).then_some(Self {
-            square: square / n as f64,
+        let evidence = Self {
+            directions: pairs.collect(),
+            current,
+            least,
+            square: off.dot(&unit.solve(&off)) / n as f64,
             first: (off[0], variance.max(0.0).sqrt()),
-            ..evidence
-        })
+        };
+        Some(evidence.determined()).filter(|evidence| !evidence.directions.is_empty())
+    }
+
+    /// Largest information in a direction.
+    fn most_determined(&self) -> f64 {
+        self.directions
+            .iter()
+            .fold(0.0, |most, one| one.1.max(most))
     }
 
     /// Logarithm of the probability of the scores with an increase relative to that with the current one.
@@ -309,17 +285,12 @@ impl WidthEvidence {
     fn increase(&self, factor: f64) -> Option<(f64, f64)> {
         let best = self
             .best_increase()
-            .filter(|_| self.tail(factor) < CONTRADICTION_ALPHA);
+            .filter(|_| self.probability(factor) < CAUSES_ALPHA / CAUSES.len() as f64);
         best.map(|(increase, gain)| (increase, gain - increase.ln_1p()))
     }
 
-    /// Probability of so large a residual if the stated width is true.
-    pub fn probability(&self) -> f64 {
-        self.tail(1.0)
-    }
-
     /// Probability of so large a residual if the prior is true and all variances are larger by `factor`.
-    fn tail(&self, factor: f64) -> f64 {
+    pub fn probability(&self, factor: f64) -> f64 {
         let one = |(score, information): &(f64, f64)| {
             score / (information * (1.0 - self.current * information).max(self.least))
         };
@@ -342,96 +313,99 @@ fn all_evidence<'a>(
     })
 }
 
-/// Difference of the tip deflections with one cause and with another, over the standard deviation, from which on a result is
-/// doubtful: the wrong choice adds as much as all other errors.
-const MAX_SPREAD: f64 = 1.0;
-/// Fraction of the variance of the tip deflection by scale and aspect of the image from which on they are not separable from it:
-/// the standard deviation is three times as large as without them.
+/// Largest number of solutions that free causes.
+const FREEING_PASSES: usize = 4;
+/// Fraction of the tip's variance by causes in the image from which on they are not separable from the deflection: its standard
+/// deviation is three times as large as without them.
 const MAX_IMAGE_SHARE: f64 = 0.9;
 
-/// Returns why another scale or aspect of the image leaves the deflection open.
+/// Returns why another scale or aspect of the image leaves the deflection open; `None` if the markers separate them.
 pub fn inseparable_image(widened: &WidenedPriors, budget: &VarianceBudget) -> Option<String> {
-    let is_of_image = |share: &&VarianceShare| share.source == Unknown::FlightScale.source();
-    let share = budget.shares.iter().find(is_of_image)?.share;
-    (widened.has_image_cause() && share > MAX_IMAGE_SHARE).then(|| {
-        "the image has another scale or aspect than the ground frames, and the markers hardly separate it from the deflection"
+    let is_open = |part: &VarianceShare| {
+        part.source == Unknown::FlightScale.source() && part.share > MAX_IMAGE_SHARE
+    };
+    (widened.has_image_cause() && budget.shares.iter().any(is_open)).then(|| {
+        "the image has another scale or aspect than the ground frames, which the markers hardly separate from the deflection"
             .into()
     })
 }
 
-/// Largest number of solutions in which causes are freed one after the other.
-pub const FREEING_PASSES: usize = 4;
-
-/// Returns the causes that a solution asks to free, whose outliers are removed and whose variance factor is `factor`: those that
-/// are free and still significant, and the best new one. One residual may refute several priors, such as those of the mounting's
-/// and the root's rotation; the smallest increase is the most probable.
-pub fn asked_causes(
-    problem: &Problem,
-    fit: &Fit,
+/// Returns the causes among `tested` that a solution asks to free: those that are free and still significant, and the best new
+/// one, in the image before others. One residual may refute several priors; the smallest increase is the most probable.
+/// `factor`: variance factor.
+fn asked_causes(
+    tested: &[Unknown],
+    (problem, fit): (&Problem, &Fit),
     widened: &WidenedPriors,
     factor: f64,
 ) -> WidenedPriors {
-    let all = [&IN_IMAGE[..], &TESTED].concat();
-    asked_among(&all, problem, fit, widened, factor)
-}
-
-/// Returns the causes in the image that a solution with all observations asks to free: its outliers may be consequences.
-pub fn asked_image_causes(problem: &Problem, fit: &Fit) -> WidenedPriors {
-    WidenedPriors {
-        is_settled: false,
-        ..asked_among(&IN_IMAGE, problem, fit, &WidenedPriors::default(), 1.0)
-    }
-}
-
-fn asked_among(
-    causes: &[Unknown],
-    problem: &Problem,
-    fit: &Fit,
-    widened: &WidenedPriors,
-    factor: f64,
-) -> WidenedPriors {
-    let asked = all_evidence(problem, fit, widened, causes)
+    let asked = all_evidence(problem, fit, widened, tested)
         .filter_map(|(unknown, evidence)| Some((unknown, evidence.increase(factor)?)));
-    let (again, mut new): (Vec<_>, Vec<_>) =
+    let (mut causes, mut new): (Vec<_>, Vec<_>) =
         asked.partition(|(unknown, _)| widened.increase(*unknown) > 0.0);
-    if new.iter().any(|(unknown, _)| IN_IMAGE.contains(unknown)) {
-        new.retain(|(unknown, _)| IN_IMAGE.contains(unknown));
+    let is_of_image = |(unknown, _): &(Unknown, _)| IN_IMAGE.contains(unknown);
+    if new.iter().any(is_of_image) {
+        new.retain(is_of_image);
     }
-    sort_by_value(&mut new, |(_, (_, gain))| -gain);
-    let with = |one: Option<&(Unknown, (f64, f64))>| WidenedPriors {
-        increases: again
-            .iter()
-            .chain(one)
-            .map(|(unknown, (increase, _))| (*unknown, *increase))
-            .collect(),
-        is_settled: true,
-        alternatives: vec![],
-    };
-    let least = new.first().map_or(0.0, |(_, (_, gain))| gain - ALIKE);
-    let alike = new.iter().skip(1).filter(|(_, (_, gain))| *gain > least);
-    let alternatives = widened.alternatives.iter().cloned();
-    WidenedPriors {
-        alternatives: alternatives
-            .chain(alike.map(|one| with(Some(one))))
-            .collect(),
-        ..with(new.first())
-    }
+    causes.extend(new.into_iter().max_by(|(_, a), (_, b)| a.1.total_cmp(&b.1)));
+    let increases = causes
+        .into_iter()
+        .map(|(unknown, (increase, _))| (unknown, increase));
+    WidenedPriors(increases.collect())
 }
 
-/// Returns why another cause, which explains the data equally well, leaves a deflection open: with the causes `free` it has a value
-/// and a standard deviation, with the other ones another value.
-pub fn find_spread(
-    (free, other): (&WidenedPriors, &WidenedPriors),
-    (value, sigma): (f64, f64),
-    other_value: f64,
-) -> Option<String> {
-    let spread = (other_value - value).abs();
-    (spread > MAX_SPREAD * sigma).then(|| {
-        format!(
-            "two causes explain the image equally well, with tip deflections that differ by {:.0} mm: {}, or {}",
-            1e3 * spread,
-            free.names(),
-            other.names()
-        )
-    })
+/// Solution with causes.
+pub trait CauseModel: Sized {
+    /// Returns problem, fit, free causes, and the sum of squares of the global test with its redundancy.
+    fn solved(&self) -> (&Problem, &Fit, &WidenedPriors, (f64, usize));
+    /// Solves with other causes free, and finds the outliers again.
+    ///
+    /// # Errors
+    /// Returns an error if there is no solution.
+    fn with_causes(&self, widened: WidenedPriors) -> AdjustResult<Self>;
+}
+
+/// Frees the causes that a solution without outliers asks for, as long as there is a solution. If the global test of level
+/// `alpha` rejects it, their significance is relative to its variance factor. Level 0: nothing is tested.
+pub fn free_causes<M: CauseModel>(mut model: M, alpha: f64) -> M {
+    for _ in 0..FREEING_PASSES {
+        let (problem, fit, widened, (omega, redundancy)) = model.solved();
+        let factor = match quality::global_test(omega, redundancy, alpha) {
+            Some(GlobalTest::Rejected) => omega / redundancy.max(1) as f64,
+            _ => 1.0,
+        };
+        let asked = asked_causes(&CAUSES, (problem, fit), widened, factor.max(1.0));
+        if alpha <= 0.0 || !asked.differs_from(widened) {
+            break;
+        }
+        let Ok(wider) = model.with_causes(asked) else {
+            break;
+        };
+        model = wider;
+    }
+    model
+}
+
+/// Solves with all observations, and again with the causes in the image that they ask for: outliers may be consequences. Without
+/// a solution, these may be the reason. Level 0: nothing is tested.
+///
+/// # Errors
+/// Returns an error if there is no solution.
+pub fn solve_with_image_causes<S>(
+    alpha: f64,
+    mut solve: impl FnMut(WidenedPriors, Option<&S>) -> AdjustResult<S>,
+    parts: impl Fn(&S) -> (&Problem, &Fit),
+) -> AdjustResult<S> {
+    let solved = match solve(WidenedPriors::default(), None) {
+        Err(_) if alpha > 0.0 => {
+            let widest = IN_IMAGE.map(|cause| (cause, WIDEST));
+            return solve(WidenedPriors(widest.to_vec()), None);
+        }
+        solved => solved?,
+    };
+    let asked = asked_causes(&IN_IMAGE, parts(&solved), &WidenedPriors::default(), 1.0);
+    match alpha <= 0.0 || asked.is_empty() {
+        true => Ok(solved),
+        false => solve(asked, Some(&solved)),
+    }
 }

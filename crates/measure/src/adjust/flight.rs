@@ -46,7 +46,7 @@ use super::input::AdjustmentInput;
 use super::outcome::{FrameOutcome, with_prior_if_consistent};
 use super::scene::WingScene;
 use super::terms::MIN_DRIFT_RAD;
-use super::{AdjustResult, Mounting, Observation, Options, Solution, solve_spatial};
+use super::{AdjustResult, Observation, Options, Solution};
 use crate::setup::{Orientation, Setup};
 
 /// Adjusts all frames of a flight jointly with the rigid-section beam; returns one solution per frame.
@@ -62,61 +62,7 @@ pub fn solve_flight(
     if frames.is_empty() {
         return Ok(vec![]);
     }
-    let mut all: Vec<Option<Solution>> = vec![None; frames.len()];
-    let mut kept: Vec<usize> = (0..frames.len()).collect();
-    for round in 0..=MISFIT_ROUNDS {
-        let own = options_of(options, &kept);
-        let of_kept: Vec<Vec<Observation>> = kept.iter().map(|k| frames[*k].clone()).collect();
-        let solve = solve_flight_with(setup, orientation, &of_kept, &own, |joint| {
-            joint.misfitting_frames()
-        });
-        let (solutions, misfits) = match solve {
-            Err(error) if round == 0 => return Err(error),
-            // Without a solution the frames stay as they are.
-            Err(_) => break,
-            Ok(solved) => solved,
-        };
-        for (k, solution) in kept.iter().zip(solutions) {
-            all[*k] = Some(solution);
-        }
-        let left = kept.len() - misfits.len();
-        if misfits.is_empty() || 3 * left < 2 * frames.len() || left < 2 || round == MISFIT_ROUNDS {
-            break;
-        }
-        for (position, factor) in misfits.iter().rev() {
-            let k = kept.remove(*position);
-            let alone = solve_spatial(setup, orientation, &frames[k], &options_of(options, &[k]));
-            all[k] = alone.ok().or(all[k].take());
-            if let Some(solution) = &mut all[k] {
-                solution.doubt = Some(misfit_doubt(*factor, &solution.counted_causes));
-            }
-        }
-    }
-    Ok(all.into_iter().flatten().collect())
-}
-
-/// Number of rounds in which frames that do not fit their flight are removed from it.
-const MISFIT_ROUNDS: usize = 3;
-
-/// Options of some of the frames.
-fn options_of(options: &Options, frames: &[usize]) -> Options {
-    let of_frames =
-        |all: &Vec<Mounting>| frames.iter().filter_map(|k| all.get(*k).copied()).collect();
-    Options {
-        mountings: options.mountings.as_ref().map(of_frames),
-        ..options.clone()
-    }
-}
-
-/// Reason why the result of a frame that does not fit its flight may not be used.
-fn misfit_doubt(factor: f64, causes: &[String]) -> String {
-    let cause = match causes {
-        [] => "check the camera and the image at this frame".to_owned(),
-        causes => causes.join("; "),
-    };
-    format!(
-        "the frame does not fit the joint solution of the others (variance factor {factor:.0}) and was adjusted alone: {cause}"
-    )
+    solve_flight_with(setup, orientation, frames, options, |_| ()).map(|(solutions, ())| solutions)
 }
 
 /// Adjusts all frames of a flight, at least one, and derives something else from the joint solution.

@@ -7,7 +7,6 @@ mod budget;
 pub(crate) mod causes;
 mod common_displacement;
 mod curve;
-mod decisive_widths;
 mod estimated_dimensions;
 #[cfg(test)]
 #[path = "tests/example.rs"]
@@ -69,7 +68,7 @@ pub enum Mounting {
 pub struct Options {
     /// Kind of standard deviations to report.
     pub sigma: SigmaKind,
-    /// Number of curvature terms, 1 to 10; `None`: chosen by test.
+    /// Number of curvature terms, 1 to 10; `None`: 8.
     pub curvature_terms: Option<usize>,
     /// Number of twist terms.
     pub twist_terms: usize,
@@ -79,9 +78,6 @@ pub struct Options {
     pub global_alpha: f64,
     /// Level of significance of the w-test; 0 switches data snooping off.
     pub snooping_alpha: f64,
-    /// Rotation of the mounting relative to the ground frame's (camera frame, rad) with its covariance, if earlier frames
-    /// of the mounting determine it; `None`: the mount's repeatability applies.
-    pub mount_prior: Option<(Vector3<f64>, Matrix3<f64>)>,
     /// Mounting of each frame, if the user or the recorder knows it; `None`: the flight method detects remounts from the
     /// frames.
     pub mountings: Option<Vec<Mounting>>,
@@ -89,10 +85,19 @@ pub struct Options {
     pub flight_prior: Option<Arc<FlightPrior>>,
 }
 
+/// Default number of curvature terms; 10 alter no result.
+const DEFAULT_CURVATURE_TERMS: usize = 8;
+
 impl Options {
     /// Returns whether the single frame was taken without a remount since the ground frames.
     fn keeps_ground_mounting(&self) -> bool {
         self.mountings.as_deref() == Some(&[Mounting::Ground])
+    }
+
+    /// Returns the number of curvature terms, at least `least`.
+    fn count_curvature_terms(&self, least: usize) -> usize {
+        let terms = self.curvature_terms.unwrap_or(DEFAULT_CURVATURE_TERMS);
+        terms.clamp(least, beam::MAX_CURVATURE_TERMS)
     }
 }
 
@@ -105,7 +110,6 @@ impl Default for Options {
             variance_components: false,
             global_alpha: 0.01,
             snooping_alpha: 0.001,
-            mount_prior: None,
             mountings: None,
             flight_prior: None,
         }

@@ -1,108 +1,98 @@
-//! Remarks on causes that count in a result, with the keys and defaults of their prior standard deviations.
-
-use nalgebra::DMatrix;
+//! Remarks on causes that count in a result, with the keys of their prior standard deviations.
 
 use super::{
-    AXIS_HEIGHT_STEP_M, IN_IMAGE, NARROW_FRACTION, TESTED, WidenedPriors, WidthEvidence,
-    all_evidence, axis_height_covariance,
+    AXIS_HEIGHT_STEP_M, CAUSES, NARROW_FRACTION, SENSITIVE_RATIO, WidenedPriors, WidthEvidence,
+    all_evidence,
 };
+use crate::adjust::{VarianceBudget, VarianceShare};
 use crate::estimation::{Fit, Problem};
 use crate::setup::{DEFAULT_REPEATABILITY_PX, Setup};
 use crate::widths::{Unknown, Width};
 
 /// Formats a positive number with two significant digits.
-pub fn two_digits(value: f64) -> String {
+fn two_digits(value: f64) -> String {
     let decimals = (1.0 - value.log10().floor()).clamp(0.0, 6.0);
     format!("{value:.0$}", decimals as usize)
 }
 
-/// A width that `installation.toml` states, or its default.
-pub struct StatedWidth {
-    /// Section and key.
-    pub key: String,
-    /// Unit of the key.
-    pub unit: &'static str,
-    /// Stated value, in the unit of the key.
-    pub value: f64,
-    /// Its default.
-    pub default: f64,
-}
-
-impl StatedWidth {
-    /// Finds the width of an unknown. `stayed`: the camera is stated to have stayed since the ground frames.
-    pub fn of_unknown(setup: &Setup, unknown: Unknown, stayed: bool) -> Self {
-        let row = Width::ROWS
-            .iter()
-            .find(|row| row.unknowns.contains(&unknown));
-        match (unknown, row) {
-            (Unknown::MountingRotation, _) if !stayed => Self {
-                key: "camera.mount_repeatability_px".into(),
-                unit: "px",
-                value: setup.mount_repeatability_px,
-                default: DEFAULT_REPEATABILITY_PX,
-            },
-            (_, Some(row)) => Self {
-                key: format!("{}.{}", row.section, row.key),
-                unit: row.unit.name,
-                value: setup.uncertainty[row.width] / row.unit.factor,
-                default: row.default_for(setup.reach_m()) / row.unit.factor,
-            },
-            (_, None) => Self {
-                key: "thermal.sigma_k".into(),
-                unit: "times the stated value",
-                value: 1.0,
-                default: 1.0,
-            },
-        }
-    }
-
-    /// Increase of the prior's covariance from the stated width to the default; `None` if the stated one is not much narrower.
-    pub fn increase_to_default(
-        &self,
-        unknown: Unknown,
-        stated: &DMatrix<f64>,
-    ) -> Option<DMatrix<f64>> {
-        (self.value < NARROW_FRACTION * self.default).then(|| match unknown {
-            Unknown::AxisHeight => {
-                axis_height_covariance(self.default) - axis_height_covariance(self.value)
-            }
-            _ => stated * ((self.default / self.value).powi(2) - 1.0),
-        })
+/// Returns section and key of an unknown's prior standard deviation, its unit, value and default.
+fn stated_width(setup: &Setup, unknown: Unknown, stayed: bool) -> (String, &'static str, f64, f64) {
+    let mut rows = Width::ROWS.iter();
+    let row = rows.find(|row| row.unknowns.contains(&unknown));
+    match (unknown, row) {
+        (Unknown::MountingRotation, _) if !stayed => (
+            "camera.mount_repeatability_px".into(),
+            "px",
+            setup.mount_repeatability_px,
+            DEFAULT_REPEATABILITY_PX,
+        ),
+        (_, Some(row)) => (
+            format!("{}.{}", row.section, row.key),
+            row.unit.name,
+            setup.uncertainty[row.width] / row.unit.factor,
+            row.default_for(setup.reach_m()) / row.unit.factor,
+        ),
+        (_, None) => ("thermal.sigma_k".into(), "times the stated value", 1.0, 1.0),
     }
 }
 
-/// Remarks on the causes that count in a solution: those in the image, or else the most significant one. `stayed`: the camera
-/// is stated to have stayed since the ground frames.
+/// Remarks on causes that count, and on narrow priors that decide the tip's variance. `stayed`: without a remount since the
+/// ground frames.
 pub fn cause_remarks(
     setup: &Setup,
     stayed: bool,
     (problem, fit): (&Problem, &Fit),
     widened: &WidenedPriors,
-) -> Vec<String> {
-    let free = |unknown: &Unknown| widened.increase(*unknown) > 0.0;
-    let in_image: Vec<Unknown> = IN_IMAGE.into_iter().filter(free).collect();
-    let others: Vec<Unknown> = TESTED.into_iter().filter(free).collect();
-    let worst = all_evidence(problem, fit, widened, &others)
-        .min_by(|a, b| a.1.probability().total_cmp(&b.1.probability()));
-    let images = all_evidence(problem, fit, widened, &in_image)
-        .map(|(unknown, evidence)| image_remark(unknown, &evidence));
-    let other =
-        worst.map(|(unknown, evidence)| contradiction_remark(setup, stayed, unknown, &evidence));
-    images.chain(other).collect()
+    budget: &VarianceBudget,
+) -> [Vec<String>; 2] {
+    let counted = |(unknown, evidence): (Unknown, WidthEvidence)| match unknown {
+        Unknown::FlightScale | Unknown::Aspect => image_remark(unknown, &evidence),
+        _ => contradiction_remark(setup, stayed, unknown, &evidence),
+    };
+    let mut free = CAUSES.to_vec();
+    free.retain(|unknown| widened.increase(*unknown) > 0.0);
+    let decisive = |unknown: Unknown| {
+        let (key, unit, stated, default) = stated_width(setup, unknown, stayed);
+        if stated >= NARROW_FRACTION * default {
+            return None;
+        }
+        let of_unknown = |part: &&VarianceShare| part.source == unknown.source();
+        let share = budget.shares.iter().find(of_unknown)?.share;
+        let most = WidthEvidence::from_fit(problem, fit, unknown, widened)
+            .map_or(0.0, |evidence| evidence.most_determined());
+        let determined = match unknown {
+            Unknown::AxisHeight => most * (stated / AXIS_HEIGHT_STEP_M).powi(2),
+            _ => most,
+        };
+        let more = (default / stated).powi(2) - 1.0;
+        let ratio = (1.0 + share * more / (1.0 + determined * more)).sqrt();
+        (ratio > SENSITIVE_RATIO).then(|| {
+            format!(
+                "{key} = {stated} decides this result and the images do not test it: with the default of {default} {unit} the \
+                 tip's standard deviation is {ratio:.1} times larger. Make sure of it, or leave the key out"
+            )
+        })
+    };
+    [
+        all_evidence(problem, fit, widened, &free)
+            .map(counted)
+            .collect(),
+        CAUSES.into_iter().filter_map(decisive).collect(),
+    ]
 }
 
 /// Remark on another scale or aspect of the image.
 fn image_remark(unknown: Unknown, evidence: &WidthEvidence) -> String {
     let (value, sigma) = evidence.first;
-    let words = match (unknown, value > 0.0) {
-        (Unknown::FlightScale, true) => "larger than that of the ground frames",
-        (Unknown::FlightScale, false) => "smaller than that of the ground frames",
-        (_, true) => "higher, relative to its width, than that of the ground frames",
-        (_, false) => "lower, relative to its width, than that of the ground frames",
+    let word = match (unknown, value > 0.0) {
+        (Unknown::FlightScale, true) => "larger",
+        (Unknown::FlightScale, false) => "smaller",
+        (_, true) => "higher for its width",
+        (_, false) => "lower for its width",
     };
     format!(
-        "the image is {:.2} ± {:.2} % {words}: focus, zoom, stabilisation, a correction or the size of images has changed. It \
-         was estimated, and the result counts with it; use the settings of the ground frames, or take new ones",
+        "the image is {:.2} ± {:.2} % {word} than that of the ground frames: focus, zoom, stabilisation, a correction or the size \
+         of images has changed. The result counts with it; use the ground frames' settings, or take new ones",
         1e2 * value.abs(),
         1e2 * sigma
     )
@@ -115,17 +105,11 @@ fn contradiction_remark(
     unknown: Unknown,
     evidence: &WidthEvidence,
 ) -> String {
-    let StatedWidth {
-        key,
-        unit,
-        value: stated,
-        ..
-    } = StatedWidth::of_unknown(setup, unknown, stayed);
+    let (key, unit, stated, _) = stated_width(setup, unknown, stayed);
     // The rotation is named by its size, other unknowns by the root mean square of their values.
-    let values = if unknown == Unknown::MountingRotation {
-        3.0
-    } else {
-        1.0
+    let values = match unknown {
+        Unknown::MountingRotation => 3.0,
+        _ => 1.0,
     };
     let (step, counted) = match unknown {
         Unknown::AxisHeight => (
@@ -134,13 +118,8 @@ fn contradiction_remark(
         ),
         _ => (stated, stated * (1.0 + evidence.current).sqrt()),
     };
-    let moved = if stayed && unknown == Unknown::MountingRotation {
-        "; the camera did not stay as it was"
-    } else {
-        ""
-    };
     format!(
-        "{key} = {stated} is contradicted: the {} is off by about {} {unit}{moved}. The result counts with {} {unit}",
+        "{key} = {stated} is contradicted: the {} is off by about {} {unit}. The result counts with {} {unit}",
         unknown.name(),
         two_digits(step * (values * evidence.square).sqrt()),
         two_digits(counted),

@@ -4,11 +4,11 @@ use super::flight_problem::FlightProblem;
 use super::frames::Flight;
 use super::usage::RemovedObservation;
 use crate::adjust::AdjustResult;
-use crate::adjust::causes::{FREEING_PASSES, WidenedPriors, asked_causes};
+use crate::adjust::causes::{CauseModel, WidenedPriors};
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::outcome::FrameOutcome;
 use crate::adjust::snooping::{ResidualSum, SolvedGroup};
-use crate::estimation::{Fit, SolveOptions};
+use crate::estimation::{Fit, Problem, SolveOptions};
 
 /// Flight problem with its solution.
 pub struct SolvedFlight {
@@ -73,50 +73,6 @@ impl Flight<'_> {
         Ok(solved)
     }
 
-    /// Frees the causes that the frames ask for, and then finds the outliers again, as long as there is a solution.
-    pub fn free_causes(
-        &mut self,
-        mut solved: SolvedFlight,
-        removed: &mut Vec<RemovedObservation>,
-    ) -> SolvedFlight {
-        // Level 0: nothing is tested.
-        if self.input.options.global_alpha <= 0.0 {
-            return solved;
-        }
-        for _ in 0..FREEING_PASSES {
-            let problem = &solved.flight_problem.problem;
-            let widened = asked_causes(problem, &solved.fit, &self.widened, 1.0);
-            if !widened.differs_from(&self.widened) {
-                break;
-            }
-            let Ok((wider, found, outliers)) = self.with_causes(widened) else {
-                break;
-            };
-            if wider.solve_converged(&found.fit).is_err() {
-                break;
-            }
-            (*self, solved, *removed) = (wider, found, outliers);
-        }
-        solved
-    }
-
-    /// Computes a rough solution with these causes free, and finds the outliers again.
-    ///
-    /// # Errors
-    /// Returns an error if the flight has no solution.
-    pub fn with_causes(
-        &self,
-        widened: WidenedPriors,
-    ) -> AdjustResult<(Self, SolvedFlight, Vec<RemovedObservation>)> {
-        let mut wider = Self {
-            widened,
-            ..self.clone()
-        };
-        wider.usage.reset_except(&[]);
-        let (found, outliers) = wider.remove_outliers()?;
-        Ok((wider, found, outliers))
-    }
-
     /// Computes the converged solution, starting from a rough one.
     ///
     /// # Errors
@@ -136,5 +92,29 @@ impl Flight<'_> {
             fit,
             tested_sum: self.tested_sum,
         })
+    }
+}
+
+/// A flight with its rough solution, and the observations that were removed.
+pub type RoughFlight<'a> = (Flight<'a>, SolvedFlight, Vec<RemovedObservation>);
+
+impl CauseModel for RoughFlight<'_> {
+    fn solved(&self) -> (&Problem, &Fit, &WidenedPriors, (f64, usize)) {
+        let (flight, solved, _) = self;
+        let sum = ResidualSum::tested(solved.tested_sum, &solved.fit);
+        let problem = &solved.flight_problem.problem;
+        (problem, &solved.fit, &flight.widened, sum)
+    }
+
+    fn with_causes(&self, widened: WidenedPriors) -> AdjustResult<Self> {
+        let mut flight = Flight {
+            widened,
+            ..self.0.clone()
+        };
+        flight.usage.reset_except(&[]);
+        let rough = flight.solve_rough(None)?;
+        let (found, outliers) = flight.remove_outliers(rough)?;
+        flight.solve_converged(&found.fit)?;
+        Ok((flight, found, outliers))
     }
 }

@@ -228,7 +228,7 @@ impl Flight<'_> {
             vec![(score * share, information * share)],
             (1.0 / share - 1.0) / square,
         );
-        Some((increase, stated.probability()))
+        Some((increase, stated.probability(1.0)))
     }
 
     /// Takes shifts of the image from frame to frame for the cause of a large drift if no rotation explains the frames as
@@ -270,7 +270,7 @@ impl Flight<'_> {
             return Ok(solved);
         }
         *self = shifted;
-        let (clean, outliers) = self.remove_outliers()?;
+        let (clean, outliers) = self.remove_outliers(again)?;
         *removed = outliers;
         self.tune_variances(clean, SHIFT_ROUNDS)
     }

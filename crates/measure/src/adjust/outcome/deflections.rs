@@ -3,9 +3,9 @@
 use nalgebra::Vector3;
 
 use super::FrameOutcome;
+use crate::adjust::DeflectionReference;
 use crate::adjust::marker_state::MarkerState;
 use crate::adjust::scene::marker_displacement;
-use crate::adjust::{DeflectionReference, VarianceBudget};
 use crate::estimation::Gradient;
 
 impl FrameOutcome<'_> {
@@ -24,19 +24,7 @@ impl FrameOutcome<'_> {
         all.single_function(reference as usize)
     }
 
-    /// Deflection of a budget, m, with its standard deviation.
-    pub fn tip_deflection(&self, budget: &VarianceBudget) -> (f64, f64) {
-        let VarianceBudget {
-            marker, reference, ..
-        } = *budget;
-        let (ground, state) = self.ground_position_and_flight_state(marker);
-        let all = self.marker_deflections(&state, &ground).unwrap_or_default();
-        let gradient = self.deflection_gradient(marker, reference);
-        let sigma = self.function_sigmas(&gradient).first().copied();
-        (all[reference as usize], sigma.unwrap_or_default())
-    }
-
-    /// Deflections relative to survey, ground frame and root tangent, m; `None` for a fixed target, NaN if withheld.
+    /// Deflections relative to survey, ground frame and root tangent, m; `None` for a fixed target.
     pub fn marker_deflections(
         &self,
         state: &MarkerState,
@@ -46,11 +34,7 @@ impl FrameOutcome<'_> {
         let deflection = state.carried.position_m.y - ground.y;
         let against_ground =
             deflection - marker_displacement(&self.values.moved_on_ground_m, state.marker).y;
-        let against_root = match self.withholds_root {
-            true => f64::NAN,
-            false => against_ground - root_m,
-        };
-        Some([deflection, against_ground, against_root])
+        Some([deflection, against_ground, against_ground - root_m])
     }
 
     /// Adds the derivatives that distinguish the three deflections, and those with respect to the direction of the

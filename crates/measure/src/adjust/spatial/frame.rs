@@ -23,13 +23,12 @@ use crate::estimation::{
 };
 use crate::setup::Thermal;
 
-/// Observations of one frame, those in use, and the number of curvature terms.
+/// Observations of one frame, and those in use.
 #[derive(Clone)]
 pub(super) struct SingleFrame<'a> {
     pub input: AdjustmentInput<'a>,
     pub observations: FrameObservations<'a>,
     pub usage: FlightUsage,
-    pub terms: usize,
     /// Factors of the prior standard deviations of in-flight motion.
     pub prior_scales: PriorScales,
     /// Stated widths that the frame refutes.
@@ -50,15 +49,8 @@ pub(super) struct FrameProblem<'a> {
 pub(super) struct FrameStart<'a> {
     /// Leading curvature coefficient with which the shape ratios are weighted, 1/m.
     pub amplitude_per_m: f64,
-    /// Earlier solution with the same layout except for the number of curvature terms.
-    pub from: Option<(&'a ParameterLayout, &'a DVector<f64>)>,
-}
-
-impl SingleFrame<'_> {
-    /// Returns whether scale and aspect of the image are tested before outliers are removed.
-    pub fn tests_image(&self) -> bool {
-        self.input.options.global_alpha > 0.0 && self.widened.is_unsettled()
-    }
+    /// Earlier solution with the same layout.
+    pub from: Option<&'a DVector<f64>>,
 }
 
 impl<'a> FrameProblem<'a> {
@@ -86,9 +78,13 @@ impl<'a> FrameProblem<'a> {
         let ColumnAllocator {
             missing, priors, ..
         } = columns;
-        let start = start_values_of_unknowns(&layout, missing.len(), start);
+        let first = || {
+            let mut values = DVector::zeros(missing.len());
+            values[0] = start.amplitude_per_m;
+            values
+        };
         let problem = Problem {
-            start,
+            start: start.from.map_or_else(first, DVector::clone),
             missing,
             priors,
             known: None,
@@ -128,7 +124,8 @@ fn allocate_frame_layout(
     amplitude_per_m: f64,
     columns: &mut ColumnAllocator,
 ) -> ParameterLayout {
-    let (input, curvature_terms) = (&single.input, single.terms);
+    let input = &single.input;
+    let curvature_terms = input.options.count_curvature_terms(1);
     let stayed = input.options.keeps_ground_mounting();
     let first = [
         terms::curvature_term(curvature_terms, Some(amplitude_per_m)),
@@ -190,24 +187,4 @@ fn marker_block(single: &SingleFrame, member: &mut BlockMember) -> Block {
     member.flight = flight.map(|_| 3);
     member.ground = ground.map(|_| if flight.is_some() { 5 } else { 3 });
     survey_block(input, member.marker, flight.into_iter().chain(ground))
-}
-
-fn start_values_of_unknowns(
-    layout: &ParameterLayout,
-    columns: usize,
-    start: &FrameStart,
-) -> DVector<f64> {
-    let mut values = DVector::zeros(columns);
-    values[0] = start.amplitude_per_m;
-    if let Some((from, solution)) = start.from {
-        let (old, new) = (from.curvature_terms, layout.curvature_terms);
-        let (terms, others) = (old.min(new), solution.len() - old);
-        values
-            .rows_mut(0, terms)
-            .copy_from(&solution.rows(0, terms));
-        values
-            .rows_mut(new, others)
-            .copy_from(&solution.rows(old, others));
-    }
-    values
 }

@@ -1,6 +1,6 @@
 //! Camera terms: position, rotation, interior orientation and panes.
 
-use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix3, SMatrix, Vector2, Vector3};
 
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::term::{ParameterTerm, TermEffect};
@@ -48,12 +48,7 @@ pub fn mounting_rotation_prior(input: &AdjustmentInput) -> Prior {
         .filter(|_| !input.scene.has_ground_observations());
     let own = Matrix3::identity() * (repeatability * repeatability)
         + orientation.unwrap_or_else(Matrix3::zeros);
-    let (mean, covariance) = input.options.mount_prior.unwrap_or((Vector3::zeros(), own));
-    let mean = DVector::from_column_slice(mean.as_slice());
-    Prior {
-        mean,
-        ..rotation_prior(&covariance)
-    }
+    rotation_prior(&own)
 }
 
 /// Prior of the rotation if the camera was not remounted since the ground frames: drift only.
@@ -193,16 +188,16 @@ pub fn interior_orientation(covariance: &SMatrix<f64, BROWN, BROWN>) -> Paramete
 
 /// Terms of the changes of the interior orientation in flight, without those that are fixed.
 pub fn flight_changes(uncertainty: &SetupUncertainty) -> impl Iterator<Item = ParameterTerm> {
-    let scale = Some(uncertainty[Width::FlightScale])
-        .filter(|sigma| *sigma > 0.0)
-        .map(flight_scale);
-    let aspect = Some(ASPECT_SHARE * uncertainty[Width::FlightScale])
-        .filter(|sigma| *sigma > 0.0)
-        .map(flight_aspect);
-    let point = Some(uncertainty[Width::PrincipalPoint])
-        .filter(|sigma| *sigma > 0.0)
-        .map(flight_principal_point);
-    scale.into_iter().chain(aspect).chain(point)
+    let scale = uncertainty[Width::FlightScale];
+    let sigmas = [
+        scale,
+        ASPECT_SHARE * scale,
+        uncertainty[Width::PrincipalPoint],
+    ];
+    let terms: [fn(f64) -> ParameterTerm; 3] =
+        [flight_scale, flight_aspect, flight_principal_point];
+    let uncertain = sigmas.into_iter().zip(terms).filter(|one| one.0 > 0.0);
+    uncertain.map(|(sigma, term)| term(sigma))
 }
 
 /// Standard deviation of the ratio of height to width over that of the scale. Cold and focus do not change the ratio;
