@@ -55,6 +55,18 @@ def sampled(parts: list[Values], number: int, seed: int) -> np.ndarray:
     return np.array(found)
 
 
+def test_frames_that_are_not_ok_are_left_out_of_a_mean_and_named():
+    frames = opened(fly(Wing(), [2.0, 1.9, 9.0], seed=5))
+    frames["status"] = "frame", ["ok", "ok", "doubtful"]
+    frames["reason"] = "frame", ["", "", "the images contradict the survey"]
+    with pytest.warns(WingdWarning, match="1 of 3 .*s000002/0001.jpg, doubtful: the images contradict the survey"):
+        mean = frames.wingd.mean()
+    sound = frames.isel(frame=[0, 1]).wingd.mean()
+    assert mean["frames"] == 2 and np.array_equal(mean["displacement"], sound["displacement"])
+    with pytest.raises(WingdError, match="no frame has the status ok"):
+        frames.isel(frame=[2]).wingd.mean()
+
+
 def test_two_frames_of_a_flight_are_rejected_at_the_level():
     frames = opened(fly(Wing(stations=11), [2.0] * 4, seed=5))
     pair = difference(frames.isel(frame=0), frames.isel(frame=1))

@@ -302,8 +302,8 @@ class ShapeAccessor:
     def mean(self) -> xr.Dataset:
         """Return the mean shape: of the frames of each flight, then of the flights, which count equally.
 
-        Frames without a shape are left out. ``scatter_QUANTITY`` is the standard deviation of single frames about the
-        mean of their flight.
+        Frames without a shape are left out, and with a warning those whose status is not ok. ``scatter_QUANTITY`` is the
+        standard deviation of single frames about the mean of their flight.
         """
         data = self._data
         if FRAME not in data.dims:
@@ -531,6 +531,25 @@ def _with_root(values: Values, keys: list[str], sigma_m: float) -> Values:
 # --- means --------------------------------------------------------------------------------------------------------
 
 
+def _without_doubtful(shape: xr.Dataset) -> xr.Dataset:
+    """Leave out frames whose result must not be used without looking, with a warning that names them."""
+    if "status" not in shape or FRAME not in shape["status"].dims:
+        return shape
+    status = np.asarray(shape["status"].values, dtype=str)
+    refused = ~np.isin(status, ["ok", ""])
+    if not refused.any():
+        return shape
+    one = int(np.flatnonzero(refused)[0])
+    image, reason = (str(shape[name].values[one]) if name in shape else "" for name in ("image", "reason"))
+    first = f"first {image}, {status[one]}: {reason}"
+    if refused.all():
+        raise WingdError(f"no frame has the status ok, {first}; look at the frames, and select single ones by frame=")
+    warnings.warn(
+        f"{refused.sum()} of {refused.size} frames are left out of the mean, {first}", WingdWarning, stacklevel=3
+    )
+    return shape.isel(frame=np.flatnonzero(~refused))
+
+
 def mean(shapes: Sequence[xr.Dataset]) -> xr.Dataset:
     """Return the mean of shapes, which count equally; several frames in one are averaged first.
 
@@ -545,7 +564,7 @@ def mean(shapes: Sequence[xr.Dataset]) -> xr.Dataset:
         Without frames; ``frames`` is their number, ``scatter_QUANTITY`` the standard deviation of single frames about
         the mean of their flight, if a flight has several.
     """
-    shapes = list(shapes)
+    shapes = [_without_doubtful(shape) for shape in shapes]
     if not shapes:
         raise WingdError("there is no shape to average")
     first = shapes[0].attrs

@@ -4,10 +4,11 @@
 use jiff::Timestamp;
 use rand::Rng;
 use rand::rngs::StdRng;
-use wingd::aircraft::{AircraftTrack, Layout, Quantity, QuantityColumn, ReceivedLine};
+use wingd::aircraft::{AircraftTrack, Layout, Quantity, QuantityColumn};
 use wingd::clock::Stamp;
 use wingd::clock::exposure::Exposure;
 use wingd::clock::quality::ClockQuality;
+use wingd::store::aircraft::AircraftLine;
 
 use crate::common::random::{normal, rng};
 
@@ -83,19 +84,19 @@ fn layout() -> Layout {
 }
 
 /// A feed line with this tag and the true values of another moment.
-fn line(truth: &Truth, (tag_s, true_s, came_s): (f64, f64, f64), errors: &[f64]) -> ReceivedLine {
+fn line(truth: &Truth, (tag_s, true_s, came_s): (f64, f64, f64), errors: &[f64]) -> AircraftLine {
     let mut text = format!("{:.3}", BEGIN_S + tag_s);
     for (value, error) in truth.values_at(true_s).iter().zip(errors) {
         text.push_str(&format!(",{:.5}", value + error));
     }
-    ReceivedLine {
+    AircraftLine {
         at: Some(stamp(came_s)),
         line: text,
     }
 }
 
 /// A feed with one line per `every_s`, up to 6 s late; one in `jumps` tags is wrong.
-fn feed(rng: &mut StdRng, truth: &Truth, every_s: f64, jumps: Option<u32>) -> Vec<ReceivedLine> {
+fn feed(rng: &mut StdRng, truth: &Truth, every_s: f64, jumps: Option<u32>) -> Vec<AircraftLine> {
     let errors: Vec<f64> = FEED_SIGMAS
         .iter()
         .map(|(_, sigma)| sigma * normal(rng))
@@ -175,7 +176,7 @@ fn impossible_tags_are_joined_with_no_frame() {
     let rng = &mut rng(9);
     let truth = Truth::random(rng);
     for ahead_s in [40.0, 3600.0, -3600.0] {
-        let lines: Vec<ReceivedLine> = (60..900)
+        let lines: Vec<AircraftLine> = (60..900)
             .map(|k| {
                 line(
                     &truth,

@@ -210,22 +210,22 @@ fn chi_square(errors: &DVector<f64>, factor: &DMatrix<f64>) -> (f64, usize) {
 
 /// Factor of the joint covariance of several frames of one flight (rows of the frames one below the other).
 fn joint_factor(frames: &[FrameShape], rows: &[usize]) -> DMatrix<f64> {
-    let common = frames[0].lasting.ncols() + frames[0].shared.ncols();
-    let own: usize = frames.iter().map(|f| f.own.ncols()).sum();
+    let common = frames[0].factors[0].ncols() + frames[0].factors[1].ncols();
+    let own: usize = frames.iter().map(|f| f.factors[2].ncols()).sum();
     let mut factor = DMatrix::zeros(frames.len() * rows.len(), common + own);
     let mut column = common;
     for (k, frame) in frames.iter().enumerate() {
-        let (first, lasting) = (k * rows.len(), frame.lasting.ncols());
+        let (first, lasting) = (k * rows.len(), frame.factors[0].ncols());
         for (part, at) in [
-            (&frame.lasting, 0),
-            (&frame.shared, lasting),
-            (&frame.own, column),
+            (&frame.factors[0], 0),
+            (&frame.factors[1], lasting),
+            (&frame.factors[2], column),
         ] {
             factor
                 .view_mut((first, at), (rows.len(), part.ncols()))
                 .copy_from(&part.select_rows(rows));
         }
-        column += frame.own.ncols();
+        column += frame.factors[2].ncols();
     }
     factor
 }
@@ -249,14 +249,9 @@ fn the_shape_of_a_single_frame_has_an_honest_joint_covariance() {
         let frame = &shape.frames[0];
         tests.push(drawn.tested(&shape, 0, flight.loads[0]));
         let (errors, rows) = drawn.errors(&shape, frame, flight.loads[0]);
-        let variances = frame.variances();
-        of_each.extend(
-            errors
-                .iter()
-                .zip(&rows)
-                .map(|(e, row)| e / variances[*row].sqrt()),
-        );
-        let (chi2, count) = chi_square(&errors, &frame.own.select_rows(&rows));
+        let sigmas = frame.sigmas();
+        of_each.extend(errors.iter().zip(&rows).map(|(e, row)| e / sigmas[*row]));
+        let (chi2, count) = chi_square(&errors, &frame.factors[2].select_rows(&rows));
         sum += chi2;
         modes += count;
     }

@@ -2,7 +2,7 @@
 //! factors.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
-use wingd::measure::adjust::ShapeMean;
+use wingd::measure::adjust::FrameShape;
 use wingd::measure::estimation::quality::chi_square_tail;
 
 /// Smallest variance of a combination of functions that a test uses, in units of the variance of a single function.
@@ -31,10 +31,12 @@ fn join_columns(rows: usize, factors: Vec<DMatrix<f64>>) -> DMatrix<f64> {
 }
 
 /// Returns a mean minus values without errors.
-pub fn difference_from(mean: &ShapeMean, predicted: &DVector<f64>) -> ShapeDifference {
+pub fn difference_from(mean: &FrameShape, predicted: &DVector<f64>) -> ShapeDifference {
     let rows = predicted.len();
-    let factors = [&mean.lasting, &mean.shared, &mean.own];
-    let cut = factors.map(|factor| factor.rows(0, rows).into_owned());
+    let cut = mean
+        .factors
+        .each_ref()
+        .map(|factor| factor.rows(0, rows).into_owned());
     ShapeDifference {
         values: mean.values.rows(0, rows) - predicted,
         factor: join_columns(rows, cut.into()),
@@ -42,15 +44,18 @@ pub fn difference_from(mean: &ShapeMean, predicted: &DVector<f64>) -> ShapeDiffe
 }
 
 /// Returns a mean minus another of the same functions, whose frames are others.
-pub fn minus(a: &ShapeMean, b: &ShapeMean, common: CommonErrors) -> ShapeDifference {
-    let part = |a: &DMatrix<f64>, b: &DMatrix<f64>, is_common: bool| match is_common {
-        true => vec![a - b],
-        false => vec![a.clone(), b.clone()],
+pub fn minus(a: &FrameShape, b: &FrameShape, common: CommonErrors) -> ShapeDifference {
+    let part = |kind: usize, is_common: bool| {
+        let (a, b) = (&a.factors[kind], &b.factors[kind]);
+        match is_common {
+            true => vec![a - b],
+            false => vec![a.clone(), b.clone()],
+        }
     };
     let factors = [
-        part(&a.lasting, &b.lasting, common != CommonErrors::None),
-        part(&a.shared, &b.shared, common == CommonErrors::Flight),
-        part(&a.own, &b.own, false),
+        part(0, common != CommonErrors::None),
+        part(1, common == CommonErrors::Flight),
+        part(2, false),
     ];
     ShapeDifference {
         values: &a.values - &b.values,

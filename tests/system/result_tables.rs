@@ -9,8 +9,8 @@ use serde_json::ser::{PrettyFormatter, Serializer};
 use serde_json::{Map, Value};
 use wingd::aircraft::Quantity;
 use wingd::quantities::{
-    FIRST_VERSION, LiveForm, QuantitySection, ResultQuantity, ResultTable, SECTIONS, Subject,
-    TableColumn, ValueGetter, unit_suffix,
+    LiveForm, QuantitySection, ResultQuantity, ResultTable, SECTIONS, Subject, TableColumn,
+    ValueGetter, unit_suffix,
 };
 use wingd::store::ValueKind;
 
@@ -60,8 +60,7 @@ fn tables_of(section: &QuantitySection, quantity: &ResultQuantity) -> Vec<&'stat
         section.subject,
         Subject::Row | Subject::Pair | Subject::Aircraft
     );
-    let is_exported =
-        !matches!(quantity.live, LiveForm::Absent) && !FIRST_VERSION.contains(&quantity.name);
+    let is_exported = !matches!(quantity.live, LiveForm::Absent);
     let live = (plain && is_exported).then_some("live");
     frames.map(|(_, name)| *name).chain(live).collect()
 }
@@ -151,7 +150,7 @@ fn the_page_of_the_tables_lists_the_quantities() {
 fn arrow_type(quantity: &ResultQuantity, live: bool) -> &'static str {
     let stored = quantity
         .stored_form()
-        .filter(|_| live)
+        .filter(|form| live && form.name.is_none())
         .map(|form| form.kind);
     match quantity.value {
         ValueGetter::Text(_) => "string",

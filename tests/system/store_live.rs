@@ -412,7 +412,8 @@ fn live_results_are_exported_with_units_zones_and_names() {
     ]);
     let mut lines = csv.lines();
     let columns = lines.next().unwrap();
-    let heading = "recorder_id,flight,result_id,boot_id,utc,since_boot_s,exposure_sigma_s,clock_sigma_s,number,";
+    let heading =
+        "recorder_id,flight,result_id,boot_id,utc,utc_synchronised,since_boot_s,exposure_sigma_s,";
     assert!(
         columns.starts_with(heading) && columns.contains(",weight_kg,sigma_weight_kg,"),
         "{columns}"

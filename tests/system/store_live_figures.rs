@@ -45,9 +45,9 @@ fn table() -> LiveTable {
         column("variance_factor", "", ValueKind::F32, 1),
         column("mounting", "mrad", ValueKind::F32, 6),
         column("pairs.twist", "deg", ValueKind::F32, 4),
-        column(quantities::CURVATURE.name, "1/m", ValueKind::F32, TERMS),
+        column("curvature", "1/m", ValueKind::F32, TERMS),
         column(
-            quantities::CURVATURE_COVARIANCE.name,
+            "curvature_covariance",
             "1/m2",
             ValueKind::F32,
             TERMS * (TERMS + 1) / 2,

@@ -7,7 +7,6 @@ use serde_json::{Map, Value};
 
 use wingd_base::failure::{Failure, TaskResult};
 use wingd_base::output::print_notes;
-use wingd_evaluation::aircraft::Quantity;
 use wingd_evaluation::inputs::batch;
 use wingd_evaluation::inputs::flight_marks::FlightMarks;
 use wingd_evaluation::inputs::stored_flights;
@@ -18,7 +17,6 @@ use wingd_evaluation::pipeline::{self, ProcessedFrame, SolveJob, SolvedShape};
 use wingd_evaluation::record::{Parameters, Reason};
 use wingd_measure::adjust::AdjustmentMethod;
 use wingd_measure::adjust::StationChoice;
-use wingd_measure::observation::Estimate;
 use wingd_store::result_sets::{self, ResultSet};
 use wingd_store::{FlightRef, FrameRef, RealDisk};
 
@@ -37,29 +35,12 @@ pub struct FlightShape {
     pub results: ResultSet,
 }
 
-/// Returns the means of the aircraft data that all frames have, with the mean standard deviation: the errors of an instrument
-/// are common to the frames.
-pub fn mean_conditions<'a>(
-    frames: impl Iterator<Item = &'a ProcessedFrame> + Clone,
-) -> BTreeMap<Quantity, Estimate> {
-    let count = frames.clone().count().max(1) as f64;
-    let mean = |quantity: Quantity| {
-        let values: Option<Vec<_>> = frames
-            .clone()
-            .map(|frame| frame.aircraft.get(&quantity))
-            .collect();
-        let sum = values?.iter().fold((0.0, 0.0), |sum, joined| {
-            (sum.0 + joined.value, sum.1 + joined.sigma)
-        });
-        Some((
-            quantity,
-            Estimate {
-                value: sum.0 / count,
-                sigma: Some(sum.1 / count),
-            },
-        ))
-    };
-    Quantity::ALL.into_iter().filter_map(mean).collect()
+impl FlightShape {
+    /// Returns whether each frame has a shape.
+    pub fn is_complete(&self) -> bool {
+        let with_shape = self.shapes.iter().map(|one| one.frames.len());
+        with_shape.sum::<usize>() == self.frames.len()
+    }
 }
 
 /// Selects the results of a flight by the first characters of their key; by default the newest complete ones.

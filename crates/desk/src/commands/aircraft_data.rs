@@ -87,16 +87,15 @@ fn import_table(
 }
 
 fn import_json(flight: &FlightRef, import: &TableImport) -> String {
-    let quantity = |r: &QuantityFrames| {
-        let tally = import.column_tally(r.quantity);
+    let quantity = |reached: &QuantityFrames| {
+        let QuantityFrames { tally, .. } = reached;
         json!({
-            "quantity": r.quantity.name(),
-            "values": tally.map_or(0, |t| t.values),
-            "blank": tally.map_or(0, |t| t.blank),
-            "text": tally.map_or(0, |t| t.text.0),
-            "out_of_reason": tally.map_or(0, |t| t.out_of_range.0),
-            "frames": r.frames,
-            "replaced": r.replaced,
+            "quantity": tally.quantity.name(),
+            "values": tally.values,
+            "blank": tally.blank,
+            "invalid": tally.invalid,
+            "frames": reached.frames,
+            "replaced": reached.replaced,
         })
     };
     json!({
@@ -115,43 +114,26 @@ fn import_json(flight: &FlightRef, import: &TableImport) -> String {
 }
 
 fn import_text(flight: &FlightRef, import: &TableImport) -> String {
-    let id = &flight.id;
-    let as_source = if import.no_value_because.is_none() {
-        format!("stored as source {}", import.source)
-    } else {
-        "not stored".into()
+    let as_source = match import.no_value_because {
+        None => format!("stored as source {}", import.source),
+        Some(_) => "not stored".into(),
     };
     let (lines, read) = (import.table.lines.len(), import.contents.times_s.len());
     let mut text = format!(
-        "{id}: {lines} lines {as_source}, {read} with a time, {} repeated",
-        import.repeated
+        "{}: {lines} lines {as_source}, {read} with a time, {} repeated",
+        flight.id, import.repeated
     );
-    for QuantityFrames {
-        quantity,
-        frames,
-        replaced,
-    } in &import.quantities
-    {
-        let tally = import.column_tally(*quantity);
-        let values = tally.map_or(0, |t| t.values);
-        let none = tally.map_or(String::new(), |t| {
-            let parts = [
-                (t.blank, "blank"),
-                (t.text.0, "text"),
-                (t.out_of_range.0, "implausible"),
-            ];
-            let notes = parts
-                .iter()
-                .filter(|(n, _)| *n > 0)
-                .map(|(n, what)| format!(", {n} {what}"));
-            notes.collect()
-        });
-        let name = quantity.name();
-        text += &format!(
-            "\n  {name}: {values} values{none}; {frames} of {} frames",
-            import.frames
-        );
-        if *replaced > 0 {
+    for reached in &import.quantities {
+        let QuantityFrames { tally, frames, .. } = reached;
+        text += &format!("\n  {}: {} values", tally.quantity.name(), tally.values);
+        for (count, what) in [(tally.blank, "blank"), (tally.invalid, "invalid")] {
+            if count > 0 {
+                text += &format!(", {count} {what}");
+            }
+        }
+        text += &format!("; {frames} of {} frames", import.frames);
+        if reached.replaced > 0 {
+            let replaced = reached.replaced;
             text += &format!(", {replaced} of them replacing an earlier source");
         }
     }

@@ -1,6 +1,7 @@
 //! `wingd export` writes a store's results for other tools.
 
 mod live;
+mod series;
 mod shape;
 mod sink;
 
@@ -10,7 +11,7 @@ use clap::ValueEnum;
 use serde_json::{Map, Value};
 
 use self::shape::export_shapes;
-use self::sink::{ExportEnd, FileMetadata, RowSink, end_output, finish_export};
+use self::sink::{ExportEnd, FileMetadata, write_output, write_rows};
 use crate::export;
 use crate::export::ExportContext;
 use wingd_base::failure::{Completion, Failure, TaskResult};
@@ -45,17 +46,8 @@ pub struct ExportArgs {
     /// Rows of csv and parquet output
     #[arg(long, value_enum, default_value = "markers", default_value_ifs = [("format", "csv", "summary"), ("format", "netcdf", "shape")])]
     table: ResultTable,
-    /// Stations of the shape, CSV with a column arc_length_m: from the bending root along the axis [default: those of the
-    /// curves, and the tip]
-    #[arg(long, value_name = "FILE")]
-    stations: Option<PathBuf>,
-    /// Stations of the shape as fractions of the length to the tip
-    #[arg(
-        long,
-        value_name = "ETA,ETA",
-        value_delimiter = ',',
-        conflicts_with = "stations"
-    )]
+    /// Stations of the shape as fractions of the length to the tip [default: those of the curves, and the tip]
+    #[arg(long, value_name = "ETA,ETA", value_delimiter = ',')]
     eta: Option<Vec<f64>>,
     /// Write the factors of the covariance with all sources, in double precision [default: the sources that carry 99.99 % of
     /// the variance, in single precision]
@@ -88,31 +80,23 @@ impl ExportArgs {
 /// Exports results of a flight, of all flights or of live mode as a file of the chosen format.
 pub(super) fn run(args: &ExportArgs) -> TaskResult<Completion> {
     let is_array = args.format == FormatName::Netcdf;
-    let is_shape = matches!(args.table, ResultTable::Shape | ResultTable::Series);
-    let is_possible = match args.table {
-        ResultTable::Shape => is_array,
-        ResultTable::Series => {
-            is_array || matches!(args.format, FormatName::Csv | FormatName::Parquet)
-        }
-        _ => !is_array,
-    };
-    if !is_possible {
-        let remedy = "--table shape needs --format netcdf; --table series needs netcdf, csv or parquet; netcdf has no other \
-                      table";
-        return Err(Failure::Usage(remedy.into()));
-    }
-    if !is_shape && (args.stations.is_some() || args.eta.is_some()) {
-        return Err(Failure::Usage(
-            "--stations and --eta are for --table shape and series".into(),
-        ));
-    }
-    if !is_array && args.full_factors {
+    let is_series = args.table == ResultTable::Series;
+    let remedy = if is_array != (args.table == ResultTable::Shape) {
+        Some("--table shape needs --format netcdf, which has no other table")
+    } else if is_series && args.format == FormatName::Jsonl {
+        Some("--table series needs --format csv or parquet")
+    } else if args.eta.is_some() && !is_array && !is_series {
+        Some("--eta is for --table shape and series")
+    } else {
         let remedy = "--full-factors is for --format netcdf; omit it";
+        Some(remedy).filter(|_| args.full_factors && !is_array)
+    };
+    if let Some(remedy) = remedy {
         return Err(Failure::Usage(remedy.into()));
     }
     let data = match args.format {
         FormatName::Netcdf => return export_shapes(args),
-        _ if is_shape => return export_shapes(args),
+        _ if is_series => return series::export_series(args),
         _ if args.table == ResultTable::Live => return live::export_live_results(args),
         FormatName::Csv | FormatName::Parquet => export_rows(args)?,
         FormatName::Jsonl => export_jsonl(args)?,
@@ -157,29 +141,22 @@ fn read_common_facts(args: &ExportArgs) -> TaskResult<ExportContext> {
 fn export_rows(args: &ExportArgs) -> TaskResult<ReportData> {
     let common = read_common_facts(args)?;
     let empty = export::table_columns(args.table, &SeriesData::default(), &common);
-    let written = || {
-        let mut sink = RowSink::begin(args, empty, || file_metadata(args, &common))?;
-        let data = source::for_each_series(&args.store, args.result_choice(), |series| {
-            sink.add_rows(export::table_columns(args.table, &series, &common))
+    let notes = || file_metadata(args, &common);
+    write_rows(args, empty, notes, |rows| {
+        source::for_each_series(&args.store, args.result_choice(), |series| {
+            rows.add(export::table_columns(args.table, &series, &common))
                 .map_err(ExportEnd::from)
-        })?;
-        sink.finish()?;
-        Ok::<_, ExportEnd>(data)
-    };
-    finish_export(args, written())
+        })
+    })
 }
 
 fn export_jsonl(args: &ExportArgs) -> TaskResult<ReportData> {
     let id = catalogue::store_id(&RealDisk, &args.store);
-    let written = || {
-        let mut output = args.open_output()?;
-        let data = source::for_each_series(&args.store, args.result_choice(), |series| {
-            export::write_json_lines(&mut output, &series, id.as_deref()).map_err(ExportEnd::from)
-        })?;
-        end_output(output)?;
-        Ok::<_, ExportEnd>(data)
-    };
-    finish_export(args, written())
+    write_output(args, |output| {
+        source::for_each_series(&args.store, args.result_choice(), |series| {
+            export::write_json_lines(output, &series, id.as_deref()).map_err(ExportEnd::from)
+        })
+    })
 }
 
 /// Metadata on the recorder and the program.

@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io;
 
 use netcdf3::{DataSet, FileWriter, InvalidDataSet, Version, WriteError};
+use serde_json::Value;
 
 /// Values of an array, in row-major order.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,7 +14,7 @@ pub enum ArrayValues {
     /// Numbers in single precision.
     Singles(Vec<f32>),
     /// 0 or 1.
-    Flags(Vec<bool>),
+    Flags(Vec<i8>),
     Texts(Vec<String>),
 }
 
@@ -30,14 +31,6 @@ pub struct NamedArray {
     pub values: ArrayValues,
 }
 
-/// Attribute of a dataset.
-#[derive(Clone, Debug, PartialEq)]
-pub enum AttributeValue {
-    Text(String),
-    Numbers(Vec<f64>),
-    Count(i32),
-}
-
 /// Arrays over common dimensions, with attributes that hold for all of them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ArrayDataset {
@@ -46,15 +39,36 @@ pub struct ArrayDataset {
     pub arrays: Vec<NamedArray>,
     /// Names of arrays that are coordinates of the arrays with their dimensions.
     pub coordinates: Vec<&'static str>,
-    pub attributes: Vec<(String, AttributeValue)>,
+    /// Texts, integers, numbers and lists of numbers.
+    pub attributes: Vec<(&'static str, Value)>,
 }
 
+/// Reason for a name, a size or a value that NetCDF does not have.
+const NOT_POSSIBLE: &str = "NetCDF cannot hold these arrays; export fewer flights with --flight";
+
 impl ArrayDataset {
-    fn size_of(&self, dimension: &str) -> usize {
-        self.dimensions
-            .iter()
-            .find(|(name, _)| *name == dimension)
-            .map_or(0, |(_, size)| *size)
+    /// Returns the size of a dimension; 0 if it does not exist.
+    pub fn size_of(&self, dimension: &str) -> usize {
+        let found = self.dimensions.iter().find(|(name, _)| *name == dimension);
+        found.map_or(0, |(_, size)| *size)
+    }
+
+    /// Adds an array.
+    pub fn add(
+        &mut self,
+        name: &str,
+        unit: &'static str,
+        meaning: &str,
+        dimensions: &[&'static str],
+        values: ArrayValues,
+    ) {
+        self.arrays.push(NamedArray {
+            name: name.to_owned(),
+            dimensions: dimensions.to_vec(),
+            unit,
+            meaning: meaning.to_owned(),
+            values,
+        });
     }
 
     /// Writes a NetCDF file. Arrays with a dimension of size 0 are omitted.
@@ -62,31 +76,32 @@ impl ArrayDataset {
     /// # Errors
     /// Returns an error of the file system, or of the format if a name or a size is not possible in it.
     pub fn write_netcdf(&self, file: File) -> io::Result<()> {
-        let set = self.define().map_err(definition_error)?;
-        let mut writer = FileWriter::open_seek_write("", Box::new(file)).map_err(write_error)?;
-        writer
-            .set_def(&set, Version::Offset64Bit, 0)
-            .map_err(write_error)?;
-        for array in self.present() {
-            let name = &array.name;
-            match &array.values {
+        let set = self.define();
+        let set = set.map_err(|_: InvalidDataSet| io::Error::other(NOT_POSSIBLE))?;
+        let written = self.write_arrays(&set, file);
+        written.map_err(|error| match error {
+            WriteError::IOErrorKind(kind) => kind.into(),
+            _ => io::Error::other(NOT_POSSIBLE),
+        })
+    }
+
+    fn write_arrays(&self, set: &DataSet, file: File) -> Result<(), WriteError> {
+        let mut writer = FileWriter::open_seek_write("", Box::new(file))?;
+        writer.set_def(set, Version::Offset64Bit, 0)?;
+        for NamedArray { name, values, .. } in self.present() {
+            match values {
                 ArrayValues::Numbers(numbers) => writer.write_var_f64(name, numbers),
                 ArrayValues::Singles(numbers) => writer.write_var_f32(name, numbers),
-                ArrayValues::Flags(flags) => writer.write_var_i8(
-                    name,
-                    &flags.iter().map(|f| i8::from(*f)).collect::<Vec<_>>(),
-                ),
+                ArrayValues::Flags(flags) => writer.write_var_i8(name, flags),
                 ArrayValues::Texts(texts) => writer.write_var_u8(name, &fixed_width(texts)),
-            }
-            .map_err(write_error)?;
+            }?;
         }
-        writer.close().map_err(write_error)
+        writer.close()
     }
 
     fn present(&self) -> impl Iterator<Item = &NamedArray> {
-        self.arrays
-            .iter()
-            .filter(|a| a.dimensions.iter().all(|d| self.size_of(d) > 0))
+        let is_empty = |array: &&NamedArray| array.dimensions.iter().any(|d| self.size_of(d) == 0);
+        self.arrays.iter().filter(move |array| !is_empty(array))
     }
 
     /// Defines dimensions, arrays and attributes.
@@ -96,15 +111,16 @@ impl ArrayDataset {
             set.add_fixed_dim(name, *size)?;
         }
         for (name, value) in &self.attributes {
-            match value {
-                AttributeValue::Text(text) => set.add_global_attr_string(name, text)?,
-                AttributeValue::Numbers(numbers) => {
-                    set.add_global_attr_f64(name, numbers.clone())?
+            match (value, value.as_i64()) {
+                (Value::String(text), _) => set.add_global_attr_string(name, text)?,
+                (_, Some(count)) => set.add_global_attr_i32(name, vec![count as i32])?,
+                _ => {
+                    let list = value.as_array().map_or(std::slice::from_ref(value), |l| l);
+                    let numbers = list.iter().filter_map(Value::as_f64).collect();
+                    set.add_global_attr_f64(name, numbers)?
                 }
-                AttributeValue::Count(count) => set.add_global_attr_i32(name, vec![*count])?,
             };
         }
-        let mut widths = vec![];
         for array in self.present() {
             let name = &array.name;
             let mut dimensions: Vec<String> =
@@ -116,51 +132,43 @@ impl ArrayDataset {
                 ArrayValues::Texts(texts) => {
                     let width = text_width(texts);
                     let length = format!("string{width}");
-                    if !widths.contains(&width) {
+                    if !set.has_dim(&length) {
                         set.add_fixed_dim(&length, width)?;
-                        widths.push(width);
                     }
                     dimensions.push(length);
-                    set.add_var_u8(name, &dimensions)?
+                    set.add_var_u8(name, &dimensions)?;
+                    // Readers return texts as such instead of bytes.
+                    set.add_var_attr_string(name, "_Encoding", "utf-8")?
                 }
             };
-            // Readers return texts as such instead of bytes.
-            if matches!(array.values, ArrayValues::Texts(_)) {
-                set.add_var_attr_string(name, "_Encoding", "utf-8")?;
-            }
             if !array.unit.is_empty() {
                 set.add_var_attr_string(name, "units", array.unit)?;
             }
             set.add_var_attr_string(name, "long_name", &array.meaning)?;
-            let coordinates = self.coordinates_of(array).join(" ");
+            let coordinates = self.coordinates_of(array);
             if !coordinates.is_empty() {
-                set.add_var_attr_string(name, "coordinates", coordinates)?;
+                set.add_var_attr_string(name, "coordinates", coordinates.join(" "))?;
             }
         }
         Ok(set)
     }
 
     /// Returns the coordinates of an array other than the indices of its dimensions.
-    fn coordinates_of(&self, array: &NamedArray) -> Vec<&str> {
-        let is_coordinate = |name: &str| self.coordinates.contains(&name);
-        let belongs = |other: &&NamedArray| {
-            let is_index = other.dimensions == [other.name.as_str()];
-            is_coordinate(&other.name)
-                && !is_index
-                && other
+    fn coordinates_of(&self, array: &NamedArray) -> Vec<&'static str> {
+        let name = array.name.as_str();
+        if self.coordinates.contains(&name) || array.dimensions == [name] {
+            return vec![];
+        }
+        let belongs = |coordinate: &&&'static str| {
+            let mut others = self.present().filter(|other| other.name == ***coordinate);
+            others.any(|other| {
+                other
                     .dimensions
                     .iter()
                     .all(|d| array.dimensions.contains(d))
+            })
         };
-        let is_index = array.dimensions == [array.name.as_str()];
-        match is_coordinate(&array.name) || is_index {
-            true => vec![],
-            false => self
-                .present()
-                .filter(belongs)
-                .map(|other| other.name.as_str())
-                .collect(),
-        }
+        self.coordinates.iter().filter(belongs).copied().collect()
     }
 }
 
@@ -172,25 +180,7 @@ fn text_width(texts: &[String]) -> usize {
 /// Texts one after the other, each filled with zeros to the same width.
 fn fixed_width(texts: &[String]) -> Vec<u8> {
     let width = text_width(texts);
-    texts
-        .iter()
-        .flat_map(|text| {
-            text.bytes()
-                .chain(std::iter::repeat_n(0, width - text.len()))
-        })
-        .collect()
-}
-
-/// Reason for a name, a size or a value that NetCDF does not have.
-const NOT_POSSIBLE: &str = "NetCDF cannot hold these arrays; export fewer flights with --flight";
-
-fn definition_error(_: InvalidDataSet) -> io::Error {
-    io::Error::other(NOT_POSSIBLE)
-}
-
-fn write_error(error: WriteError) -> io::Error {
-    match error {
-        WriteError::IOErrorKind(kind) => kind.into(),
-        _ => io::Error::other(NOT_POSSIBLE),
-    }
+    let fill = |text: &String| std::iter::repeat_n(0, width - text.len());
+    let filled = texts.iter().flat_map(|text| text.bytes().chain(fill(text)));
+    filled.collect()
 }

@@ -6,7 +6,6 @@ use serde_json::json;
 
 use super::columns::time_text;
 use wingd_base::clock::is_known_time;
-use wingd_evaluation::aircraft::state_to_json;
 use wingd_evaluation::quantities::SCHEMA_VERSION;
 use wingd_evaluation::results::SeriesData;
 
@@ -37,7 +36,7 @@ pub fn write_json_lines(
             "boot_id": stamp.map(|s| &s.boot_id),
             "since_boot_s": stamp.map(|s| s.since_boot_s),
             "exposure": exposure,
-            "aircraft": state_to_json(&shot.aircraft),
+            "aircraft": shot.aircraft,
             "camera_failures": shot.failures,
             "inputs": record.and(series.inputs.as_ref()),
             "record": record,

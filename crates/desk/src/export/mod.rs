@@ -8,47 +8,67 @@ mod live;
 mod parquet_file;
 mod shape;
 
-use std::io::Write;
+use std::io::{self, Write};
 
 use wingd_base::text::text_cell;
 
 pub use columns::{ColumnValues, ExportColumn, ExportContext, NumberType, table_columns};
-pub use dataset::{ArrayDataset, AttributeValue};
+
 pub use lines::write_json_lines;
-pub use live::{LiveColumns, write_json_rows};
+pub use live::{JsonRows, LiveColumns};
 #[cfg(feature = "parquet")]
 pub use parquet_file::ParquetFile;
-pub use shape::{DatedShape, SOURCES, ShapeExport};
+pub use shape::{DatedShape, ShapeExport};
 
-/// Writer of a table as CSV; a missing value is an empty field.
-pub struct CsvWriter<W: Write>(csv::Writer<W>);
+/// Writer of rows of the same columns.
+pub trait RowWriter {
+    /// Adds rows.
+    fn add(&mut self, rows: Vec<ExportColumn>) -> io::Result<()>;
 
-impl<W: Write> CsvWriter<W> {
-    /// Writes the heading line and the first rows.
-    pub fn begin(output: W, columns: &[ExportColumn]) -> Result<Self, csv::Error> {
-        let mut writer = csv::Writer::from_writer(output);
-        writer.write_record(columns.iter().map(|c| c.name.as_str()))?;
-        let mut csv = Self(writer);
-        csv.add(columns)?;
+    /// Writes what is left.
+    fn end(self: Box<Self>) -> io::Result<()>;
+}
+
+/// Rows as CSV; a missing value is an empty field.
+pub struct CsvRows<W: Write>(csv::Writer<W>);
+
+impl<W: Write> CsvRows<W> {
+    /// Begins with the heading line and the first rows.
+    pub fn begin(output: W, columns: &[ExportColumn]) -> io::Result<Self> {
+        let mut csv = Self(csv::Writer::from_writer(output));
+        let heading = columns.iter().map(|c| c.name.as_str());
+        csv.0.write_record(heading).map_err(io_error)?;
+        csv.add_rows(columns)?;
         Ok(csv)
     }
 
-    /// Adds rows of the same columns.
-    pub fn add(&mut self, columns: &[ExportColumn]) -> Result<(), csv::Error> {
+    fn add_rows(&mut self, columns: &[ExportColumn]) -> io::Result<()> {
         let rows = columns.first().map_or(0, |c| c.values.len());
         let cell = |values: &ColumnValues, row| match (values, values.value_text(row)) {
             (ColumnValues::Texts(_), text) => text_cell(&text).into_owned(),
             (_, text) => text,
         };
         (0..rows).try_for_each(|row| {
-            self.0
-                .write_record(columns.iter().map(|c| cell(&c.values, row)))
+            let cells = columns.iter().map(|c| cell(&c.values, row));
+            self.0.write_record(cells).map_err(io_error)
         })
     }
+}
 
-    /// Returns the output with all that was written.
-    pub fn end(self) -> std::io::Result<W> {
-        self.0.into_inner().map_err(csv::IntoInnerError::into_error)
+impl<W: Write> RowWriter for CsvRows<W> {
+    fn add(&mut self, rows: Vec<ExportColumn>) -> io::Result<()> {
+        self.add_rows(&rows)
+    }
+
+    fn end(mut self: Box<Self>) -> io::Result<()> {
+        self.0.flush()
+    }
+}
+
+fn io_error(error: csv::Error) -> io::Error {
+    match error.into_kind() {
+        csv::ErrorKind::Io(error) => error,
+        other => io::Error::other(format!("{other:?}")),
     }
 }
 
@@ -64,15 +84,15 @@ mod tests {
             pairs: vec!["tip".to_owned()],
         };
         let mut bytes = Vec::new();
-        let mut csv = CsvWriter::begin(
+        let mut csv = CsvRows::begin(
             &mut bytes,
             &table_columns(table, &SeriesData::default(), &common),
         )
         .unwrap();
         for one in series {
-            csv.add(&table_columns(table, one, &common)).unwrap();
+            csv.add(table_columns(table, one, &common)).unwrap();
         }
-        csv.end().unwrap();
+        Box::new(csv).end().unwrap();
         String::from_utf8(bytes).unwrap()
     }
 

@@ -1,6 +1,6 @@
 //! Parquet files with bounded row groups, optional columns, Snappy compression, and times as UTC timestamps.
 
-use std::io::Write;
+use std::io::{self, Write};
 use std::sync::Arc;
 
 use parquet::basic::{Compression, LogicalType, Repetition, TimeUnit, Type as Physical};
@@ -13,6 +13,7 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{ColumnPath, Type};
 
+use super::RowWriter;
 use super::columns::{ColumnValues, ExportColumn, NumberType};
 
 /// Approximate maximum number of rows of a row group. A group is kept in memory, about 1 kB per row, until it is written.
@@ -62,19 +63,6 @@ impl<W: Write + Send> ParquetFile<W> {
         Ok(Self { writer, columns })
     }
 
-    /// Adds rows of the same columns.
-    pub fn add(&mut self, more: Vec<ExportColumn>) -> Result<(), ParquetError> {
-        for (column, more) in self.columns.iter_mut().zip(more) {
-            column.values.append(more.values);
-        }
-        let rows = self.columns.first().map_or(0, |c| c.values.len());
-        if rows >= MAX_GROUP_ROWS {
-            self.flush()
-        } else {
-            Ok(())
-        }
-    }
-
     fn flush(&mut self) -> Result<(), ParquetError> {
         if self.columns.first().is_none_or(|c| c.values.is_empty()) {
             return Ok(());
@@ -86,11 +74,23 @@ impl<W: Write + Send> ParquetFile<W> {
         }
         group.close().map(drop)
     }
+}
 
-    /// Writes the remaining rows and the footer.
-    pub fn end(mut self) -> Result<W, ParquetError> {
-        self.flush()?;
-        self.writer.into_inner()
+impl<W: Write + Send> RowWriter for ParquetFile<W> {
+    fn add(&mut self, rows: Vec<ExportColumn>) -> io::Result<()> {
+        for (column, more) in self.columns.iter_mut().zip(rows) {
+            column.values.append(more.values);
+        }
+        let rows = self.columns.first().map_or(0, |c| c.values.len());
+        match rows >= MAX_GROUP_ROWS {
+            true => self.flush().map_err(io::Error::other),
+            false => Ok(()),
+        }
+    }
+
+    fn end(mut self: Box<Self>) -> io::Result<()> {
+        let written = self.flush().and_then(|()| self.writer.close());
+        written.map(drop).map_err(io::Error::other)
     }
 }
 
@@ -178,12 +178,14 @@ mod tests {
         };
         let empty = SeriesData::default();
         let notes = [("store_id".to_owned(), "ab".to_owned())];
-        let mut file =
-            ParquetFile::begin(Vec::new(), table_columns(table, &empty, &common), &notes).unwrap();
+        let mut bytes = vec![];
+        let columns = table_columns(table, &empty, &common);
+        let mut file = Box::new(ParquetFile::begin(&mut bytes, columns, &notes).unwrap());
         for one in series {
             file.add(table_columns(table, one, &common)).unwrap();
         }
-        SerializedFileReader::new(axum::body::Bytes::from(file.end().unwrap())).unwrap()
+        file.end().unwrap();
+        SerializedFileReader::new(axum::body::Bytes::from(bytes)).unwrap()
     }
 
     #[test]
@@ -248,10 +250,9 @@ mod tests {
                 ColumnValues::Numbers(NumberType::Single, numbers),
             ),
         ];
-        let bytes = ParquetFile::begin(Vec::new(), columns, &[])
-            .unwrap()
-            .end()
-            .unwrap();
+        let mut bytes = vec![];
+        let file = ParquetFile::begin(&mut bytes, columns, &[]).unwrap();
+        Box::new(file).end().unwrap();
         let plain = 0.9 * f64::from(rows) * (8.0 + 4.0);
         assert!(
             (bytes.len() as f64) < 1.05 * plain,

@@ -14,21 +14,13 @@ use super::tags::TagFilter;
 use super::times::unix_seconds;
 use wingd_base::clock::Stamp;
 use wingd_base::clock::exposure::Exposure;
+use wingd_store::aircraft::AircraftLine;
 
 /// Delay from the tag to its receipt and its standard deviation, s, if only the feed has UTC (an assumption: such feeds are
 /// up to some seconds late).
 const FEED_DELAY_S: (f64, f64) = (1.0, 1.0);
 /// Standard deviation of a clock without a known error, s.
 const DEFAULT_CLOCK_SIGMA_S: f64 = 1.0;
-
-/// Line with the time of its receipt; none for a file that came after the flight.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ReceivedLine {
-    /// Time of receipt.
-    pub at: Option<Stamp>,
-    /// Text as received.
-    pub line: String,
-}
 
 /// Numbers of unused lines, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -88,8 +80,8 @@ impl AircraftTrack {
 
     /// Adds lines of one layout to the current source. If two have the same tag the first counts; the second only fills
     /// missing values.
-    pub fn add_lines(&mut self, layout: &Layout, lines: &[ReceivedLine]) {
-        let read = |line: &ReceivedLine| Some((layout.read(&line.line)?, line.at.clone()));
+    pub fn add_lines(&mut self, layout: &Layout, lines: &[AircraftLine]) {
+        let read = |line: &AircraftLine| Some((layout.read(&line.line)?, line.at.clone()));
         let tagged: Vec<_> = lines.iter().filter_map(read).collect();
         self.unused.unread += lines.len() - tagged.len();
         let mut judge = TagFilter::from_lines(&tagged);
@@ -212,17 +204,6 @@ impl SampleSource {
     }
 }
 
-/// Returns the values of a state by name, for files.
-pub fn state_to_json(state: &AircraftState) -> serde_json::Map<String, serde_json::Value> {
-    let one = |(q, joined): (&Quantity, &JoinedValue)| {
-        (
-            q.name().to_owned(),
-            serde_json::to_value(joined).unwrap_or_default(),
-        )
-    };
-    state.iter().map(one).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::QuantityColumn;
@@ -258,8 +239,8 @@ mod tests {
     }
 
     /// Creates a line tagged `tag` that is received `late` seconds later.
-    fn line(tag: f64, mach: f64, late: f64) -> ReceivedLine {
-        ReceivedLine {
+    fn line(tag: f64, mach: f64, late: f64) -> AircraftLine {
+        AircraftLine {
             at: Some(stamp(tag + late, true)),
             line: format!("{},{mach},{}", BEGIN_S + tag, 9000.0 - tag),
         }
@@ -273,20 +254,20 @@ mod tests {
     #[test]
     fn late_bursts_repeats_and_jumps_change_nothing() {
         let mach = |tag: f64| 0.7 + 1e-4 * tag;
-        let smooth: Vec<ReceivedLine> = (0..120)
+        let smooth: Vec<AircraftLine> = (0..120)
             .map(|k| line(f64::from(k), mach(f64::from(k)), 0.2))
             .collect();
-        let mut rough: Vec<ReceivedLine> = (0..120)
+        let mut rough: Vec<AircraftLine> = (0..120)
             .map(|k| line(f64::from(k), mach(f64::from(k)), 2.0 + f64::from(k % 7)))
             .collect();
         rough.swap(10, 14);
         rough.extend([line(60.0, 0.99, 9.0), line(61.0, 0.98, 9.0)]);
-        let jump = ReceivedLine {
+        let jump = AircraftLine {
             at: Some(stamp(50.0, true)),
             line: format!("{},0.1,1", BEGIN_S + 50.5 - 3600.0),
         };
         rough.insert(50, jump);
-        rough.push(ReceivedLine {
+        rough.push(AircraftLine {
             at: Some(stamp(90.0, true)),
             line: "noise".into(),
         });
@@ -336,7 +317,7 @@ mod tests {
 
     #[test]
     fn the_latest_source_is_used_per_quantity_and_older_ones_fill_its_gaps() {
-        let text = |tag: f64, mach: &str, fuel: &str| ReceivedLine {
+        let text = |tag: f64, mach: &str, fuel: &str| AircraftLine {
             at: None,
             line: format!("{},{mach},{fuel}", BEGIN_S + tag),
         };

@@ -4,10 +4,9 @@ use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
 
-use super::times::{TimeFormat, parse_date};
+use super::times::parse_time;
 use super::{QUANTITY_COUNT, Quantity};
 use crate::installation::parse_rows;
-use wingd_base::clock::written_time::parse_offset;
 
 /// Format of a feed's lines.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -35,15 +34,11 @@ pub struct QuantityColumn {
     pub offset: f64,
 }
 
-pub(super) fn default_scale() -> f64 {
+fn default_scale() -> f64 {
     1.0
 }
 
-pub(super) fn default_decimal() -> char {
-    '.'
-}
-
-/// Positions and formats of the fields of a line.
+/// Positions of the fields of a line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Default)]
 #[serde(deny_unknown_fields)]
 pub struct Layout {
@@ -54,53 +49,8 @@ pub struct Layout {
     pub separator: char,
     /// Number of the time tag's field, from 1.
     pub time_field: usize,
-    /// Format of the time tag.
-    #[serde(default, skip_serializing_if = "is_default_format")]
-    pub time_format: TimeFormat,
-    /// Date of seconds of a day; its year is that of days of a year.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub date: Option<jiff::civil::Date>,
-    /// Number of the field with the date.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub date_field: Option<usize>,
-    /// Offset from UTC of times without a zone, s.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub zone_s: Option<i32>,
-    /// Number of the field with that offset, as `-05:00` or in hours.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub zone_field: Option<usize>,
-    /// Numbers that stand for missing values.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub missing: Vec<f64>,
-    /// Decimal sign.
-    #[serde(
-        default = "default_decimal",
-        skip_serializing_if = "is_default_decimal"
-    )]
-    pub decimal: char,
     /// Fields that hold quantities; of two with the same quantity the later counts.
     pub column: Vec<QuantityColumn>,
-}
-
-fn is_default_format(format: &TimeFormat) -> bool {
-    *format == TimeFormat::default()
-}
-
-fn is_default_decimal(decimal: &char) -> bool {
-    *decimal == default_decimal()
-}
-
-/// Content of a cell.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Cell {
-    /// Value in the quantity's unit.
-    Value(f64),
-    /// Empty cell.
-    Blank,
-    /// Text that is not a number.
-    Text,
-    /// Impossible number, in the quantity's unit.
-    OutOfRange(f64),
 }
 
 const M_PER_FOOT: f64 = 0.3048;
@@ -124,7 +74,6 @@ impl Layout {
         Self {
             separator,
             time_field,
-            decimal: default_decimal(),
             column,
             ..Self::default()
         }
@@ -173,67 +122,26 @@ impl Layout {
         if begins.is_some_and(|word| fields.first().is_none_or(|first| first.as_ref() != word)) {
             return None;
         }
-        let date = self.date_field.map_or(Some(self.date), |k| {
-            parse_date(field_text(fields, k)?).map(Some)
-        })?;
-        let zone_s = match self.zone_field {
-            Some(k) => zone_seconds(field_text(fields, k)?)?,
-            None => self.zone_s.map_or(0.0, f64::from),
-        };
-        let time_s =
-            self.time_format
-                .seconds(field_text(fields, self.time_field)?, date, zone_s)?;
+        let time_s = parse_time(field_text(fields, self.time_field)?)?;
         let mut sample = Sample {
             time_s,
             values: [None; QUANTITY_COUNT],
         };
         for column in &self.column {
-            let value = if let Cell::Value(value) = self.cell(fields, column) {
-                Some(value)
-            } else {
-                None
-            };
-            sample.values[column.quantity.index()] = value;
+            sample.values[column.quantity.index()] = column.read(fields).and_then(Result::ok);
         }
         Some(sample)
     }
-
-    /// Returns the content of a column's cell.
-    pub fn cell(&self, fields: &[impl AsRef<str>], column: &QuantityColumn) -> Cell {
-        let Some(text) = field_text(fields, column.field).filter(|text| !text.is_empty()) else {
-            return Cell::Blank;
-        };
-        let text = match self.decimal {
-            // With decimal commas, a point may separate thousands or be a decimal point: this is ambiguous.
-            ',' if text.contains('.') => return Cell::Text,
-            ',' => text.replace(',', "."),
-            _ => text.to_owned(),
-        };
-        match text.parse::<f64>() {
-            Ok(number) if self.missing.contains(&number) => Cell::Blank,
-            Ok(number) => {
-                let value = column.scale * number + column.offset;
-                column
-                    .quantity
-                    .plausible(value)
-                    .map_or(Cell::OutOfRange(value), Cell::Value)
-            }
-            Err(_) => Cell::Text,
-        }
-    }
 }
 
-/// Parses an offset from UTC: `-05:00`, or hours.
-fn zone_seconds(text: &str) -> Option<f64> {
-    let hours = || {
-        text.parse::<f64>()
-            .ok()
-            .filter(|h| h.abs() <= 14.0)
-            .map(|h| 3600.0 * h)
-    };
-    parse_offset(text)
-        .map(|offset| f64::from(offset.seconds()))
-        .or_else(hours)
+impl QuantityColumn {
+    /// Reads its cell: a value in the quantity's unit, or the text that is none; `None` if it is empty.
+    pub(super) fn read<'a>(&self, fields: &'a [impl AsRef<str>]) -> Option<Result<f64, &'a str>> {
+        let text = field_text(fields, self.field).filter(|text| !text.is_empty())?;
+        let value = text.parse::<f64>().ok();
+        let value = value.map(|number| self.scale * number + self.offset);
+        Some(self.quantity.plausible(value).ok_or(text))
+    }
 }
 
 /// Returns a field by its number, from 1.
@@ -316,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn quotes_blank_first_cells_and_decimal_commas_are_read() {
+    fn quotes_and_blank_first_cells_are_read() {
         let mach = QuantityColumn {
             field: 3,
             quantity: Quantity::Mach,
@@ -331,21 +239,6 @@ mod tests {
         assert_eq!(
             of(&commas, "\"climb, flaps\",\"1772344800\",\"0.78\""),
             Some(0.78)
-        );
-        let decimal = Layout {
-            decimal: ',',
-            ..Layout::separated(';', 2, vec![mach])
-        };
-        assert_eq!(
-            (
-                of(&decimal, "x;1772344800;0,78"),
-                of(&decimal, "x;1772344800;0.78")
-            ),
-            (Some(0.78), None)
-        );
-        assert_eq!(
-            of(&Layout::separated(';', 2, vec![mach]), "x;1772344800;0,78"),
-            None
         );
         let kept = serde_json::to_value(&commas).unwrap();
         assert_eq!(

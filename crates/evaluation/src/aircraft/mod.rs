@@ -21,10 +21,8 @@ mod times;
 
 pub use air::{flight_conditions, pressure_contradiction};
 pub use interpolate::MAX_NEAREST_S;
-pub use join::{
-    AircraftState, AircraftTrack, JoinedValue, ReceivedLine, UnusedLines, state_to_json,
-};
-pub use layout::{Cell, Layout, LineFormat, QuantityColumn, Sample};
+pub use join::{AircraftState, AircraftTrack, JoinedValue, UnusedLines};
+pub use layout::{Layout, LineFormat, QuantityColumn, Sample};
 pub use table::{AircraftTable, ColumnTally, TableContents};
 pub use tags::impossible_delay_s;
 pub use times::format_time;
@@ -33,52 +31,38 @@ use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
-/// Quantity of the aircraft data; its name has the unit as its suffix.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Quantity {
-    Mach,
-    /// Pressure altitude, m.
-    PressureAltitudeM,
-    /// Static temperature, degrees Celsius.
-    StaticTemperatureC,
-    /// Total temperature, degrees Celsius.
-    TotalTemperatureC,
-    /// Static pressure, hPa.
-    StaticPressureHpa,
-    /// Pressure in the cabin, hPa.
-    CabinPressureHpa,
-    /// Gross weight, kg.
-    WeightKg,
-    /// Fuel on board, kg.
-    FuelKg,
-    /// Load factor normal to the aircraft, g.
-    LoadFactor,
-    /// Flap setting, degrees.
-    FlapDeg,
-    /// Angle of attack, degrees.
-    AngleOfAttackDeg,
-    /// Sideslip angle, degrees, positive with wind from the right.
-    SideslipDeg,
-    /// Calibrated airspeed, m/s.
-    CalibratedAirspeedMS,
-    /// True airspeed, m/s.
-    TrueAirspeedMS,
-    /// Centre of gravity, per cent of the mean aerodynamic chord.
-    CentreOfGravityPercent,
-    /// Aileron deflection of the measured wing, degrees, positive trailing edge down.
-    AileronDeg,
-    /// Spoiler deflection of the measured wing, degrees.
-    SpoilerDeg,
-}
+/// Declares the quantities in the order of exports. A row has the description of a variant, the name in files with the unit as
+/// its suffix, the possible range, the standard deviation (a constant and a fraction of the value), and the motion.
+macro_rules! quantities {
+    ($($(#[$meaning:meta])* $quantity:ident = $name:literal, $range:expr, $sigma:expr, $motion:expr;)*) => {
+        /// Quantity of the aircraft data.
+        #[derive(
+            Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
+        )]
+        pub enum Quantity {
+            $($(#[$meaning])* #[serde(rename = $name)] $quantity,)*
+        }
 
-/// Number of quantities.
-pub const QUANTITY_COUNT: usize = 17;
+        /// Number of quantities.
+        pub const QUANTITY_COUNT: usize = NAMES.len();
+
+        const NAMES: &[&str] = &[$($name),*];
+
+        static TRAITS: [QuantityTraits; QUANTITY_COUNT] = [$(QuantityTraits {
+            range: $range,
+            sigma: $sigma,
+            motion: $motion,
+        }),*];
+
+        impl Quantity {
+            /// Quantities in the order of exports.
+            pub const ALL: [Self; QUANTITY_COUNT] = [$(Self::$quantity),*];
+        }
+    };
+}
 
 /// Properties of a quantity.
 struct QuantityTraits {
-    quantity: Quantity,
-    name: &'static str,
     /// Possible range. Feeds write values outside it for missing ones (-9999 and the like).
     range: RangeInclusive<f64>,
     /// Standard deviation: a constant and a fraction of the value.
@@ -97,179 +81,67 @@ struct Motion {
     spread: f64,
 }
 
-const fn traits(
-    quantity: Quantity,
-    name: &'static str,
-    range: RangeInclusive<f64>,
-    sigma: (f64, f64),
-    (rate, acceleration, spread): (f64, f64, f64),
-) -> QuantityTraits {
-    QuantityTraits {
-        quantity,
-        name,
-        range,
-        sigma,
-        motion: Motion {
-            rate,
-            acceleration,
-            spread,
-        },
+const fn motion(rate: f64, acceleration: f64, spread: f64) -> Motion {
+    Motion {
+        rate,
+        acceleration,
+        spread,
     }
 }
 
-/// Quantities in the order of exports, with name, range, standard deviation and motion.
-///
-/// The standard deviations are assumptions: the accuracy of air data computers, cabin pressure controllers, fuel gauges,
-/// flight management systems and position sensors in service, rounded up. The motions assume climbs of 3000 ft/min with
-/// level-offs of 0.05 g, accelerations of 1 m/s^2 and their effect on temperatures and pressures down to the ground, two
-/// large engines, turns and gusts, flaps and control surfaces in motion.
-static QUANTITIES: [QuantityTraits; QUANTITY_COUNT] = {
-    use Quantity::*;
-    [
-        traits(Mach, "mach", 0.0..=3.0, (0.005, 0.0), (0.003, 0.001, 0.1)),
-        traits(
-            PressureAltitudeM,
-            "pressure_altitude_m",
-            -1e3..=3e4,
-            (20.0, 0.002),
-            (15.0, 0.5, 1000.0),
-        ),
-        traits(
-            StaticTemperatureC,
-            "static_temperature_c",
-            -110.0..=70.0,
-            (1.0, 0.0),
-            (0.1, 0.005, 10.0),
-        ),
-        traits(
-            TotalTemperatureC,
-            "total_temperature_c",
-            -110.0..=150.0,
-            (0.5, 0.0),
-            (0.3, 0.02, 10.0),
-        ),
-        traits(
-            StaticPressureHpa,
-            "static_pressure_hpa",
-            10.0..=1100.0,
-            (1.0, 0.0),
-            (1.5, 0.06, 100.0),
-        ),
-        traits(
-            CabinPressureHpa,
-            "cabin_pressure_hpa",
-            300.0..=1200.0,
-            (5.0, 0.0),
-            (0.3, 0.05, 20.0),
-        ),
-        traits(
-            WeightKg,
-            "weight_kg",
-            100.0..=1e6,
-            (0.0, 0.01),
-            (3.0, 0.3, 300.0),
-        ),
-        traits(
-            FuelKg,
-            "fuel_kg",
-            0.0..=5e5,
-            (50.0, 0.02),
-            (3.0, 0.3, 300.0),
-        ),
-        traits(
-            LoadFactor,
-            "load_factor",
-            -5.0..=10.0,
-            (0.02, 0.0),
-            (0.1, 0.1, 0.2),
-        ),
-        traits(
-            FlapDeg,
-            "flap_deg",
-            -20.0..=90.0,
-            (0.5, 0.0),
-            (2.0, 1.0, 15.0),
-        ),
-        traits(
-            AngleOfAttackDeg,
-            "angle_of_attack_deg",
-            -30.0..=60.0,
-            (0.3, 0.0),
-            (1.0, 1.0, 3.0),
-        ),
-        traits(
-            SideslipDeg,
-            "sideslip_deg",
-            -45.0..=45.0,
-            (0.5, 0.0),
-            (1.0, 1.0, 2.0),
-        ),
-        traits(
-            CalibratedAirspeedMS,
-            "calibrated_airspeed_m_s",
-            0.0..=600.0,
-            (2.0, 0.0),
-            (1.0, 0.3, 30.0),
-        ),
-        traits(
-            TrueAirspeedMS,
-            "true_airspeed_m_s",
-            0.0..=1000.0,
-            (2.0, 0.005),
-            (1.0, 0.3, 30.0),
-        ),
-        traits(
-            CentreOfGravityPercent,
-            "centre_of_gravity_percent",
-            -50.0..=150.0,
-            (1.0, 0.0),
-            (0.01, 0.01, 2.0),
-        ),
-        traits(
-            AileronDeg,
-            "aileron_deg",
-            -60.0..=60.0,
-            (0.5, 0.0),
-            (10.0, 30.0, 5.0),
-        ),
-        traits(
-            SpoilerDeg,
-            "spoiler_deg",
-            -10.0..=90.0,
-            (0.5, 0.0),
-            (15.0, 30.0, 20.0),
-        ),
-    ]
-};
+// The standard deviations are assumptions: the accuracy of air data computers, cabin pressure controllers, fuel gauges,
+// flight management systems and position sensors in service, rounded up. The motions assume climbs of 3000 ft/min with
+// level-offs of 0.05 g, accelerations of 1 m/s^2 and their effect on temperatures and pressures down to the ground, two
+// large engines, turns and gusts, flaps and control surfaces in motion.
+quantities! {
+    Mach = "mach", 0.0..=3.0, (0.005, 0.0), motion(0.003, 0.001, 0.1);
+    /// Pressure altitude, m.
+    PressureAltitudeM = "pressure_altitude_m", -1e3..=3e4, (20.0, 0.002), motion(15.0, 0.5, 1000.0);
+    /// Static temperature, degrees Celsius.
+    StaticTemperatureC = "static_temperature_c", -110.0..=70.0, (1.0, 0.0), motion(0.1, 0.005, 10.0);
+    /// Total temperature, degrees Celsius.
+    TotalTemperatureC = "total_temperature_c", -110.0..=150.0, (0.5, 0.0), motion(0.3, 0.02, 10.0);
+    /// Static pressure, hPa.
+    StaticPressureHpa = "static_pressure_hpa", 10.0..=1100.0, (1.0, 0.0), motion(1.5, 0.06, 100.0);
+    /// Pressure in the cabin, hPa.
+    CabinPressureHpa = "cabin_pressure_hpa", 300.0..=1200.0, (5.0, 0.0), motion(0.3, 0.05, 20.0);
+    /// Gross weight, kg.
+    WeightKg = "weight_kg", 100.0..=1e6, (0.0, 0.01), motion(3.0, 0.3, 300.0);
+    /// Fuel on board, kg.
+    FuelKg = "fuel_kg", 0.0..=5e5, (50.0, 0.02), motion(3.0, 0.3, 300.0);
+    /// Load factor normal to the aircraft, g.
+    LoadFactor = "load_factor", -5.0..=10.0, (0.02, 0.0), motion(0.1, 0.1, 0.2);
+    /// Flap setting, degrees.
+    FlapDeg = "flap_deg", -20.0..=90.0, (0.5, 0.0), motion(2.0, 1.0, 15.0);
+    /// Angle of attack, degrees.
+    AngleOfAttackDeg = "angle_of_attack_deg", -30.0..=60.0, (0.3, 0.0), motion(1.0, 1.0, 3.0);
+    /// Sideslip angle, degrees, positive with wind from the right.
+    SideslipDeg = "sideslip_deg", -45.0..=45.0, (0.5, 0.0), motion(1.0, 1.0, 2.0);
+    /// Calibrated airspeed, m/s.
+    CalibratedAirspeedMS = "calibrated_airspeed_m_s", 0.0..=600.0, (2.0, 0.0), motion(1.0, 0.3, 30.0);
+    /// True airspeed, m/s.
+    TrueAirspeedMS = "true_airspeed_m_s", 0.0..=1000.0, (2.0, 0.005), motion(1.0, 0.3, 30.0);
+    /// Centre of gravity, per cent of the mean aerodynamic chord.
+    CentreOfGravityPercent = "centre_of_gravity_percent", -50.0..=150.0, (1.0, 0.0), motion(0.01, 0.01, 2.0);
+    /// Aileron deflection of the measured wing, degrees, positive trailing edge down.
+    AileronDeg = "aileron_deg", -60.0..=60.0, (0.5, 0.0), motion(10.0, 30.0, 5.0);
+    /// Spoiler deflection of the measured wing, degrees.
+    SpoilerDeg = "spoiler_deg", -10.0..=90.0, (0.5, 0.0), motion(15.0, 30.0, 20.0);
+}
 
 impl Quantity {
-    /// Quantities in the order of exports.
-    pub const ALL: [Self; QUANTITY_COUNT] = {
-        let mut all = [Self::Mach; QUANTITY_COUNT];
-        let mut k = 0;
-        while k < QUANTITY_COUNT {
-            all[k] = QUANTITIES[k].quantity;
-            assert!(
-                all[k] as usize == k,
-                "the rows are in the order of the variants"
-            );
-            k += 1;
-        }
-        all
-    };
-
     fn traits(self) -> &'static QuantityTraits {
-        &QUANTITIES[self as usize]
+        &TRAITS[self as usize]
     }
 
     /// Returns the name used in files.
     pub fn name(self) -> &'static str {
-        self.traits().name
+        NAMES[self as usize]
     }
 
     /// Returns the value if it is in the possible range.
-    fn plausible(self, value: f64) -> Option<f64> {
-        self.traits().range.contains(&value).then_some(value)
+    fn plausible(self, value: Option<f64>) -> Option<f64> {
+        value.filter(|value| self.traits().range.contains(value))
     }
 
     /// Returns the standard deviation of a value in such feeds.

@@ -1,9 +1,8 @@
 //! Tables of aircraft data: the canonical CSV (`utc` and columns named as quantities), and lines of IWG1.
 
-use std::borrow::Cow;
 use std::path::Path;
 
-use super::layout::{Cell, Layout, QuantityColumn};
+use super::layout::{Layout, QuantityColumn};
 use super::{QUANTITY_COUNT, Quantity, iwg1};
 use crate::installation::{Reader, parse_records};
 use wingd_base::fault::Fault;
@@ -28,10 +27,9 @@ pub struct ColumnTally {
     pub values: usize,
     /// Number of empty cells.
     pub blank: usize,
-    /// Number of texts that are not numbers, and the first of them.
-    pub text: (usize, Option<String>),
-    /// Number of impossible values, and the first of them in the quantity's unit.
-    pub out_of_range: (usize, Option<f64>),
+    /// Number of cells without a possible number, and the first of them.
+    pub invalid: usize,
+    pub first_invalid: Option<String>,
 }
 
 /// Contents of a table.
@@ -50,11 +48,7 @@ pub struct TableContents {
 /// Columns of the canonical table: the time, and the quantities by their names.
 const COLUMNS: [&str; 1 + QUANTITY_COUNT] = {
     let mut columns = ["utc"; 1 + QUANTITY_COUNT];
-    let mut k = 0;
-    while k < QUANTITY_COUNT {
-        columns[1 + k] = super::QUANTITIES[k].name;
-        k += 1;
-    }
+    columns.split_at_mut(1).1.copy_from_slice(super::NAMES);
     columns
 };
 
@@ -116,8 +110,8 @@ impl AircraftTable {
             quantity: c.quantity,
             values: 0,
             blank: 0,
-            text: (0, None),
-            out_of_range: (0, None),
+            invalid: 0,
+            first_invalid: None,
         };
         let mut tallies: Vec<ColumnTally> = quantities.iter().map(none).collect();
         let (mut times_s, mut valued_s, mut unread) = (vec![], vec![], vec![]);
@@ -133,7 +127,7 @@ impl AircraftTable {
                 valued_s.push(sample.time_s);
             }
             for (tally, column) in tallies.iter_mut().zip(quantities) {
-                tally.count_cell(&self.layout, &fields, column);
+                tally.count_cell(column.read(&fields));
             }
         }
         valued_s.sort_by(f64::total_cmp);
@@ -147,18 +141,13 @@ impl AircraftTable {
 }
 
 impl ColumnTally {
-    fn count_cell(&mut self, layout: &Layout, fields: &[Cow<str>], column: &QuantityColumn) {
-        match layout.cell(fields, column) {
-            Cell::Value(_) => self.values += 1,
-            Cell::Blank => self.blank += 1,
-            Cell::Text => {
-                self.text.0 += 1;
-                let cell = column.field.checked_sub(1).and_then(|k| fields.get(k));
-                self.text.1 = self.text.1.take().or_else(|| cell.map(ToString::to_string));
-            }
-            Cell::OutOfRange(value) => {
-                self.out_of_range.0 += 1;
-                self.out_of_range.1 = self.out_of_range.1.or(Some(value));
+    fn count_cell(&mut self, cell: Option<Result<f64, &str>>) {
+        match cell {
+            Some(Ok(_)) => self.values += 1,
+            None => self.blank += 1,
+            Some(Err(text)) => {
+                self.invalid += 1;
+                self.first_invalid.get_or_insert_with(|| text.to_owned());
             }
         }
     }
@@ -166,15 +155,12 @@ impl ColumnTally {
     /// Returns the reason if the column has no values.
     pub fn no_values_reason(&self) -> Option<String> {
         let name = self.quantity.name();
-        match (self.values, &self.text.1, self.out_of_range.1) {
-            (1.., ..) => None,
-            (0, Some(text), _) => Some(format!(
-                "{name} has texts instead of numbers ({text}); save plain numbers with decimal points"
-            )),
-            (0, None, Some(value)) => Some(format!(
-                "{name} cannot be {value:.6}; give it in the unit of its name"
-            )),
-            (0, None, None) => Some(format!("the column of {name} is empty")),
-        }
+        let reason = match &self.first_invalid {
+            Some(text) => format!(
+                "{name} cannot be {text}; give plain numbers with decimal points, in the unit of its name"
+            ),
+            None => format!("the column of {name} is empty"),
+        };
+        (self.values == 0).then_some(reason)
     }
 }

@@ -12,7 +12,7 @@ use crate::aircraft;
 use crate::installation::{CAD_ALPHA, Installation};
 use crate::record::{
     CadFit, CurveRecord, ImageRecord, IncidenceRecord, MarkerRecord, Model, Panes, Provenance,
-    Quality, Reason, RecordStatus, Tip, TorsionRecord,
+    Quality, Reason, RecordStatus, Tip, TorsionRecord, json_fields,
 };
 use wingd_measure::adjust::{
     AdjustmentMethod, CurvePoint, MarkerSolution, PairTorsion, ParameterKind, Solution,
@@ -54,7 +54,7 @@ pub fn build_record(
             }
             record.cause = solution.doubt;
             record.counted = !solution.counted_causes.is_empty();
-            record.quality.aircraft = aircraft::state_to_json(&frame.aircraft);
+            record.quality.aircraft = json_fields(&frame.aircraft);
             record.quality.refraction = refraction;
         }
     }

@@ -13,13 +13,10 @@ mod registry;
 mod row;
 mod stored;
 
-pub use named::{
-    CLOCK_SIGMA, CURVATURE, CURVATURE_COVARIANCE, EXPOSURE_SIGMA, FIRST_VERSION,
-    GLOBAL_TEST_PASSED, NUMBER, REASON, SINCE_BOOT, SOLVED, SUMMARY, TIP_SIGMAS, UTC,
-};
+pub use named::{CLOCK_SIGMA, EXPOSURE_SIGMA, NUMBER, REASON, SINCE_BOOT, STATUS, SUMMARY, UTC};
 pub use registry::SECTIONS;
 pub use row::{ResultInputs, ResultRow};
-pub use stored::{LiveSource, StoredForm, StoredTimes, finite_value, stored_quantities};
+pub use stored::{LiveSource, StoredForm, stored_quantities};
 
 use jiff::Timestamp;
 
@@ -48,10 +45,10 @@ pub enum ResultTable {
     Shots,
     /// Row per result of live mode; also as jsonl
     Live,
+    /// Row per station of the mean shape of each series; as csv or parquet
+    Series,
     /// Joint shape of stations and markers with its covariance; as netcdf
     Shape,
-    /// Mean shape of each series, by the model; as csv, parquet or netcdf
-    Series,
 }
 
 /// Thing that a quantity belongs to. A row of a table may have several: then each has a column of its own.
@@ -146,25 +143,31 @@ impl ResultQuantity {
 
     /// Adds the quantity to live results, where each row stores it.
     const fn stored(self, kind: ValueKind) -> Self {
-        self.stored_since(0, kind)
+        self.stored_form_of(kind, Vec::new, None)
     }
 
-    /// Adds the quantity to live results, where each row stores it since the given addition to the format.
-    const fn stored_since(self, addition: u8, kind: ValueKind) -> Self {
-        self.in_live(LiveForm::Stored(StoredForm {
-            kind,
-            addition,
-            words: Vec::new,
-        }))
+    /// Adds the quantity to live results, where each row stores the number of a word.
+    const fn stored_words(self, words: fn() -> Vec<String>) -> Self {
+        self.stored_form_of(ValueKind::U8, words, None)
     }
 
-    /// Adds the quantity to live results, where each row stores the number of a word since the given addition.
-    const fn word_since(self, addition: u8, words: fn() -> Vec<String>) -> Self {
-        self.in_live(LiveForm::Stored(StoredForm {
-            kind: ValueKind::U8,
-            addition,
-            words,
-        }))
+    /// Adds the quantity to live results, whose rows store it under another name.
+    const fn stored_as(
+        self,
+        name: &'static str,
+        kind: ValueKind,
+        words: fn() -> Vec<String>,
+    ) -> Self {
+        self.stored_form_of(kind, words, Some(name))
+    }
+
+    const fn stored_form_of(
+        self,
+        kind: ValueKind,
+        words: fn() -> Vec<String>,
+        name: Option<&'static str>,
+    ) -> Self {
+        self.in_live(LiveForm::Stored(StoredForm { kind, words, name }))
     }
 
     /// Omits the quantity in tables of frames.

@@ -1,8 +1,7 @@
 //! Constructors of quantities, and the quantities that readers of live results name.
 
 use super::{ResultQuantity, ResultRow, ValueGetter, quantity};
-use crate::record::Tip;
-use wingd_measure::estimation::quality::GlobalTest;
+use crate::record::{RecordStatus, Tip, variant_name};
 use wingd_store::columns::ValueKind::{F32, F64, U8, U64};
 
 pub(super) type Number = fn(&ResultRow) -> Option<f64>;
@@ -86,7 +85,7 @@ pub const CLOCK_SIGMA: ResultQuantity = number(
 pub const REASON: ResultQuantity = text("reason", "why the frame has no solution", |r| {
     r.image?.reason.clone()
 })
-.word_since(2, Vec::new);
+.stored_words(Vec::new);
 /// Number of the live result, from 1 at each start.
 pub const NUMBER: ResultQuantity = count(
     "number",
@@ -94,68 +93,24 @@ pub const NUMBER: ResultQuantity = count(
     |r| Some(r.live?.number as usize),
 )
 .stored(U64);
-/// Whether the live frame was solved, 1 or 0.
-pub const SOLVED: ResultQuantity = count("solved", "1 or 0; name in version 1 of `status`", |r| {
-    Some(usize::from(r.live?.is_solved()))
-})
-.stored(U8);
-/// Whether the global test of a live result passed, 1 or 0.
-pub const GLOBAL_TEST_PASSED: ResultQuantity = count(
-    "global_test_passed",
-    "1 or 0; name in version 1 of `global_test`",
-    |r| Some(usize::from(r.image?.global_test? == GlobalTest::Passed)),
+/// Status of the image; live results store it as the number of its word.
+pub const STATUS: ResultQuantity = text(
+    "status",
+    "`ok`, `doubtful`, `failed`, `not solved`, `no frame`",
+    |r| r.status(),
 )
-.stored(U8)
-.only_live();
-/// Standard deviations of the tip's deflection relative to survey, ground frame and root, by their stored names.
-pub const TIP_SIGMAS: [ResultQuantity; 3] = [
-    number(
-        "sigma_tip_deflection",
-        "m",
-        "version 1 of `tip_sigma_deflection_m`",
-        |r| tip(r)?.sigma_deflection_m,
-    )
-    .stored(F32)
-    .only_live(),
-    number(
-        "sigma_tip_deflection_ground",
-        "m",
-        "version 1, ground frame",
-        |r| tip(r)?.sigma_deflection_ground_m,
-    )
-    .stored(F32)
-    .only_live(),
-    number(
-        "sigma_tip_deflection_root",
-        "m",
-        "version 1, root's tangent",
-        |r| tip(r)?.sigma_deflection_root_m,
-    )
-    .stored(F32)
-    .only_live(),
-];
-/// Columns of the first version of the live format: other columns hold their values, and exports omit them.
-pub const FIRST_VERSION: [&str; 5] = [
-    SOLVED.name,
-    GLOBAL_TEST_PASSED.name,
-    TIP_SIGMAS[0].name,
-    TIP_SIGMAS[1].name,
-    TIP_SIGMAS[2].name,
-];
-/// Coefficients of the curvature of the bending line, 1/m.
-pub const CURVATURE: ResultQuantity =
-    number("curvature", "1/m", "coefficients of the curvature", |r| {
-        r.curvature?.per_m.get(r.index?).copied()
-    })
-    .stored(F64);
-/// Covariance of the curvature coefficients, 1/m².
-pub const CURVATURE_COVARIANCE: ResultQuantity = number(
-    "curvature_covariance",
-    "1/m2",
-    "upper triangle of their covariance, row by row",
-    |r| r.curvature?.covariance.get(r.index?).copied(),
-)
-.stored(F64);
+.stored_as("solved", U8, || {
+    words([
+        RecordStatus::Failed,
+        RecordStatus::Ok,
+        RecordStatus::Doubtful,
+    ])
+});
+
+/// Returns the words of an enumeration.
+pub(super) fn words(all: impl IntoIterator<Item = impl serde::Serialize>) -> Vec<String> {
+    all.into_iter().map(variant_name).collect()
+}
 
 /// Names of the quantities of a frame that the summary has; those of the aircraft data have none.
 pub const SUMMARY: [&str; 19] = [

@@ -3,19 +3,16 @@
 use super::LiveForm::{Derived, Identity};
 use super::ResultTable::{Markers, Moments, Parameters, Shots, Span};
 use super::named::{
-    CLOCK_SIGMA, CURVATURE, CURVATURE_COVARIANCE, EXPOSURE_SIGMA, GLOBAL_TEST_PASSED, NUMBER,
-    REASON, SINCE_BOOT, SOLVED, TIP_SIGMAS, UTC, count, flag, number, sigma, text, time, tip,
+    CLOCK_SIGMA, EXPOSURE_SIGMA, NUMBER, REASON, SINCE_BOOT, STATUS, UTC, count, flag, number,
+    sigma, text, time, tip, words,
 };
 use super::{QuantitySection, SCHEMA_VERSION, Subject};
 use crate::record::variant_name;
 use wingd_base::clock::exposure::ExposureSource;
 use wingd_measure::adjust::DeflectionReference;
-use wingd_measure::estimation::quality::SigmaKind;
+use wingd_measure::estimation::quality::{GlobalTest, SigmaKind};
 use wingd_measure::view::SearchMode;
-use wingd_store::columns::ValueKind::{F32, U8, U32, U64};
-
-/// Addition to the format of live results with which the bending moments came.
-const MOMENTS_ADDITION: u8 = 4;
+use wingd_store::columns::ValueKind::{F32, F64, U8, U32, U64};
 
 /// All quantities.
 pub static SECTIONS: [QuantitySection; 14] = [
@@ -47,7 +44,7 @@ pub static SECTIONS: [QuantitySection; 14] = [
                 "whether a service disciplined the clock",
                 |r| Some(r.stamp?.utc_synchronised),
             )
-            .stored_since(2, U8),
+            .stored(U8),
             text("boot_id", "boot of the machine", |r| {
                 Some(r.stamp?.boot_id.clone())
             })
@@ -61,14 +58,9 @@ pub static SECTIONS: [QuantitySection; 14] = [
             text("exposure_source", "event that determines it", |r| {
                 Some(variant_name(r.exposure?.exposure_source))
             })
-            .word_since(2, || words(ExposureSource::ALL)),
+            .stored_words(|| words(ExposureSource::ALL)),
             CLOCK_SIGMA,
-            text(
-                "status",
-                "`ok`, `doubtful`, `failed`, `not solved`, `no frame`",
-                |r| r.status(),
-            )
-            .in_live(Derived),
+            STATUS,
             REASON,
         ],
     },
@@ -81,7 +73,6 @@ pub static SECTIONS: [QuantitySection; 14] = [
                 Some(r.live?.skipped as usize)
             })
             .stored(U64),
-            SOLVED,
             count(
                 "full_search",
                 "1 if the full frame was searched, 0 if guided",
@@ -124,21 +115,22 @@ pub static SECTIONS: [QuantitySection; 14] = [
                 r.image?.variance_factor
             })
             .stored(F32),
-            GLOBAL_TEST_PASSED,
             count("redundancy", "conditions minus parameters", |r| {
                 r.image?.redundancy
             })
-            .stored_since(1, U32),
+            .stored(U32),
             text("global_test", "`passed` or `rejected`", |r| {
                 r.image?.global_test.map(variant_name)
             })
-            .in_live(Derived),
+            .stored_as("global_test_passed", U8, || {
+                words([GlobalTest::Rejected, GlobalTest::Passed])
+            }),
             text(
                 "sigma_kind",
                 "standard deviations `prior` or `posterior`",
                 |r| r.image?.sigma_kind.map(variant_name),
             )
-            .word_since(2, || words([SigmaKind::Prior, SigmaKind::Posterior])),
+            .stored_words(|| words([SigmaKind::Prior, SigmaKind::Posterior])),
         ],
     },
     QuantitySection {
@@ -164,8 +156,11 @@ pub static SECTIONS: [QuantitySection; 14] = [
                 |r| Some(tip(r)?.deflection_m),
             )
             .stored(F32),
-            sigma("tip_sigma_deflection", "m", |r| tip(r)?.sigma_deflection_m).in_live(Derived),
-            TIP_SIGMAS[0],
+            sigma("tip_sigma_deflection", "m", |r| tip(r)?.sigma_deflection_m).stored_as(
+                "sigma_tip_deflection",
+                F32,
+                Vec::new,
+            ),
             number(
                 "tip_deflection_ground",
                 "m",
@@ -176,8 +171,7 @@ pub static SECTIONS: [QuantitySection; 14] = [
             sigma("tip_sigma_deflection_ground", "m", |r| {
                 tip(r)?.sigma_deflection_ground_m
             })
-            .in_live(Derived),
-            TIP_SIGMAS[1],
+            .stored_as("sigma_tip_deflection_ground", F32, Vec::new),
             number("tip_deflection_root", "m", "from the root's tangent", |r| {
                 tip(r)?.deflection_root_m
             })
@@ -185,14 +179,13 @@ pub static SECTIONS: [QuantitySection; 14] = [
             sigma("tip_sigma_deflection_root", "m", |r| {
                 tip(r)?.sigma_deflection_root_m
             })
-            .in_live(Derived),
-            TIP_SIGMAS[2],
+            .stored_as("sigma_tip_deflection_root", F32, Vec::new),
             text(
                 "tip_reference",
                 "reference with the smallest standard deviation",
                 |r| tip(r)?.reference.map(variant_name),
             )
-            .word_since(2, || words(DeflectionReference::ALL)),
+            .stored_words(|| words(DeflectionReference::ALL)),
         ],
     },
     QuantitySection {
@@ -218,22 +211,22 @@ pub static SECTIONS: [QuantitySection; 14] = [
                 "change of the slope along the span, tip up",
                 |r| r.pair()?.incidence.slope_deg,
             )
-            .stored_since(3, F32),
+            .stored(F32),
             sigma("sigma_slope", "deg", |r| {
                 r.pair()?.incidence.sigma_slope_deg
             })
-            .stored_since(3, F32),
+            .stored(F32),
             number(
                 "streamwise_twist",
                 "deg",
                 "change of the incidence along the flow, nose up",
                 |r| r.pair()?.incidence.streamwise_twist_deg,
             )
-            .stored_since(3, F32),
+            .stored(F32),
             sigma("sigma_streamwise_twist", "deg", |r| {
                 r.pair()?.incidence.sigma_streamwise_twist_deg
             })
-            .stored_since(3, F32),
+            .stored(F32),
         ],
     },
     QuantitySection {
@@ -390,18 +383,18 @@ pub static SECTIONS: [QuantitySection; 14] = [
                 "N m, change relative to the ground, tip up",
                 |r| r.section()?.bending_moment_nm,
             )
-            .stored_since(MOMENTS_ADDITION, F32),
+            .stored(F32),
             sigma("sigma_bending_moment", "nm", |r| {
                 r.section()?.sigma_bending_moment_nm
             })
-            .stored_since(MOMENTS_ADDITION, F32),
+            .stored(F32),
             number(
                 "sigma_stiffness",
                 "nm",
                 "part of the stiffness, common to all frames",
                 |r| r.section()?.sigma_stiffness_nm,
             )
-            .stored_since(MOMENTS_ADDITION, F32),
+            .stored(F32),
         ],
     },
     QuantitySection {
@@ -423,12 +416,23 @@ pub static SECTIONS: [QuantitySection; 14] = [
     QuantitySection {
         subject: Subject::CurvatureTerm,
         tables: &[],
-        quantities: &[CURVATURE],
+        quantities: &[
+            number("curvature", "1/m", "coefficients of the curvature", |r| {
+                r.curvature?.per_m.get(r.index?).copied()
+            })
+            .stored(F64),
+        ],
     },
     QuantitySection {
         subject: Subject::CurvatureTermPair,
         tables: &[],
-        quantities: &[CURVATURE_COVARIANCE],
+        quantities: &[number(
+            "curvature_covariance",
+            "1/m2",
+            "upper triangle of their covariance, row by row",
+            |r| r.curvature?.covariance.get(r.index?).copied(),
+        )
+        .stored(F64)],
     },
     QuantitySection {
         subject: Subject::Aircraft,
@@ -485,8 +489,3 @@ pub static SECTIONS: [QuantitySection; 14] = [
         ],
     },
 ];
-
-/// Returns the words of an enumeration.
-fn words(all: impl IntoIterator<Item = impl serde::Serialize>) -> Vec<String> {
-    all.into_iter().map(variant_name).collect()
-}

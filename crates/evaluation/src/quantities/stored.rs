@@ -1,24 +1,20 @@
 //! Form in which live mode stores results: columns of numbers, and a description of the file that names them.
 
-use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{
-    QuantitySection, ResultQuantity, ResultRow, SECTIONS, SINCE_BOOT, Subject, ValueGetter,
-};
-use wingd_base::clock::Stamp;
-use wingd_store::columns::{FLAG, LiveBlock, LiveTable, UTC, ValueKind, WORD};
+use super::{QuantitySection, ResultQuantity, ResultRow, SECTIONS, Subject, ValueGetter};
+use wingd_store::columns::{FLAG, LiveTable, UTC, ValueKind, WORD};
 
 /// How live mode stores a quantity.
 #[derive(Clone, Copy)]
 pub struct StoredForm {
     /// Encoding of each value.
     pub kind: ValueKind,
-    /// Number of the addition to the format with which the column came; columns of later ones follow.
-    pub addition: u8,
     /// Words that the numbers stand for; empty if they are registered in order of appearance.
     pub words: fn() -> Vec<String>,
+    /// Name in the files, if it is another.
+    pub name: Option<&'static str>,
 }
 
 /// Lists the stored quantities in the order of the columns.
@@ -30,7 +26,7 @@ pub fn stored_quantities() -> Vec<(Subject, StoredForm, &'static ResultQuantity)
             .filter_map(|quantity| Some((section.subject, quantity.stored_form()?, quantity)))
     };
     let mut all: Vec<_> = SECTIONS.iter().flat_map(of_section).collect();
-    all.sort_by_key(|(subject, form, _)| (*subject, form.addition));
+    all.sort_by_key(|(subject, ..)| *subject);
     all
 }
 
@@ -50,9 +46,10 @@ impl Subject {
 impl ResultQuantity {
     /// Returns the name of its column in a file of live results.
     pub fn stored_name(&self, subject: Subject) -> String {
-        subject
-            .list_name()
-            .map_or(self.name.to_owned(), |list| format!("{list}.{}", self.name))
+        let name = self.stored_form().and_then(|form| form.name);
+        let name = name.unwrap_or(self.name);
+        let in_list = |list| format!("{list}.{name}");
+        subject.list_name().map_or(name.to_owned(), in_list)
     }
 
     /// Returns the unit of its column in a file of live results.
@@ -77,43 +74,6 @@ impl ResultQuantity {
             _ => self.number(row),
         }
     }
-}
-
-/// Times of stored results, row by row.
-pub struct StoredTimes {
-    utc: Vec<f64>,
-    since_boot_s: Option<Vec<f64>>,
-}
-
-impl StoredTimes {
-    /// Reads the times of a block; `None` if it has none.
-    pub fn from_block(block: &LiveBlock) -> Option<Self> {
-        Some(Self {
-            utc: block.named_values(super::UTC.name)?,
-            since_boot_s: block.named_values(SINCE_BOOT.name),
-        })
-    }
-
-    /// Returns the time of a result of a file begun at `began`; `None` if it is unknown.
-    pub fn stamp(&self, began: &Stamp, row: usize) -> Option<Stamp> {
-        let utc = Timestamp::from_microsecond(finite_number(&self.utc, row)? as i64).ok()?;
-        let by_utc_s = || began.since_boot_s + utc.duration_since(began.utc).as_secs_f64();
-        let since_boot_s = finite_value(&self.since_boot_s, row).unwrap_or_else(by_utc_s);
-        Some(Stamp {
-            utc,
-            since_boot_s,
-            ..began.clone()
-        })
-    }
-}
-
-/// Returns a value of a column that a file may lack; `None` if it is not finite.
-pub fn finite_value(column: &Option<Vec<f64>>, row: usize) -> Option<f64> {
-    finite_number(column.as_ref()?, row)
-}
-
-fn finite_number(column: &[f64], row: usize) -> Option<f64> {
-    column.get(row).copied().filter(|value| value.is_finite())
 }
 
 /// Description of a file of live results: the values equal in all rows, and the names in its lists.

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::SeriesData;
-use crate::aircraft::{AircraftTrack, Layout, ReceivedLine};
+use crate::aircraft::{AircraftTrack, Layout};
 use wingd_base::clock::Stamp;
 use wingd_base::clock::exposure::Exposure;
 use wingd_store::aircraft::AircraftLine;
@@ -20,7 +20,7 @@ pub struct AircraftSource {
     pub number: usize,
     /// Origin and layout of the lines, from the first line of the source's files.
     pub head: Value,
-    pub lines: Vec<ReceivedLine>,
+    pub lines: Vec<AircraftLine>,
     /// Time of withdrawal; `None` for a source in use.
     pub withdrawn: Option<jiff::Timestamp>,
 }
@@ -73,9 +73,6 @@ pub fn read_sources(
             is_continued = false;
             continue;
         }
-        let lines = lines
-            .into_iter()
-            .map(|AircraftLine { at, line }| ReceivedLine { at, line });
         match found
             .last_mut()
             .filter(|last| is_continued && last.head == head.source)
@@ -86,7 +83,7 @@ pub fn read_sources(
                 found.push(AircraftSource {
                     number,
                     head: head.source,
-                    lines: lines.collect(),
+                    lines,
                     withdrawn: None,
                 });
             }
@@ -111,8 +108,11 @@ pub fn read_track(
                 track.add_lines(&layout, &source.lines);
             }
             None => notes.push(format!(
-                "{}: aircraft data with an unknown layout are skipped",
-                flight.id
+                "{}: source {} of aircraft data ({}) has a layout that this version does not read; convert its table with \
+                 `wingd-table` and import it again",
+                flight.id,
+                source.number,
+                source.name()
             )),
         }
     }

@@ -6,9 +6,9 @@
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen, Vector3};
 
+use super::Solution;
 use super::curve::AxisCurve;
 use super::outcome::{FrameOutcome, MovedSection, MovedSections, SectionFunction};
-use super::{AdjustError, AdjustResult, Solution};
 use crate::estimation::Gradient;
 use crate::widths::Unknown;
 
@@ -34,9 +34,7 @@ const LOST_VARIANCE: f64 = 1e-7;
 pub enum StationChoice {
     /// Stations of the curves in the results, from the root to the outermost marker, and the tip of the model.
     Standard,
-    /// Arc lengths from the bending root on the ground, m.
-    ArcLengths(Vec<f64>),
-    /// Arc lengths as fractions of the length from the bending root to the tip of the model.
+    /// Fractions, 0 to 1, of the length from the bending root to the tip of the model.
     Fractions(Vec<f64>),
 }
 
@@ -55,25 +53,21 @@ pub struct JointShape {
     pub markers: Vec<usize>,
     /// Number of coefficients of the curvature.
     pub curvature_terms: usize,
-    /// Frames, in order.
+    /// Frames, in order, and their results.
     pub frames: Vec<FrameShape>,
+    pub solutions: Vec<Solution>,
 }
 
-/// Shape in one frame. Functions are those of stations, displacements and deflections of markers, coefficients of the
+/// Shape in one frame, or mean of several. Functions are those of stations, displacements and deflections of markers, coefficients of the
 /// curvature, and the thermal scale, by the methods of [`JointShape`]; a value that does not exist is NaN, and its rows of the
 /// factors are 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameShape {
     /// Values of the functions.
     pub values: DVector<f64>,
-    /// Factor of the errors that all flights of the installation share (functions x sources).
-    pub lasting: DMatrix<f64>,
-    /// Factor of the errors that all frames of the flight share.
-    pub shared: DMatrix<f64>,
-    /// Factor of the frame's own errors.
-    pub own: DMatrix<f64>,
-    /// Result of the frame.
-    pub solution: Solution,
+    /// Factors of the errors that all flights of the installation share, of those that all frames of the flight share, and of
+    /// the frame's own (functions x sources).
+    pub factors: [DMatrix<f64>; 3],
 }
 
 impl JointShape {
@@ -103,19 +97,6 @@ impl JointShape {
     }
 }
 
-impl FrameShape {
-    /// Returns the variance of each function.
-    pub fn variances(&self) -> DVector<f64> {
-        let mut all = DVector::zeros(self.values.len());
-        for factor in [&self.lasting, &self.shared, &self.own] {
-            factor
-                .column_iter()
-                .for_each(|column| all += column.component_mul(&column));
-        }
-        all
-    }
-}
-
 /// Functions of a frame before the covariance of the shared parameters is known.
 pub(super) struct ShapeFunctions {
     pub values: DVector<f64>,
@@ -126,27 +107,15 @@ pub(super) struct ShapeFunctions {
 }
 
 /// Stations of a scene, wing markers, and the axis on the ground.
-pub(super) fn empty_shape(
-    outcome: &FrameOutcome,
-    choice: &StationChoice,
-) -> AdjustResult<JointShape> {
+pub(super) fn empty_shape(outcome: &FrameOutcome, choice: &StationChoice) -> JointShape {
     let scene = outcome.solved.input.scene;
     let (ground, length_m) = (&scene.ground, scene.ground.axis.length_m);
     let standard = AxisCurve::standard_arcs_m(scene);
     let reach_m = standard.last().copied().unwrap_or_default();
     let arcs_m = match choice {
         StationChoice::Standard => [&standard[..], &[length_m]].concat(),
-        StationChoice::ArcLengths(list) => list.clone(),
         StationChoice::Fractions(list) => list.iter().map(|eta| eta * length_m).collect(),
     };
-    if let Some(outside) = arcs_m
-        .iter()
-        .find(|arc_m| !(0.0..=length_m + 1e-9).contains(*arc_m))
-    {
-        return Err(AdjustError::Input(format!(
-            "station {outside} m is not on the wing; give arc lengths from the bending root, 0 to {length_m:.3} m"
-        )));
-    }
     let MovedSections { curve, .. } = outcome.moved_sections(arcs_m);
     let ground_m = curve
         .flat
@@ -156,7 +125,7 @@ pub(super) fn empty_shape(
     let markers = (0..ground.stations.len())
         .filter(|k| !scene.is_fixed(*k))
         .collect();
-    Ok(JointShape {
+    JointShape {
         arcs_m: curve.arcs_m,
         length_m,
         reach_m,
@@ -164,7 +133,8 @@ pub(super) fn empty_shape(
         markers,
         curvature_terms: outcome.layout.curvature_terms,
         frames: vec![],
-    })
+        solutions: vec![],
+    }
 }
 
 impl FrameOutcome<'_> {

@@ -39,7 +39,6 @@ pub use joint_shape::{
     FrameShape, JointShape, STATION_FUNCTIONS, StationChoice, principal_sources,
 };
 pub use profile::solve_profile;
-pub use shape_mean::ShapeMean;
 pub use shape_solving::{solve_flight_shape, solve_frame_shape};
 pub use spatial::solve_spatial;
 

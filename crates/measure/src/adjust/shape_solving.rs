@@ -1,6 +1,6 @@
 //! Adjustments that return the joint shape of one frame or of a flight.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
 use super::flight;
 use super::joint_shape::{
@@ -15,7 +15,7 @@ use crate::setup::{Orientation, Setup};
 /// Adjusts one frame and returns its shape; all of its errors are its own.
 ///
 /// # Errors
-/// Returns an error if the frame has no solution or a station is not on the wing.
+/// Returns an error if the frame has no solution.
 pub fn solve_frame_shape(
     setup: &Setup,
     orientation: &Orientation,
@@ -23,9 +23,8 @@ pub fn solve_frame_shape(
     options: &Options,
     stations: &StationChoice,
 ) -> AdjustResult<JointShape> {
-    type FrameParts = (JointShape, DVector<f64>, Vec<DMatrix<f64>>);
-    let derive = |outcome: &FrameOutcome| -> AdjustResult<FrameParts> {
-        let shape = empty_shape(outcome, stations)?;
+    let derive = |outcome: &FrameOutcome| {
+        let mut shape = empty_shape(outcome, stations);
         let ShapeFunctions {
             values,
             by_global,
@@ -33,31 +32,25 @@ pub fn solve_frame_shape(
         } = outcome.shape_functions(&shape);
         let global = by_global * symmetric_root(&outcome.solved.fit.covariance);
         let columns: Vec<_> = global.column_iter().chain(own.column_iter()).collect();
-        Ok((
-            shape,
+        let own = reduce_factors(vec![DMatrix::from_columns(&columns)]).pop();
+        let none = DMatrix::zeros(values.len(), 0);
+        shape.frames.push(FrameShape {
+            factors: [none.clone(), none.clone(), own.unwrap_or(none)],
             values,
-            reduce_factors(vec![DMatrix::from_columns(&columns)]),
-        ))
+        });
+        shape
     };
-    let (solution, derived) =
-        solve_spatial_with(setup, orientation, observations, options, &derive)?;
-    let (mut shape, values, factors) = derived?;
-    let none = DMatrix::zeros(values.len(), 0);
-    let own = factors.into_iter().next().unwrap_or_else(|| none.clone());
-    shape.frames.push(FrameShape {
-        values,
-        lasting: none.clone(),
-        shared: none,
-        own,
-        solution,
-    });
-    Ok(shape)
+    let (solution, shape) = solve_spatial_with(setup, orientation, observations, options, &derive)?;
+    Ok(JointShape {
+        solutions: vec![solution],
+        ..shape
+    })
 }
 
 /// Adjusts the frames of a flight jointly and returns their joint shape.
 ///
 /// # Errors
-/// Returns an error if the flight has no solution or a station is not on the wing.
+/// Returns an error if the flight has no solution.
 pub fn solve_flight_shape(
     setup: &Setup,
     orientation: &Orientation,
@@ -65,15 +58,12 @@ pub fn solve_flight_shape(
     options: &Options,
     stations: &StationChoice,
 ) -> AdjustResult<JointShape> {
-    let (solutions, derived) =
+    let (solutions, shape) =
         flight::solve_flight_with(setup, orientation, frames, options, |joint| {
             joint.joint_shape(stations)
         })?;
-    let (mut shape, of_frames) = derived?;
-    shape.frames = solutions
-        .into_iter()
-        .zip(of_frames)
-        .map(|(solution, frame)| FrameShape { solution, ..frame })
-        .collect();
-    Ok(shape)
+    Ok(JointShape {
+        solutions,
+        ..shape?
+    })
 }

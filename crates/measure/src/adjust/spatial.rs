@@ -16,7 +16,9 @@ use super::snooping::{
     self, ResidualSum, SnoopingModel, SnoopingResult, SolvedGroup, Suspect, SuspectTarget,
 };
 use super::{AdjustError, AdjustResult, Observation, Options, Solution, VarianceComponent};
-use crate::estimation::{Fit, Problem, SolveOptions, VarianceGroup, quality, variance_components};
+use crate::estimation::{
+    Fit, Minimum, Problem, SolveOptions, VarianceGroup, quality, variance_components,
+};
 use crate::setup::{Orientation, Setup};
 use crate::widths::Unknown;
 
@@ -26,6 +28,65 @@ const MIN_MARKERS: usize = 6;
 const AMPLITUDE_PASSES: usize = 3;
 /// Change of the logarithm of the amplitude below which it has settled.
 const AMPLITUDE_SETTLED: f64 = 0.05;
+
+/// A frame at its minimum, found roughly.
+struct RoughFrame<'a> {
+    frame: FrameProblem<'a>,
+    minimum: Minimum,
+    amplitude: f64,
+}
+
+impl<'a> RoughFrame<'a> {
+    /// Finds the minimum, starting from an earlier solution.
+    fn new(
+        single: &SingleFrame<'a>,
+        amplitude: f64,
+        last: Option<&SolvedFrame>,
+    ) -> AdjustResult<Self> {
+        let start = FrameStart {
+            amplitude_per_m: amplitude,
+            from: last.map(|solved| &solved.fit.global),
+        };
+        let mut frame = FrameProblem::new(single, &start);
+        frame.fix_dimension_derivatives();
+        let minimum = frame.find_minimum(&SolveOptions {
+            rough: true,
+            residuals: last.map_or(vec![], |s| s.fit.residuals()),
+        })?;
+        Ok(Self {
+            frame,
+            minimum,
+            amplitude,
+        })
+    }
+
+    /// Weights the shape ratios with another amplitude.
+    fn change_amplitude(&mut self, amplitude: f64) -> AdjustResult<()> {
+        let ratio = amplitude / self.amplitude;
+        self.amplitude = amplitude;
+        for prior in &mut self.frame.problem.priors {
+            if prior.name.unknown == Unknown::Shape.name() {
+                prior.covariance *= ratio * ratio;
+            }
+        }
+        self.frame.problem.start = self.minimum.global().clone();
+        self.frame.fix_dimension_derivatives();
+        self.minimum = self.frame.find_minimum(&SolveOptions {
+            rough: true,
+            residuals: self.minimum.residuals().to_vec(),
+        })?;
+        Ok(())
+    }
+
+    fn into_solved(self) -> AdjustResult<SolvedFrame<'a>> {
+        let fit = self.minimum.into_fit(&self.frame.problem)?;
+        Ok(SolvedFrame {
+            frame: self.frame,
+            fit,
+            amplitude: self.amplitude,
+        })
+    }
+}
 
 /// A frame with its solution.
 struct SolvedFrame<'a> {
@@ -38,57 +99,33 @@ impl<'a> SolvedFrame<'a> {
     /// Solves in several passes that also find the amplitude with which the shape ratios are weighted.
     fn new(single: &SingleFrame<'a>, before: Option<&SolvedFrame>) -> AdjustResult<Self> {
         let amplitude = before.map_or(TYPICAL_CURVATURE_PER_M, |b| b.amplitude);
-        let mut solved = Self::roughly(single, amplitude, before)?;
+        let mut rough = RoughFrame::new(single, amplitude, before)?;
         for pass in 1.. {
-            let found = bounded_amplitude(solved.fit.global[0]);
-            let ratio = found / solved.amplitude;
-            if ratio.ln().abs() < AMPLITUDE_SETTLED {
+            let found = bounded_amplitude(rough.minimum.global()[0]);
+            if (found / rough.amplitude).ln().abs() < AMPLITUDE_SETTLED {
                 break;
             }
-            solved.amplitude = found;
             if pass == AMPLITUDE_PASSES {
+                rough.amplitude = found;
                 break;
             }
-            for prior in &mut solved.frame.problem.priors {
-                if prior.name.unknown == Unknown::Shape.name() {
-                    prior.covariance *= ratio * ratio;
-                }
-            }
-            solved.solve_again(true)?;
+            rough.change_amplitude(found)?;
         }
-        Ok(solved)
+        rough.into_solved()
     }
 
-    /// Computes a rough solution, starting from an earlier one.
-    fn roughly(
-        single: &SingleFrame<'a>,
-        amplitude: f64,
-        last: Option<&SolvedFrame>,
-    ) -> AdjustResult<Self> {
-        let start = FrameStart {
-            amplitude_per_m: amplitude,
-            from: last.map(|solved| &solved.fit.global),
-        };
-        let mut frame = FrameProblem::new(single, &start);
-        frame.fix_dimension_derivatives();
-        let fit = frame.solve(&SolveOptions {
-            rough: true,
-            residuals: last.map(|s| &s.fit),
-        })?;
-        Ok(Self {
-            frame,
-            fit,
-            amplitude,
-        })
-    }
-
-    fn solve_again(&mut self, rough: bool) -> AdjustResult<()> {
+    /// Solves exactly, from this solution.
+    fn solve_exactly(&mut self) -> AdjustResult<()> {
         self.frame.problem.start = self.fit.global.clone();
         self.frame.fix_dimension_derivatives();
-        self.fit = self.frame.solve(&SolveOptions {
-            rough,
-            residuals: Some(&self.fit),
-        })?;
+        let options = SolveOptions {
+            rough: false,
+            residuals: self.fit.residuals(),
+        };
+        self.fit = self
+            .frame
+            .find_minimum(&options)?
+            .into_fit(&self.frame.problem)?;
         Ok(())
     }
 
@@ -195,7 +232,7 @@ impl<'a> CauseModel for SnoopingResult<SingleFrame<'a>> {
         };
         let all = single.solve_from(None)?;
         let mut wider = remove_outliers(single, all)?;
-        wider.solved.solve_again(false)?;
+        wider.solved.solve_exactly()?;
         Ok(wider)
     }
 }
@@ -283,7 +320,7 @@ pub fn solve_spatial_with<T>(
         removed,
         tested_sum,
     } = clean;
-    solved.solve_again(false)?;
+    solved.solve_exactly()?;
     solved.frame.layout.dimension_derivatives = None;
     let (components, mut remarks) = if options.variance_components {
         solved.estimate_variance_components()?

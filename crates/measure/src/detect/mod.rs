@@ -156,15 +156,12 @@ impl GuidedDetector {
 /// Searches a frame at the default thresholds and, if it is faint, at lower ones; with predictions, only for the missing
 /// markers.
 fn search_frame(image: &Raster, options: SearchOptions) -> SearchResult {
-    let smooth = |scope: Scope, from: f64| {
-        let tiles = || scope.tiles(image.width(), image.height());
-        if options.noise > from {
-            noise::smooth_image(image, &tiles())
-        } else {
-            None
-        }
+    let smoothed = if options.noise > noise::FRAYING_NOISE {
+        let tiles = options.scope.tiles(image.width(), image.height());
+        noise::smooth_image(image, &tiles)
+    } else {
+        None
     };
-    let smoothed = smooth(options.scope, noise::FRAYING_NOISE);
     let seen = smoothed.as_ref().unwrap_or(image);
     let mut progress = SearchProgress::new(image, seen, options);
     progress.search(seen, false);
@@ -176,15 +173,8 @@ fn search_frame(image: &Raster, options: SearchOptions) -> SearchResult {
             windows::block_size(image.width(), image.height()),
         )
     {
-        let scope = missing.as_deref().map_or(options.scope, Scope::Around);
-        let faint = if smoothed.is_none() {
-            smooth(scope, noise::FRAYING_NOISE_FAINT)
-        } else {
-            None
-        };
-        let seen = faint.as_ref().unwrap_or(seen);
-        if missing.is_some() {
-            progress = progress.with_scope(seen, scope);
+        if let Some(missing) = missing.as_deref() {
+            progress = progress.with_scope(seen, Scope::Around(missing));
         }
         progress.search(seen, true);
     }

@@ -143,6 +143,13 @@ impl Fit {
         (self.redundancy > 0).then(|| self.omega / self.redundancy as f64)
     }
 
+    /// Returns the residuals by group and block.
+    pub fn residuals(&self) -> Vec<Vec<DVector<f64>>> {
+        let of_group =
+            |group: &GroupFit| group.blocks.iter().map(|b| b.residuals.clone()).collect();
+        self.groups.iter().map(of_group).collect()
+    }
+
     /// Returns the solution's information about the global parameters, as a prior for another problem.
     pub fn information_prior(&self) -> InformationPrior {
         let conditions = self.global.len();
@@ -307,10 +314,18 @@ impl<'a> FunctionCovariance<'a> {
     fn new(fit: &Fit, group: usize, by: &'a Gradient) -> Self {
         let (q, n) = (by.local.nrows(), by.columns.len());
         let group = &fit.groups[group];
+        // Most columns of a block are neighbours.
+        let runs: Vec<_> = by
+            .columns
+            .chunk_by(|a, b| a + 1 == *b)
+            .map(|run| run[0]..run[0] + run.len())
+            .collect();
         let mut shared = Vec::with_capacity(n * n);
         for &column in &by.columns {
             let covariance = fit.covariance.column(column);
-            shared.extend(by.columns.iter().map(|&c| covariance[c]));
+            for run in &runs {
+                shared.extend_from_slice(&covariance.as_slice()[run.clone()]);
+            }
         }
         let cross = group.cross.select_columns(&by.columns);
         let mut with_global = small_product(&cross, &by.local);

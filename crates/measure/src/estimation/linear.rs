@@ -7,6 +7,8 @@ use crate::dispatch::wide;
 
 /// Smallest accepted pivot of the normal matrix scaled to a unit diagonal.
 const MIN_PIVOT: f64 = 1e-13;
+/// Number of columns that are squared together: a hundred unknowns of as many fit the first cache beside their square.
+const SQUARED_COLUMNS: usize = 32;
 
 /// Matrix `W` with `W' W = (B Q B')^-1`, lower triangular, kept with its `B`: the derivatives of most conditions with
 /// respect to their observations are equal at every point.
@@ -135,9 +137,11 @@ wide! {
 
 #[inline(always)]
 fn add_square_generic(into: &mut [f64], factor: f64, columns: &[f64], height: usize) {
-    for (j, into) in into.chunks_exact_mut(height).enumerate() {
-        let own = |k: usize| factor * columns[k * height + j];
-        add_columns(&mut into[j..], columns, height, own);
+    for columns in columns.chunks(SQUARED_COLUMNS * height.max(1)) {
+        for (j, into) in into.chunks_exact_mut(height).enumerate() {
+            let own = |k: usize| factor * columns[k * height + j];
+            add_columns(&mut into[j..], columns, height, own);
+        }
     }
 }
 

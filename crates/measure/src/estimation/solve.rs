@@ -64,12 +64,41 @@ pub fn solve(
 }
 
 /// Options of the iteration: required precision and start.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct SolveOptions<'a> {
+#[derive(Clone, Debug, Default)]
+pub struct SolveOptions {
     /// Stop within 0.01 standard deviations.
     pub rough: bool,
-    /// Earlier solution whose residuals are the start of blocks with equal sizes.
-    pub residuals: Option<&'a Fit>,
+    /// Residuals of an earlier solution, by group and block: the start of groups and blocks with equal sizes.
+    pub residuals: Vec<Vec<DVector<f64>>>,
+}
+
+/// Minimum of a problem, without covariances.
+pub struct Minimum {
+    system: NormalEquations,
+    state: EstimationState,
+    iterations: usize,
+    /// Half the second derivative, if it differs from the normal matrix.
+    second: Option<DMatrix<f64>>,
+}
+
+impl Minimum {
+    pub fn global(&self) -> &DVector<f64> {
+        &self.state.global
+    }
+
+    /// Residuals by group and block.
+    pub fn residuals(&self) -> &[Vec<DVector<f64>>] {
+        &self.state.residuals
+    }
+
+    /// Computes the covariances.
+    ///
+    /// # Errors
+    /// Returns an error if the problem is singular.
+    pub fn into_fit(self, problem: &Problem) -> EstimationResult<Fit> {
+        self.system
+            .into_fit(problem, self.state, self.iterations, self.second)
+    }
 }
 
 /// Minimises a problem whose blocks share work: `linearise` returns all blocks of a group. The list that it gets may
@@ -82,6 +111,18 @@ pub fn solve_groups(
     options: &SolveOptions,
     linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> EstimationResult<()>,
 ) -> EstimationResult<Fit> {
+    find_minimum(problem, options, linearise)?.into_fit(problem)
+}
+
+/// Minimises a problem like [`solve_groups`], without the covariances.
+///
+/// # Errors
+/// Returns an error if [`solve`] would.
+pub fn find_minimum(
+    problem: &Problem,
+    options: &SolveOptions,
+    linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> EstimationResult<()>,
+) -> EstimationResult<Minimum> {
     let mut solver = GaussNewton::new(problem, options, linearise)?;
     for iteration in 1..=MAX_ITERATIONS {
         if solver.iterate(iteration)? {
@@ -90,9 +131,12 @@ pub fn solve_groups(
             } else {
                 solver.corrected_hessian()?
             };
-            return solver
-                .system
-                .into_fit(problem, solver.state, iteration, second);
+            return Ok(Minimum {
+                system: solver.system,
+                state: solver.state,
+                iterations: iteration,
+                second,
+            });
         }
     }
     Err(EstimationError::NoConvergence {
@@ -126,7 +170,7 @@ where
     L: Fn(&GroupPoint, &mut Vec<Linearised>) -> EstimationResult<()>,
 {
     fn new(problem: &'a Problem, options: &SolveOptions, linearise: L) -> EstimationResult<Self> {
-        let state = EstimationState::initial(problem, options.residuals);
+        let state = EstimationState::initial(problem, &options.residuals);
         let mut system = NormalEquations::new(problem)?;
         system.assemble(problem, &state, &linearise)?;
         Ok(Self {

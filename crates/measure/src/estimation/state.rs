@@ -2,7 +2,6 @@
 
 use nalgebra::DVector;
 
-use super::fit::Fit;
 use super::problem::{Block, Group, Problem};
 
 /// Current values of all unknowns.
@@ -16,16 +15,19 @@ pub(super) struct EstimationState {
 }
 
 impl EstimationState {
-    pub(super) fn initial(problem: &Problem, before: Option<&Fit>) -> Self {
+    /// Creates the start of a problem, with earlier residuals by group and block where they fit.
+    pub(super) fn initial(problem: &Problem, earlier: &[Vec<DVector<f64>>]) -> Self {
         let residuals = |(index, group): (usize, &Group)| -> Vec<DVector<f64>> {
-            let before = before.and_then(|fit| fit.groups.get(index));
-            let before = before.filter(|b| b.blocks.len() == group.blocks.len());
+            let earlier = earlier.get(index);
+            let earlier = earlier.filter(|e| e.len() == group.blocks.len());
             let of_block = |(k, block): (usize, &Block)| {
-                let old = before
-                    .map(|b| &b.blocks[k].residuals)
-                    .filter(|v| v.len() == block.observed.len());
-                old.cloned()
-                    .unwrap_or_else(|| DVector::zeros(block.observed.len()))
+                let zero = DVector::zeros(block.observed.len());
+                let old = earlier.map_or(&zero, |e| &e[k]);
+                if old.len() == zero.len() {
+                    old.clone()
+                } else {
+                    zero
+                }
             };
             group.blocks.iter().enumerate().map(of_block).collect()
         };

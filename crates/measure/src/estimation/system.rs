@@ -5,8 +5,8 @@ use nalgebra::{DMatrix, DVector};
 use super::error::EstimationResult;
 use super::fit::{BlockFit, Fit, GroupFit};
 use super::linear::{
-    add_scaled, add_square, dot_product, factor_in_place, factor_normal_matrix, invert_lower,
-    singular_error,
+    NormalFactor, add_scaled, add_square, dot_product, factor_in_place, factor_normal_matrix,
+    invert_lower, singular_error,
 };
 use super::prior::{add_prior, prior_weights};
 use super::problem::{Block, Group, GroupPoint, Linearised, Problem};
@@ -234,7 +234,12 @@ impl NormalEquations {
         problem: &Problem,
         right: &DVector<f64>,
     ) -> EstimationResult<DVector<f64>> {
-        Ok(factor_normal_matrix(&self.normal, &problem.missing)?.solve(right))
+        Ok(self.factor(problem)?.solve(right))
+    }
+
+    /// Factors the normal matrix.
+    pub(super) fn factor(&self, problem: &Problem) -> EstimationResult<NormalFactor> {
+        factor_normal_matrix(&self.normal, &problem.missing)
     }
 
     /// Writes all unknowns after a global step into `next`; local parameters and residuals follow from it.
@@ -280,7 +285,7 @@ impl NormalEquations {
         iterations: usize,
         second: Option<DMatrix<f64>>,
     ) -> EstimationResult<Fit> {
-        let inverse = factor_normal_matrix(&self.normal, &problem.missing)?.inverse();
+        let inverse = self.factor(problem)?.inverse();
         let (response, covariance, information) = match second {
             Some(second) => {
                 let response = factor_normal_matrix(&second, &problem.missing)?.inverse();

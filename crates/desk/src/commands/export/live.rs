@@ -1,8 +1,8 @@
 //! `wingd export --table live` reads block by block, so that memory does not grow with the length of a recording.
 
-use super::sink::{ExportEnd, FileMetadata, RowSink, finish_export};
+use super::sink::{ExportEnd, FileMetadata, write_rows};
 use super::{ExportArgs, add_provenance, recorder_metadata};
-use crate::export::LiveColumns;
+use crate::export::{LiveColumns, RowWriter};
 use wingd_base::failure::{Completion, Failure, TaskResult};
 use wingd_base::output::{byte_progress, print_notes};
 use wingd_evaluation::quantities::LiveSource;
@@ -29,25 +29,17 @@ pub(super) fn export_live_results(args: &ExportArgs) -> TaskResult<Completion> {
     let store_id = catalogue::store_id(&RealDisk, &args.store);
     let columns = LiveColumns::from_tables(&tables, store_id.clone());
     let bar = byte_progress(bytes, "live results");
-    let mut notes = Vec::new();
-    let sink = RowSink::begin(args, columns.empty_columns(), || {
-        Ok(live_metadata(&tables, store_id.as_deref()))
-    });
-    let outcome = sink.and_then(|mut sink| {
-        flights.iter().try_for_each(|flight| {
-            notes.extend(write_flight_rows(
-                args,
-                flight,
-                &columns,
-                &mut sink,
-                |bytes| bar.inc(bytes),
-            )?);
-            Ok::<(), ExportEnd>(())
-        })?;
-        Ok(sink.finish()?)
+    let metadata = || Ok(live_metadata(&tables, store_id.as_deref()));
+    let written = write_rows(args, columns.empty_columns(), metadata, |rows| {
+        let mut notes = Vec::new();
+        for flight in &flights {
+            let read = |bytes| bar.inc(bytes);
+            notes.extend(write_flight_rows(args, flight, &columns, rows, read)?);
+        }
+        Ok(notes)
     });
     bar.finish_and_clear();
-    finish_export(args, outcome)?;
+    let notes = written?;
     print_notes(&notes);
     Ok(Completion::from_success(notes.is_empty()))
 }
@@ -69,7 +61,7 @@ fn write_flight_rows(
     args: &ExportArgs,
     flight: &FlightRef,
     columns: &LiveColumns,
-    sink: &mut RowSink,
+    sink: &mut dyn RowWriter,
     read: impl Fn(u64),
 ) -> Result<Vec<String>, ExportEnd> {
     let (track, mut notes) = aircraft::read_track(&RealDisk, &args.store, flight)?;
@@ -78,7 +70,7 @@ fn write_flight_rows(
         let head = file.head.clone();
         while let Some(block) = file.next_block() {
             match columns.block_columns(&head, &block, &track) {
-                Some(rows) => sink.add_rows(rows)?,
+                Some(rows) => sink.add(rows)?,
                 None => return Ok(file.torn_length().max(1)),
             }
         }

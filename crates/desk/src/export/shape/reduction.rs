@@ -1,34 +1,53 @@
-//! Values of shapes before they are written: bending moments, displacements in the CAD frame, reduced factors.
+//! Functions of shapes that follow from others, and reduced factors.
 
 use std::rc::Rc;
 
-use nalgebra::{DMatrix, DVector, SMatrix, SymmetricEigen, Vector3};
+use nalgebra::{DMatrix, DVector, SMatrix};
 
-use super::{CadValues, LOST_VARIANCE, ReducedShape, factors};
+use super::{ExportedShape, LOST_VARIANCE};
 use wingd_evaluation::installation::Installation;
-use wingd_measure::adjust::{JointShape, ShapeMean, principal_sources};
+use wingd_measure::adjust::{FrameShape, JointShape, principal_sources};
+use wingd_measure::estimation::symmetric_root;
 use wingd_measure::geometry::TransformFit;
 use wingd_measure::setup::Width;
 use wingd_measure::stress::{BendingCurvature, DEFAULT_STEPS};
 
-/// Adds the moments at the installation's sections to the functions of a shape, and returns their factor by the errors of
-/// stiffness (one source for each section) and root (moments x sources).
-pub(super) fn add_moments(
-    mean: &mut ShapeMean,
-    shape: &JointShape,
+/// Appends functions that are linear in each group of `rows`, of as many rows as `linear` has columns.
+fn append(shape: &mut FrameShape, rows: &[usize], linear: &DMatrix<f64>) {
+    let (count, old) = (linear.nrows(), shape.values.len());
+    let extended = |matrix: &DMatrix<f64>| {
+        let groups = rows.chunks(linear.ncols().max(1));
+        let mut all = matrix
+            .clone()
+            .resize_vertically(old + count * groups.len(), 0.0);
+        for (k, group) in groups.enumerate() {
+            let added = linear * matrix.select_rows(group);
+            all.rows_mut(old + k * count, count).copy_from(&added);
+        }
+        all
+    };
+    let values = DMatrix::from_columns(std::slice::from_ref(&shape.values));
+    shape.values = extended(&values).column(0).into_owned();
+    shape.factors = shape.factors.each_ref().map(extended);
+}
+
+/// Appends the moments at the installation's sections, and returns their factor by the errors of stiffness (one source for
+/// each section) and root (moments x sources).
+pub(super) fn append_moments(
+    shape: &mut FrameShape,
+    joint: &JointShape,
     installation: &Installation,
 ) -> DMatrix<f64> {
     let sections = installation.structure.as_ref().map(|s| &s.sections[..]);
     let sections = sections.unwrap_or_default();
-    let (first, count) = (shape.curvature_function(), shape.curvature_terms);
+    let (first, count) = (joint.curvature_function(), joint.curvature_terms);
     let curvature = BendingCurvature {
-        coefficients_per_m: mean.values.rows(first, count).into_owned(),
+        coefficients_per_m: shape.values.rows(first, count).into_owned(),
         covariance: DMatrix::zeros(count, count),
-        length_m: shape.length_m,
+        length_m: joint.length_m,
         root_sigma_m: installation.setup.uncertainty[Width::RootOffset],
         steps: DEFAULT_STEPS,
     };
-    let rows = mean.values.len();
     let mut stiffness = DMatrix::zeros(sections.len(), sections.len() + 1);
     let mut linear = DMatrix::zeros(sections.len(), count);
     for (k, section) in sections.iter().enumerate() {
@@ -37,48 +56,56 @@ pub(super) fn add_moments(
         stiffness[(k, sections.len())] = moment.by_root;
         linear.set_row(k, &moment.by_coefficient.transpose());
     }
-    let extend = |matrix: &DMatrix<f64>| {
-        let added = &linear * matrix.rows(first, count);
-        let mut all = matrix.clone().resize_vertically(rows + sections.len(), 0.0);
-        all.rows_mut(rows, sections.len()).copy_from(&added);
-        all
-    };
-    mean.lasting = extend(&mean.lasting);
-    mean.shared = extend(&mean.shared);
-    mean.own = extend(&mean.own);
-    let added = &linear * mean.values.rows(first, count);
-    let joined = mean.values.iter().chain(added.iter()).copied();
-    mean.values = DVector::from_iterator(rows + sections.len(), joined);
+    append(shape, &Vec::from_iter(first..first + count), &linear);
     stiffness
 }
 
+/// Appends displacements, given by their rows, in the CAD frame, and returns their factor by the errors of rotation and scale.
+pub(super) fn append_cad(
+    shape: &mut FrameShape,
+    rows: &[usize],
+    fit: &TransformFit,
+) -> DMatrix<f64> {
+    /// Rows of rotation and scale in the covariance of a fit; a displacement does not depend on the translation.
+    const PARAMETERS: [usize; 4] = [0, 1, 2, 6];
+    let (first, scale) = (shape.values.len(), fit.transform.scale);
+    let linear = fit.transform.rotation.matrix() * scale;
+    let linear = DMatrix::from_column_slice(3, 3, linear.as_slice());
+    append(shape, rows, &linear);
+    let covariance = fit.covariance.select_rows(&PARAMETERS);
+    let of_fit = symmetric_root(&covariance.select_columns(&PARAMETERS));
+    let mut factor = DMatrix::zeros(rows.len(), PARAMETERS.len());
+    for k in (0..rows.len()).step_by(3) {
+        let moved = shape.values.fixed_rows::<3>(first + k).into_owned();
+        let mut jacobian = SMatrix::<f64, 3, 4>::zeros();
+        let mut by_rotation = jacobian.fixed_columns_mut::<3>(0);
+        by_rotation.copy_from(&-moved.cross_matrix());
+        jacobian.set_column(3, &(moved / scale));
+        factor.rows_mut(k, 3).copy_from(&(jacobian * &of_fit));
+    }
+    factor
+}
+
 /// Reduces the factors of a flight's shapes to the sources that carry their variance and that of their differences.
-pub(super) fn reduce_shapes(shapes: &mut [ReducedShape]) {
-    let take = |shapes: &[ReducedShape], kind: usize| -> Vec<DMatrix<f64>> {
-        let of = |one: &ReducedShape| factors(&one.dated.shape)[kind].clone();
-        shapes.iter().map(of).collect()
-    };
-    let [lasting, shared] = [0, 1].map(|kind| common_basis(&take(shapes, kind)));
-    let basis = Rc::new(lasting);
+pub(super) fn reduce_shapes(shapes: &mut [ExportedShape]) {
+    let [lasting, shared] = [0, 1].map(|kind| {
+        let factors = shapes.iter().map(|one| one.factors[kind].clone());
+        common_basis(&Vec::from_iter(factors))
+    });
+    let lasting = Rc::new(lasting);
     for one in shapes {
-        let own = common_basis(std::slice::from_ref(&one.dated.shape.own));
-        let shape = &mut one.dated.shape;
-        let parts = [
-            (&mut shape.lasting, &*basis),
-            (&mut shape.shared, &shared),
-            (&mut shape.own, &own),
-        ];
-        one.rests = parts.map(|(factor, basis)| {
-            let reduced = &*factor * basis;
+        let own = common_basis(std::slice::from_ref(&one.factors[2]));
+        for (kind, basis) in [&*lasting, &shared, &own].into_iter().enumerate() {
+            let factor = &one.factors[kind];
+            let reduced = factor * basis;
             let rest = |k: usize| {
                 let lost = factor.row(k).norm_squared() - reduced.row(k).norm_squared();
                 lost.max(0.0).sqrt()
             };
-            let rests = DVector::from_fn(factor.nrows(), |k, _| rest(k));
-            *factor = reduced;
-            rests
-        });
-        one.basis = Some(Rc::clone(&basis)).filter(|basis| basis.ncols() > 0);
+            one.rests[kind] = DVector::from_fn(factor.nrows(), |k, _| rest(k));
+            one.factors[kind] = reduced;
+        }
+        one.basis = Some(Rc::clone(&lasting)).filter(|basis| basis.ncols() > 0);
     }
 }
 
@@ -107,56 +134,6 @@ fn common_basis(factors: &[DMatrix<f64>]) -> DMatrix<f64> {
     };
     let deviations: Vec<_> = factors.iter().map(deviation).collect();
     principal_sources(&[factors, &deviations].concat(), LOST_VARIANCE)
-}
-
-impl CadValues {
-    /// Transforms displacements, three values each, to the CAD frame. Its sources are those of rotation and scale.
-    pub(super) fn new(shape: &ShapeMean, rows: &[usize], fit: &TransformFit) -> Self {
-        let linear = fit.transform.rotation.matrix() * fit.transform.scale;
-        let of_fit = fit_factor(fit);
-        let mut by_fit = DMatrix::zeros(rows.len(), of_fit.ncols());
-        let (mut values, mut sigmas) = (vec![], vec![]);
-        for (k, triple) in rows.chunks_exact(3).enumerate() {
-            let moved = linear * Vector3::from_fn(|i, _| shape.values[triple[i]]);
-            let mut jacobian = SMatrix::<f64, 3, 4>::zeros();
-            jacobian
-                .fixed_columns_mut::<3>(0)
-                .copy_from(&-moved.cross_matrix());
-            jacobian.set_column(3, &(moved / fit.transform.scale));
-            let of_triple = jacobian * of_fit;
-            by_fit.rows_mut(3 * k, 3).copy_from(&of_triple);
-            let turned = factors(shape).map(|factor| linear * factor.select_rows(triple));
-            let variance = |row: usize| {
-                let parts = turned.iter().map(|factor| factor.row(row).norm_squared());
-                parts.sum::<f64>() + of_triple.row(row).norm_squared()
-            };
-            values.extend(moved.iter());
-            sigmas.extend((0..3).map(|row| match moved[row].is_nan() {
-                true => f64::NAN,
-                false => variance(row).sqrt(),
-            }));
-        }
-        Self {
-            values,
-            sigmas,
-            fit: by_fit,
-        }
-    }
-}
-
-/// Symmetric root of the covariance of small rotation (rad) and scale of a fitted transform.
-fn fit_factor(fit: &TransformFit) -> SMatrix<f64, 4, 4> {
-    /// Rows of rotation and scale in the covariance of a fit; a displacement does not depend on the translation.
-    const PARAMETERS: [usize; 4] = [0, 1, 2, 6];
-    let covariance =
-        SMatrix::<f64, 4, 4>::from_fn(|i, j| fit.covariance[(PARAMETERS[i], PARAMETERS[j])]);
-    let SymmetricEigen {
-        eigenvectors,
-        eigenvalues,
-    } = SymmetricEigen::new(covariance);
-    eigenvectors
-        * SMatrix::from_diagonal(&eigenvalues.map(|v| v.max(0.0).sqrt()))
-        * eigenvectors.transpose()
 }
 
 #[cfg(test)]

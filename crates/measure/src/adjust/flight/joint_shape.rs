@@ -9,7 +9,7 @@ use crate::adjust::joint_shape::{
     FrameShape, JointShape, ShapeFunctions, StationChoice, empty_shape, reduce_factors,
 };
 use crate::adjust::outcome::FrameOutcome;
-use crate::adjust::{AdjustError, AdjustResult, Solution};
+use crate::adjust::{AdjustError, AdjustResult};
 use crate::estimation::{Prior, symmetric_root};
 
 impl JointSolution<'_> {
@@ -17,13 +17,10 @@ impl JointSolution<'_> {
         self.solved.frame_outcome(&self.flight.input, frame)
     }
 
-    /// Stations of the flight and the shape of each frame, without the frames' results.
-    pub fn joint_shape(
-        &self,
-        stations: &StationChoice,
-    ) -> AdjustResult<(JointShape, Vec<FrameShape>)> {
+    /// Shape of the flight, without the frames' results.
+    pub fn joint_shape(&self, stations: &StationChoice) -> AdjustResult<JointShape> {
         let fit = &self.solved.fit;
-        let shape = empty_shape(&self.outcome(0), stations)?;
+        let mut shape = empty_shape(&self.outcome(0), stations);
         let functions: Vec<ShapeFunctions> = (0..self.flight.frames.len())
             .map(|frame| self.outcome(frame).shape_functions(&shape))
             .collect();
@@ -39,32 +36,18 @@ impl JointSolution<'_> {
         // Error of the parameters: covariance times the errors of the right side of the normal equations.
         let by_lasting = fit.covariance.select_columns(&columns) * symmetric_root(&common);
         let by_shared = &fit.covariance * symmetric_root(&rest);
-        let mut shared = reduce_factors(
-            functions
-                .iter()
-                .map(|f| &f.by_global * &by_shared)
-                .collect(),
-        )
-        .into_iter();
-        let frames = functions.into_iter().map(
-            |ShapeFunctions {
-                 values,
-                 by_global,
-                 own,
-             }| FrameShape {
-                lasting: by_global * &by_lasting,
-                shared: shared
-                    .next()
-                    .unwrap_or_else(|| DMatrix::zeros(values.len(), 0)),
-                own: reduce_factors(vec![own])
-                    .into_iter()
-                    .next()
-                    .unwrap_or_else(|| DMatrix::zeros(values.len(), 0)),
-                values,
-                solution: Solution::default(),
-            },
-        );
-        Ok((shape, frames.collect()))
+        let shared = functions.iter().map(|f| &f.by_global * &by_shared);
+        let shared = reduce_factors(shared.collect());
+        let frames = functions.into_iter().zip(shared).map(|(f, shared)| {
+            let none = DMatrix::zeros(f.values.len(), 0);
+            let own = reduce_factors(vec![f.own]).pop().unwrap_or(none);
+            FrameShape {
+                values: f.values,
+                factors: [f.by_global * &by_lasting, shared, own],
+            }
+        });
+        shape.frames = frames.collect();
+        Ok(shape)
     }
 
     /// Information that every flight of the installation has, from survey, ground frames, earlier flights and priors of the

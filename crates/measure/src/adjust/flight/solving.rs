@@ -62,10 +62,7 @@ impl Flight<'_> {
     /// # Errors
     /// Returns an error if the flight has no solution.
     pub fn solve_rough(&mut self, from: Option<&Fit>) -> AdjustResult<SolvedFlight> {
-        let solved = self.solve_with_options(&SolveOptions {
-            rough: true,
-            residuals: from,
-        })?;
+        let solved = self.solve_from(from, true)?;
         for (frame, layout) in solved.flight_problem.layouts.iter().enumerate() {
             self.hyperparameters
                 .update_from_frame(frame, layout, &solved.fit);
@@ -78,14 +75,15 @@ impl Flight<'_> {
     /// # Errors
     /// Returns an error if the flight has no solution.
     pub fn solve_converged(&self, rough: &Fit) -> AdjustResult<SolvedFlight> {
-        self.solve_with_options(&SolveOptions {
-            rough: false,
-            residuals: Some(rough),
-        })
+        self.solve_from(Some(rough), false)
     }
 
-    fn solve_with_options(&self, solve_options: &SolveOptions) -> AdjustResult<SolvedFlight> {
-        let flight_problem = FlightProblem::new(self, solve_options.residuals);
+    fn solve_from(&self, earlier: Option<&Fit>, rough: bool) -> AdjustResult<SolvedFlight> {
+        let flight_problem = FlightProblem::new(self, earlier);
+        let solve_options = &SolveOptions {
+            rough,
+            residuals: earlier.map_or(vec![], Fit::residuals),
+        };
         let fit = flight_problem.solve(self.input.scene, solve_options)?;
         Ok(SolvedFlight {
             flight_problem,

@@ -18,8 +18,8 @@ use crate::adjust::scene::WingScene;
 use crate::adjust::term::ColumnAllocator;
 use crate::adjust::terms;
 use crate::estimation::{
-    Block, EstimationResult, Fit, Group, GroupPoint, Linearised, Problem, SolveOptions,
-    solve_groups,
+    Block, EstimationResult, Group, GroupPoint, Linearised, Minimum, Problem, SolveOptions,
+    find_minimum,
 };
 use crate::setup::Thermal;
 
@@ -111,9 +111,9 @@ impl<'a> FrameProblem<'a> {
         self.layout.linearise(self.scene, &self.members, at, blocks)
     }
 
-    /// Solves the frame's problem.
-    pub fn solve(&self, solve_options: &SolveOptions) -> EstimationResult<Fit> {
-        solve_groups(&self.problem, solve_options, |at, blocks| {
+    /// Minimises the frame's problem.
+    pub fn find_minimum(&self, solve_options: &SolveOptions) -> EstimationResult<Minimum> {
+        find_minimum(&self.problem, solve_options, |at, blocks| {
             self.linearise(at, blocks)
         })
     }

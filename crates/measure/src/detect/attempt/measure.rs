@@ -20,7 +20,8 @@ use crate::detect::estimate::gauss_newton::{MarkerFit, fit_final};
 use crate::detect::estimate::options::WEIGHT;
 use crate::detect::estimate::overshoot;
 use crate::detect::estimate::prior::{fix_fine_light, select_unknowns};
-use crate::detect::estimate::terms::{glare_spline, veiling_glare};
+use crate::detect::estimate::terms::glare_spline;
+use crate::detect::estimate::terms::veiling_glare::{GlareFit, fit_with_glare};
 use crate::detect::estimate::{lack_of_fit, outlined_quadrants};
 use crate::detect::hypothesis::{EdgePair, Hypothesis, prior::MarkerPrior};
 use crate::detect::image::ellipse::Ellipse;
@@ -384,6 +385,7 @@ impl FitAttempt<'_> {
     ) -> Option<(MeasuredMarker, bool)> {
         let m = &fit.parameters;
         let mut fitted = with_fitted_geometry(seen, m).with_glare(bands);
+        let mut start = GlareFit::from_plain(fit, floor);
         for _ in 0..2 {
             let appearance = EdgeAppearance {
                 crossing: fitted.ellipse.centre,
@@ -399,9 +401,8 @@ impl FitAttempt<'_> {
             let (mut unknowns, _) = select_unknowns(&fitted);
             // Glare changes the contrast along the disc far more than its own darkness does.
             unknowns.free[DARK + 1..=DARK + 2].fill(false);
-            let lit =
-                veiling_glare::fit_with_glare(&pixels, &fitted.ellipse, fit, &unknowns, floor)?;
-            let found = judge_fit(self.image, &fitted, &lit, self.bounds.noise).ok()?;
+            let lit = fit_with_glare(&pixels, &fitted.ellipse, &start, &unknowns, floor)?;
+            let found = judge_fit(self.image, &fitted, &lit.fit, self.bounds.noise).ok()?;
             let mut found = MeasuredMarker {
                 through_glare: true,
                 is_whole: false,
@@ -417,6 +418,7 @@ impl FitAttempt<'_> {
                 return Some((found, glare_spline::shows_ends(&pixels)));
             }
             fitted.ellipse = found.detection.ellipse();
+            start = lit;
         }
         None
     }

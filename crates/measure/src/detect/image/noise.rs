@@ -7,8 +7,6 @@ use crate::tiles::Tiles;
 
 /// Noise from which on outlines fray, grey levels: blobs are then segmented in the smoothed image.
 pub const FRAYING_NOISE: f64 = 3.0;
-/// Noise from which on outlines fray at the thresholds of faint frames, whose contrast is 1/3, grey levels.
-pub const FRAYING_NOISE_FAINT: f64 = 1.0;
 
 /// Smooths the image with the binomial filter of 3 x 3 px, which leaves 3/8 of the noise, in each row from the first to the
 /// last of some tiles; borders stay unchanged, the rest is 0.

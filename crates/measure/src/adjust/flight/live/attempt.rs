@@ -163,7 +163,7 @@ impl FrameHypothesis<'_, '_> {
         };
         let solve_options = SolveOptions {
             rough,
-            residuals: before.map(|b| &b.fit),
+            residuals: before.map_or(vec![], |b| b.fit.residuals()),
         };
         let fit = flight_problem.solve(flight.input.scene, &solve_options)?;
         Ok(SolvedFlight {

@@ -20,16 +20,23 @@ pub struct GlareSpline {
 }
 
 impl GlareSpline {
+    /// Largest slant, to which the knots reach.
+    const MAX_SLANT: f64 = TERM.slants as f64 * TERM.slant_step;
+
     /// Creates a spline without glare for a disc of this outline.
     fn new(ellipse: &Ellipse) -> Self {
-        let slant = f64::from(TERM.slants) * TERM.slant_step;
-        let reach = TERM.reach.at(ellipse.major) + slant * ellipse.minor;
+        let reach = TERM.reach.at(ellipse.major) + Self::MAX_SLANT * ellipse.minor;
         let count = (2.0 * reach / TERM.knot_px).ceil() as usize + 3;
         Self {
             first: -reach,
             slant: 0.0,
             knots: vec![0.0; count],
         }
+    }
+
+    /// Returns true if the knots reach as far as the slant takes the pixels.
+    pub fn covers_slant(&self) -> bool {
+        self.slant.abs() <= Self::MAX_SLANT
     }
 
     /// Returns the position of a point along and across the disc, px, in units of the knot spacing.
@@ -49,22 +56,17 @@ pub fn outline_position(batch: &Batch, i: usize, ellipse: &Ellipse) -> (f64, f64
     )
 }
 
-/// Returns index and position along and across the outline, px, of each pixel of a batch.
-fn outline_positions<'a>(
-    batch: &'a Batch,
-    ellipse: &'a Ellipse,
-) -> impl Iterator<Item = (usize, f64, f64)> + 'a {
-    (0..batch.len).map(|i| {
-        let (s, t) = outline_position(batch, i, ellipse);
-        (i, s, t)
-    })
-}
-
-/// Estimates the slant and the knots of the glare from skin and black alone.
-pub fn estimate_glare(pixels: &Pixels, ellipse: &Ellipse, m: &MarkerParameters) -> GlareSpline {
+/// Estimates the knots of the glare, and its slant if that is not known yet, from skin and black alone.
+pub fn estimate_glare(
+    pixels: &Pixels,
+    ellipse: &Ellipse,
+    m: &MarkerParameters,
+    slant: Option<f64>,
+) -> GlareSpline {
     let mut signs: Vec<[f64; 3]> = Vec::new();
     for batch in &pixels.batches {
-        for (i, s, t) in outline_positions(batch, ellipse) {
+        for i in 0..batch.len {
+            let (s, t) = outline_position(batch, i, ellipse);
             let (p, q) = (s / ellipse.major, t / ellipse.minor);
             let r = p.hypot(q).max(TINY);
             let slope = (p / ellipse.major).hypot(q / ellipse.minor).max(TINY);
@@ -84,40 +86,60 @@ pub fn estimate_glare(pixels: &Pixels, ellipse: &Ellipse, m: &MarkerParameters) 
         }
     }
     let mut glare = GlareSpline::new(ellipse);
-    let bins = (glare.knots.len() as f64 * TERM.knot_px / TERM.bin_px) as usize + 1;
-    let scatter = |slant: f64| {
-        let mut sums = vec![[0.0; 3]; bins];
-        for [s, t, g] in &signs {
-            let bin = ((s - slant * t - glare.first) / TERM.bin_px).max(0.0) as usize;
-            if let Some(sum) = sums.get_mut(bin) {
-                *sum = [sum[0] + 1.0, sum[1] + g, sum[2] + g * g];
-            }
-        }
-        sums.iter()
-            .filter(|s| s[0] > 0.0)
-            .map(|s| s[2] - s[1] * s[1] / s[0])
-            .sum::<f64>()
-    };
-    let slants = (-TERM.slants..=TERM.slants).map(|k| f64::from(k) * TERM.slant_step);
-    glare.slant = slants
-        .min_by(|a, b| scatter(*a).total_cmp(&scatter(*b)))
-        .unwrap_or(0.0);
+    glare.slant = slant.unwrap_or_else(|| find_slant(&signs, &glare));
     // The second of the four knots around a position is the one at that position.
-    let near = |k: usize| {
-        let at = glare.first + (k as f64 - 1.0) * TERM.knot_px;
-        let own = signs
-            .iter()
-            .filter(|[s, t, _]| (s - glare.slant * t - at).abs() < 0.5 * TERM.knot_px);
-        let (sum, count) = own.fold((0.0, 0.0), |(sum, count), [_, _, g]| (sum + g, count + 1.0));
-        (count > 0.0).then_some(sum / count)
-    };
-    let known: Vec<Option<f64>> = (0..glare.knots.len()).map(near).collect();
+    let mut sums = vec![GlareSum::default(); glare.knots.len()];
+    for [s, t, g] in &signs {
+        let at = (s - glare.slant * t - glare.first) / TERM.knot_px + 1.0;
+        if let Some(sum) = sums.get_mut(at.round() as usize) {
+            sum.add(*g);
+        }
+    }
+    let known: Vec<Option<f64>> = sums.iter().map(GlareSum::mean).collect();
     for k in 0..known.len() {
         let before = known[..=k].iter().rev().find_map(|v| *v);
         let after = known[k..].iter().find_map(|v| *v);
         glare.knots[k] = before.into_iter().chain(after).fold(0.0, f64::max).max(0.0);
     }
     glare
+}
+
+/// Finds the slant along which the estimates of the glare, given with their positions along and across the disc, scatter
+/// least.
+fn find_slant(signs: &[[f64; 3]], glare: &GlareSpline) -> f64 {
+    let bins = (glare.knots.len() as f64 * TERM.knot_px / TERM.bin_px) as usize + 1;
+    // The sum of all squares is equal for all slants: the least scatter explains most of it.
+    let explained = |slant: f64| {
+        let mut sums = vec![GlareSum::default(); bins];
+        for [s, t, g] in signs {
+            let bin = (s - slant * t - glare.first) * (1.0 / TERM.bin_px);
+            sums[(bin.max(0.0) as usize).min(bins - 1)].add(*g);
+        }
+        let of_bin = |sum: &GlareSum| sum.mean().map_or(0.0, |mean| sum.total * mean);
+        sums.iter().map(of_bin).sum::<f64>()
+    };
+    let slants = (-TERM.slants..=TERM.slants).map(|k| f64::from(k) * TERM.slant_step);
+    let tried = slants.map(|slant| (slant, explained(slant)));
+    let best = tried.reduce(|best, one| if one.1 > best.1 { one } else { best });
+    best.map_or(0.0, |(slant, _)| slant)
+}
+
+/// Sum of estimates of the glare.
+#[derive(Clone, Default)]
+struct GlareSum {
+    count: f64,
+    total: f64,
+}
+
+impl GlareSum {
+    fn add(&mut self, glare: f64) {
+        self.count += 1.0;
+        self.total += glare;
+    }
+
+    fn mean(&self) -> Option<f64> {
+        (self.count > 0.0).then(|| self.total / self.count)
+    }
 }
 
 /// Returns true if enough of both ends is not saturated.

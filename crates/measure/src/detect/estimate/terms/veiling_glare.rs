@@ -102,24 +102,44 @@ impl GlareState<'_> {
     }
 }
 
-/// Fits a disc with glare over it, starting from a fit without glare. Returns `None` if the fit does not converge.
+/// Fit of a disc, from which a fit with glare over it starts.
+pub struct GlareFit {
+    pub fit: MarkerFit,
+    /// Slant of the glare, if it is known.
+    pub slant: Option<f64>,
+    /// Scale of the residuals, grey levels.
+    pub scale: f64,
+}
+
+impl GlareFit {
+    /// Starts from a fit without glare, which distorts its residuals.
+    pub fn from_plain(fit: &MarkerFit, floor: f64) -> Self {
+        Self {
+            fit: fit.clone(),
+            slant: None,
+            scale: ITERATION.scale_with_glare * floor.max(fit.rms),
+        }
+    }
+}
+
+/// Fits a disc with glare over it. Returns `None` if the fit does not converge.
 pub fn fit_with_glare(
     pixels: &Pixels,
     ellipse: &Ellipse,
-    fit: &MarkerFit,
+    start: &GlareFit,
     unknowns: &FitUnknowns,
     floor: f64,
-) -> Option<MarkerFit> {
+) -> Option<GlareFit> {
     let list: Vec<usize> = (0..COMMON).filter(|&k| unknowns.free[k]).collect();
-    let (m, origin) = (fit.parameters, pixels.origin);
+    let (m, origin) = (start.fit.parameters, pixels.origin);
     let mut state = GlareState {
         origin,
         ellipse,
         m,
-        glare: estimate_glare(pixels, ellipse, &m),
+        glare: estimate_glare(pixels, ellipse, &m, start.slant),
     };
     let known = KnotPriors::new(&state.glare);
-    let mut scale = ITERATION.scale_with_glare * floor.max(fit.rms);
+    let mut scale = start.scale;
     for _ in 0..ITERATION.max_final_steps {
         let cells = group_pixels(pixels, ellipse, &state.glare);
         let over = KnotProblem {
@@ -132,7 +152,8 @@ pub fn fit_with_glare(
         known.add_to(&mut step, &state, &list, unknowns, scale);
         let factor = Cholesky::new(step.normal.clone())?;
         let moved = state.apply_step(&factor.solve(&step.right), &list);
-        if !(is_sharp(&state.m) && has_shape(MarkerPattern::Disc, &state.m)) {
+        let is_disc = is_sharp(&state.m) && has_shape(MarkerPattern::Disc, &state.m);
+        if !(is_disc && state.glare.covers_slant()) {
             return None;
         }
         let variance = step.variance(list.len());
@@ -160,7 +181,11 @@ pub fn fit_with_glare(
             }))[at]
                 * variance
         });
-        return Some(out);
+        return Some(GlareFit {
+            fit: out,
+            slant: Some(state.glare.slant),
+            scale: new,
+        });
     }
     None
 }
