@@ -55,6 +55,7 @@ pub struct DatedShape {
 const SOURCES: [&str; 5] = ["lasting", "shared", "own", "fit", "stiffness"];
 /// Basis of the reduced lasting factors.
 const BASIS: &str = "lasting_basis";
+/// Axes of each frame of reference.
 const AXES: [&str; 3] = ["x", "y", "z"];
 /// References of a marker's deflections, as in [`wingd_measure::adjust::DeflectionReference`].
 const REFERENCES: [&str; 3] = ["survey", "ground", "root"];

@@ -46,6 +46,7 @@ macro_rules! quantities {
         /// Number of quantities.
         pub const QUANTITY_COUNT: usize = NAMES.len();
 
+        /// Names in files.
         const NAMES: &[&str] = &[$($name),*];
 
         static TRAITS: [QuantityTraits; QUANTITY_COUNT] = [$(QuantityTraits {
