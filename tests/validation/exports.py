@@ -90,21 +90,18 @@ def read_shape(wingd, store, work, run, solved):
 
 
 def read_series(run, work, flight, shape):
-    """Means of series as arrays and as tables, against the frames'."""
-    for name in ["csv", "parquet", "nc"]:
-        run("--format", {"nc": "netcdf"}.get(name, name), "--table", "series", "--flight", flight, "--output", str(work / f"series.{name}"))
+    """Means of series in tables, against the frames'."""
+    for name in ["csv", "parquet"]:
+        run("--format", name, "--table", "series", "--flight", flight, "--output", str(work / f"series.{name}"))
     text, frame = pd.read_csv(work / "series.csv", parse_dates=["utc"]), pd.read_parquet(work / "series.parquet")
-    means = xarray.open_dataset(work / "series.nc")
-    assert len(text) == len(frame) == means.sizes["frame"] * means.sizes["eta"]
     names = np.array([name.split("/")[0] for name in shape.image.values])
-    for k, series in enumerate(means.image.values):
+    assert len(text) == len(frame) and set(text["series"]) == set(names)
+    for series, rows in text.groupby("series"):
         z = shape.displacement[names == series, :, 2].values
-        assert np.allclose(means.displacement[k, :, 2], z.mean(axis=0), atol=1e-12)
-        assert (z.shape[0] < 2) or np.allclose(means.scatter_displacement[k, :, 2], z.std(axis=0, ddof=1), atol=1e-12)
-        rows = text[text["series"] == series]
-        assert np.allclose(rows["sigma_displacement_z_m"], means.sigma_displacement[k, :, 2], rtol=1e-9)
-        assert np.allclose(means.slope[k], np.radians(rows["slope_deg"]), rtol=1e-12)
-    print(f"means of {means.sizes['frame']} series, equal in CSV, Parquet and NetCDF")
+        assert np.allclose(rows["displacement_z_m"], z.mean(axis=0), atol=1e-12)
+        if z.shape[0] > 1:
+            assert np.allclose(rows["scatter_displacement_z_m"], z.std(axis=0, ddof=1), atol=1e-12)
+    print(f"means of {len(set(names))} series, equal in CSV, Parquet and the frames' shapes")
 
 
 main(sys.argv[1], sys.argv[2])
