@@ -366,6 +366,24 @@ def test_times_are_read_in_every_format() -> None:
     assert format_time(begin + 250_000) == "2026-06-01T07:59:50.25Z"
 
 
+def test_a_static_pressure_of_another_altitude_is_named(tmp_path: Path) -> None:
+    mapping = "time = 'T'\n" + "".join(
+        f"[[column]]\nname = '{name}'\nquantity = '{quantity}'\nunit = '{unit}'\n"
+        for name, quantity, unit in (("H", "pressure_altitude_m", "m"), ("P", "static_pressure_hpa", "hPa"))
+    )
+    # Standard atmosphere: 250.0 hPa at 10,363 m, 540.2 hPa at 5,000 m, 120.4 hPa at 15,000 m.
+    sound = [(10363.2, 250.0), (5000, 540.2), (15000, 120.4), ("", 250.0), (-30, 1016.9)]
+    for rows, count in ((sound, 0), ([*sound, (10363.2, 300.0), (10363.2, 251.0), (10363.2, 258.0)], 2)):
+        lines = [f"2026-06-01T08:00:{k:02}Z,{h},{p}\n" for k, (h, p) in enumerate(rows)]
+        found = read_conditions(*write(tmp_path, "T,H,P\n" + "".join(lines), mapping)).remarks
+        found = [remark for remark in found if "contradicts" in remark]
+        assert len(found) == (count > 0), found
+    assert found[0].startswith(
+        "static_pressure_hpa contradicts pressure_altitude_m at 2 times, 2026-06-01T08:00:05Z first"
+    )
+    assert "300.0 hPa at 10363 m, where the pressure is 250.0 hPa" in found[0]
+
+
 def test_displaced_fields_of_iwg1_are_named(tmp_path: Path) -> None:
     sound = (DATA / "n-iwg1-noheader.txt").read_text()
     moved = sound.replace(",38.1,", ",", 1).replace("08:00:00,", "08:00:00,,", 1)

@@ -18,6 +18,9 @@ from wingd.textfiles import excerpt, fault, parse_number, read_text
 
 #: Largest table, bytes: a line a second for a week with 50 columns has 300 MB.
 MAX_TABLE_BYTES = 1 << 29
+#: Largest difference of a static pressure from that of the pressure altitude, in standard deviations of both (1 hPa; 20 m
+#: and 0.2 %).
+MAX_PRESSURE_SIGMAS = 4.0
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,7 @@ def read_conditions(
     if unread:
         first = layout.rows[unread[0]]
         doubts.insert(0, f"{len(unread)} lines without a time, line {first.line} first ({excerpt(layout.tag(first))})")
-    remarks = [*layout.remarks]
+    remarks = [*layout.remarks, *_pressure_contradictions(layout, *merged)]
     if layout.unread:
         remarks.append(f"columns not read: {', '.join(layout.unread)}")
     repeated = len(timed) - len(merged[0])
@@ -191,6 +194,30 @@ def _merge(
             merged.append(values[k].copy())
         last = k
     return merged_times, np.array(merged).reshape(-1, len(layout.columns))
+
+
+def _pressure_contradictions(layout: Layout, times: list[int], values: np.ndarray) -> list[str]:
+    """Return a remark if the static pressure contradicts the pressure altitude, which is derived from it."""
+    names = [column.quantity for column in layout.columns]
+    if not {"static_pressure_hpa", "pressure_altitude_m"} <= set(names):
+        return []
+    pressure, altitude = (values[:, names.index(n)] for n in ("static_pressure_hpa", "pressure_altitude_m"))
+    expected = _standard_pressure(altitude)
+    by_altitude = (_standard_pressure(altitude + 1) - expected) * np.hypot(20.0, 0.002 * altitude)
+    wrong = np.abs(pressure - expected) > MAX_PRESSURE_SIGMAS * np.hypot(1.0, by_altitude)
+    if not wrong.any():
+        return []
+    k = int(np.argmax(wrong))
+    return [
+        f"static_pressure_hpa contradicts pressure_altitude_m at {wrong.sum()} times, {format_time(times[k])} first: "
+        f"{pressure[k]:.1f} hPa at {altitude[k]:.0f} m, where the pressure is {expected[k]:.1f} hPa; correct their units"
+    ]
+
+
+def _standard_pressure(altitude_m: np.ndarray) -> np.ndarray:
+    """Return the pressure of the standard atmosphere (ISO 2533) up to 20 km, hPa."""
+    low = 1013.25 * np.maximum(1 - 2.25577e-5 * altitude_m, 0) ** 5.25588
+    return np.where(altitude_m < 11_000, low, 226.321 * np.exp((11_000 - altitude_m) / 6341.62))
 
 
 def _no_value_reason(column: Column, tally: _Tally) -> str:

@@ -235,13 +235,7 @@ pub fn read_strictly(kind: Kind, text: &str) -> Option<Rows> {
         .collect()
 }
 
-fn is_record(line: &str) -> bool {
-    line.trim_start()
-        .trim_start_matches('"')
-        .starts_with("IWG1")
-}
-
-/// Lines of IWG1 by the positions of its fields, each from its keyword on; lines with another number of fields are omitted.
+/// Lines of IWG1 by the positions of its fields; tables of lines with another number of fields are refused.
 fn iwg1(text: &str) -> Rows {
     let width = Kind::Iwg1.sound_rows()[0].len();
     let quoted = |cell: &'_ str| {
@@ -263,16 +257,7 @@ fn iwg1(text: &str) -> Rows {
         let read = |(k, name): (usize, &str)| aircraft_cell(name, &cells[k]);
         sound.then(|| [(1, "utc"), (6, "ft"), (11, "mach")].map(read).to_vec())
     };
-    let glued = |line: &str| {
-        let (first, rest) = line.split_at(line.len().min(1));
-        if is_record(line) {
-            format!("{first}{}", rest.replace("IWG1,", "\nIWG1,"))
-        } else {
-            line.to_owned()
-        }
-    };
-    let parted: Vec<String> = text.lines().map(glued).collect();
-    parted.join("\n").lines().filter_map(row).collect()
+    text.lines().filter_map(row).collect()
 }
 
 /// A cell of the aircraft table: a time, or a value; an invalid one is a text.

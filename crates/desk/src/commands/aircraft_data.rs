@@ -32,7 +32,7 @@ pub struct AircraftDataArgs {
     /// Stop using a source, by its number in --list; its data stay in the flight
     #[arg(long, value_name = "SOURCE")]
     withdraw: Option<usize>,
-    /// Print one JSON object: flight, source, lines, read, samples, repeated, frames, quantities; with --list flight,
+    /// Print one JSON object: flight, source, lines, read, repeated, frames, quantities; with --list flight,
     /// sources
     #[arg(long)]
     json: bool,
@@ -66,7 +66,6 @@ fn import_table(
     } else {
         import_text(flight, &import)
     })?;
-    print_notes(&import.table.remarks);
     let unread = &import.contents.unread;
     print_notes(unread.first().map(|(line, tag)| {
         format!(
@@ -81,7 +80,6 @@ fn import_table(
         return Err(Failure::Failed(what));
     }
     print_notes(import.empty_columns());
-    print_notes(&import.gaps);
     let complete = unread.is_empty() && import.quantities.iter().all(|r| r.frames > 0);
     Ok(Completion::from_success(complete))
 }
@@ -92,22 +90,18 @@ fn import_json(flight: &FlightRef, import: &TableImport) -> String {
         json!({
             "quantity": tally.quantity.name(),
             "values": tally.values,
-            "blank": tally.blank,
             "invalid": tally.invalid,
             "frames": reached.frames,
-            "replaced": reached.replaced,
         })
     };
     json!({
         "flight": flight.id,
         "source": import.no_value_because.is_none().then_some(import.source),
         "lines": import.table.lines.len(),
-        "read": import.contents.times_s.len(),
-        "samples": import.samples,
+        "read": import.contents.timed,
         "repeated": import.repeated,
         "frames": import.frames,
         "quantities": import.quantities.iter().map(quantity).collect::<Vec<_>>(),
-        "remarks": import.table.remarks,
         "reason": import.no_value_because,
     })
     .to_string()
@@ -118,7 +112,7 @@ fn import_text(flight: &FlightRef, import: &TableImport) -> String {
         None => format!("stored as source {}", import.source),
         Some(_) => "not stored".into(),
     };
-    let (lines, read) = (import.table.lines.len(), import.contents.times_s.len());
+    let (lines, read) = (import.table.lines.len(), import.contents.timed);
     let mut text = format!(
         "{}: {lines} lines {as_source}, {read} with a time, {} repeated",
         flight.id, import.repeated
@@ -126,16 +120,10 @@ fn import_text(flight: &FlightRef, import: &TableImport) -> String {
     for reached in &import.quantities {
         let QuantityFrames { tally, frames, .. } = reached;
         text += &format!("\n  {}: {} values", tally.quantity.name(), tally.values);
-        for (count, what) in [(tally.blank, "blank"), (tally.invalid, "invalid")] {
-            if count > 0 {
-                text += &format!(", {count} {what}");
-            }
+        if tally.invalid > 0 {
+            text += &format!(", {} invalid", tally.invalid);
         }
         text += &format!("; {frames} of {} frames", import.frames);
-        if reached.replaced > 0 {
-            let replaced = reached.replaced;
-            text += &format!(", {replaced} of them replacing an earlier source");
-        }
     }
     text
 }

@@ -27,27 +27,6 @@ fn pressure_hpa(altitude_m: f64) -> (f64, f64) {
     (pressure, -pressure / 6341.62)
 }
 
-/// Largest difference between a pressure and that of its altitude, in standard deviations.
-const MAX_PRESSURE_SIGMAS: f64 = 4.0;
-
-/// Returns a sentence if the static pressure contradicts the pressure altitude, which is derived from it: one of the two is
-/// wrong.
-#[must_use]
-pub fn pressure_contradiction(state: &AircraftState) -> Option<String> {
-    let (pressure, altitude) = (
-        state.get(&Quantity::StaticPressureHpa)?,
-        state.get(&Quantity::PressureAltitudeM)?,
-    );
-    let (expected, slope) = pressure_hpa(altitude.value);
-    let sigma = pressure.sigma.hypot(slope * altitude.sigma);
-    ((pressure.value - expected).abs() > MAX_PRESSURE_SIGMAS * sigma).then(|| {
-        format!(
-            "the aircraft's static pressure, {:.1} hPa, contradicts its pressure altitude, {:.0} m: {expected:.1} hPa",
-            pressure.value, altitude.value
-        )
-    })
-}
-
 /// Derives the flight conditions from the aircraft data; a value that they do not have is `None`.
 pub fn flight_conditions(state: &AircraftState) -> FlightConditions {
     let of = |q: Quantity| {
@@ -134,27 +113,6 @@ mod tests {
             "{wing:?}"
         );
         assert_eq!(found.cabin_pressure_hpa, None);
-    }
-
-    #[test]
-    fn a_pressure_of_another_altitude_is_reported() {
-        let pressure = |pressure: f64| {
-            let altitude = (Quantity::PressureAltitudeM, 10_363.2, 29.0);
-            pressure_contradiction(&state(&[
-                altitude,
-                (Quantity::StaticPressureHpa, pressure, 1.0),
-            ]))
-        };
-        assert_eq!(pressure(250.0), None);
-        assert!(
-            pressure(300.0).is_some_and(
-                |what| what.contains("300.0 hPa") && what.contains("10363 m: 250.0 hPa")
-            )
-        );
-        assert_eq!(
-            pressure_contradiction(&state(&[(Quantity::StaticPressureHpa, 250.0, 1.0)])),
-            None
-        );
     }
 
     #[test]

@@ -55,17 +55,19 @@ pub struct Layout {
 
 const M_PER_FOOT: f64 = 0.3048;
 
-/// Fields of IWG1 that are read (www.eol.ucar.edu/raf/Software/IWG1_Def.html), each with a word of its name there.
-pub(super) const IWG1: [(usize, Quantity, f64, &str); 9] = [
-    (7, Quantity::PressureAltitudeM, M_PER_FOOT, "alt"),
-    (10, Quantity::TrueAirspeedMS, 1.0, "true"),
-    (12, Quantity::Mach, 1.0, "mach"),
-    (19, Quantity::SideslipDeg, 1.0, "slip"),
-    (20, Quantity::AngleOfAttackDeg, 1.0, "att"),
-    (21, Quantity::StaticTemperatureC, 1.0, "temp"),
-    (23, Quantity::TotalTemperatureC, 1.0, "temp"),
-    (24, Quantity::StaticPressureHpa, 1.0, "press"),
-    (26, Quantity::CabinPressureHpa, 1.0, "press"),
+/// First field of a line of IWG1.
+pub(super) const IWG1_KEYWORD: &str = "IWG1";
+/// Fields of IWG1 that are read (www.eol.ucar.edu/raf/Software/IWG1_Def.html), with the factors of their units.
+const IWG1: [(usize, Quantity, f64); 9] = [
+    (7, Quantity::PressureAltitudeM, M_PER_FOOT),
+    (10, Quantity::TrueAirspeedMS, 1.0),
+    (12, Quantity::Mach, 1.0),
+    (19, Quantity::SideslipDeg, 1.0),
+    (20, Quantity::AngleOfAttackDeg, 1.0),
+    (21, Quantity::StaticTemperatureC, 1.0),
+    (23, Quantity::TotalTemperatureC, 1.0),
+    (24, Quantity::StaticPressureHpa, 1.0),
+    (26, Quantity::CabinPressureHpa, 1.0),
 ];
 
 impl Layout {
@@ -81,7 +83,7 @@ impl Layout {
 
     /// Creates the layout of IWG1 with a platform's own fields.
     pub fn iwg1(own: &[QuantityColumn]) -> Self {
-        let fixed = IWG1.map(|(field, quantity, scale, _)| QuantityColumn {
+        let fixed = IWG1.map(|(field, quantity, scale)| QuantityColumn {
             field,
             quantity,
             scale,
@@ -89,7 +91,7 @@ impl Layout {
         });
         let column = fixed.iter().chain(own).copied().collect();
         Self {
-            begins_with: Some("IWG1".to_owned()),
+            begins_with: Some(IWG1_KEYWORD.to_owned()),
             ..Self::separated(',', 2, column)
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! | file | from | to |
 //! |---|---|---|
-//! | `table`, `iwg1` | table | layout and lines, contents of the cells, errors |
+//! | `table` | table | layout and lines, contents of the cells, errors |
 //! | `times` | time tag | seconds since 1970 |
 //! | `layout` | line of text, positions of its fields | sample: time tag and quantities |
 //! | `tags` | tags and receipt times of their lines | impossible tags |
@@ -12,14 +12,13 @@
 
 mod air;
 mod interpolate;
-mod iwg1;
 mod join;
 mod layout;
 mod table;
 mod tags;
 mod times;
 
-pub use air::{flight_conditions, pressure_contradiction};
+pub use air::flight_conditions;
 pub use interpolate::MAX_NEAREST_S;
 pub use join::{AircraftState, AircraftTrack, JoinedValue, UnusedLines};
 pub use layout::{Layout, LineFormat, QuantityColumn, Sample};

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use super::layout::{Layout, QuantityColumn};
-use super::{QUANTITY_COUNT, Quantity, iwg1};
+use super::layout::{IWG1_KEYWORD, Layout, QuantityColumn};
+use super::{QUANTITY_COUNT, Quantity};
 use crate::installation::{Reader, parse_records};
 use wingd_base::fault::Fault;
 use wingd_base::regular_file::MAX_DATA_BYTES;
@@ -15,8 +15,6 @@ pub struct AircraftTable {
     pub layout: Layout,
     /// Records as in the file, with the line on which each begins.
     pub lines: Vec<(u64, String)>,
-    /// Remarks on detected, omitted or repaired contents.
-    pub remarks: Vec<String>,
 }
 
 /// Contents of the cells of a quantity's column.
@@ -25,8 +23,6 @@ pub struct ColumnTally {
     pub quantity: Quantity,
     /// Number of values.
     pub values: usize,
-    /// Number of empty cells.
-    pub blank: usize,
     /// Number of cells without a possible number, and the first of them.
     pub invalid: usize,
     pub first_invalid: Option<String>,
@@ -37,10 +33,10 @@ pub struct ColumnTally {
 pub struct TableContents {
     /// Contents of each mapped quantity.
     pub tallies: Vec<ColumnTally>,
-    /// Times of its records, seconds since 1970, in their order.
-    pub times_s: Vec<f64>,
-    /// Times of the records with a value, in ascending order.
-    pub valued_s: Vec<f64>,
+    /// Number of records with a time.
+    pub timed: usize,
+    /// First and last time of the records with a value, seconds since 1970; `None` if there is none.
+    pub valued_s: Option<(f64, f64)>,
     /// Lines and time tags of records without a readable time.
     pub unread: Vec<(u64, String)>,
 }
@@ -52,6 +48,12 @@ const COLUMNS: [&str; 1 + QUANTITY_COUNT] = {
     columns
 };
 
+/// Returns whether the first field of a line is the keyword of IWG1, or of its header that some recorders write.
+fn is_iwg1(line: &str) -> bool {
+    let first = line.split(',').next().unwrap_or_default();
+    [IWG1_KEYWORD, "HEADER"].contains(&first.trim_matches(['"', ' ', '\t']))
+}
+
 impl AircraftTable {
     /// Reads a table: IWG1 if its first line is one, else the canonical CSV.
     ///
@@ -62,16 +64,32 @@ impl AircraftTable {
             reader.max_bytes = MAX_DATA_BYTES;
             let remedy = "name a table: CSV with a column utc, or lines of IWG1";
             let (file, text) = reader.read_text(name, remedy)?;
-            if iwg1::is_iwg1(&text) {
-                let (lines, remarks) = iwg1::split_records(&text);
-                let layout = Layout::iwg1(&[]);
-                return Some(Self {
-                    layout,
-                    lines,
-                    remarks,
-                });
+            match text.lines().find(|line| !line.trim().is_empty()) {
+                Some(first) if is_iwg1(first) => Self::read_iwg1(reader, &file, &text),
+                _ => Self::read_canonical(reader, &file, &text),
             }
-            Self::read_canonical(reader, &file, &text)
+        })
+    }
+
+    /// Reads lines of IWG1. A field that is missing or added would shift those after it.
+    fn read_iwg1(reader: &mut Reader, file: &Path, text: &str) -> Option<Self> {
+        let lines = (1..).zip(text.lines().map(str::to_owned));
+        let lines = Vec::from_iter(lines.filter(|(_, line)| !line.trim().is_empty()));
+        let field_count = |line: &str| line.split(',').count();
+        let width = lines.first().map_or(0, |(_, line)| field_count(line));
+        let is_damaged = |(_, line): &&(u64, String)| {
+            let is_single = line.matches(IWG1_KEYWORD).count() == 1;
+            is_iwg1(line) && !(is_single && field_count(line) == width)
+        };
+        if let Some((number, _)) = lines.iter().find(is_damaged) {
+            let problem = format!("is not one record of {width} fields");
+            let remedy = "convert the table with `wingd-table` and format = \"iwg1\", which reads headers, splits joined lines and omits damaged ones";
+            reader.fault(file, &format!("line {number}"), problem, remedy);
+            return None;
+        }
+        Some(Self {
+            layout: Layout::iwg1(&[]),
+            lines,
         })
     }
 
@@ -99,7 +117,6 @@ impl AircraftTable {
         Some(Self {
             layout: Layout::separated(',', 1 + time?, columns),
             lines: lines.collect(),
-            remarks: vec![],
         })
     }
 
@@ -109,12 +126,11 @@ impl AircraftTable {
         let none = |c: &QuantityColumn| ColumnTally {
             quantity: c.quantity,
             values: 0,
-            blank: 0,
             invalid: 0,
             first_invalid: None,
         };
         let mut tallies: Vec<ColumnTally> = quantities.iter().map(none).collect();
-        let (mut times_s, mut valued_s, mut unread) = (vec![], vec![], vec![]);
+        let (mut timed, mut valued_s, mut unread) = (0, None, vec![]);
         for (line, text) in &self.lines {
             let fields = self.layout.fields(text);
             let Some(sample) = self.layout.sample(&fields) else {
@@ -122,18 +138,18 @@ impl AircraftTable {
                 unread.push((*line, tag.map(ToString::to_string).unwrap_or_default()));
                 continue;
             };
-            times_s.push(sample.time_s);
+            timed += 1;
             if sample.values.iter().any(Option::is_some) {
-                valued_s.push(sample.time_s);
+                let (first, last) = valued_s.unwrap_or((sample.time_s, sample.time_s));
+                valued_s = Some((first.min(sample.time_s), last.max(sample.time_s)));
             }
             for (tally, column) in tallies.iter_mut().zip(quantities) {
                 tally.count_cell(column.read(&fields));
             }
         }
-        valued_s.sort_by(f64::total_cmp);
         TableContents {
             tallies,
-            times_s,
+            timed,
             valued_s,
             unread,
         }
@@ -144,7 +160,7 @@ impl ColumnTally {
     fn count_cell(&mut self, cell: Option<Result<f64, &str>>) {
         match cell {
             Some(Ok(_)) => self.values += 1,
-            None => self.blank += 1,
+            None => {}
             Some(Err(text)) => {
                 self.invalid += 1;
                 self.first_invalid.get_or_insert_with(|| text.to_owned());

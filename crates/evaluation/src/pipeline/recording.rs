@@ -8,7 +8,6 @@ use super::correlation::correlation_record;
 use super::curvature::moment_records;
 pub use super::timing::{round_ms, stage_timing};
 use super::{ProcessedFrame, SolveJob, provenance};
-use crate::aircraft;
 use crate::installation::{CAD_ALPHA, Installation};
 use crate::record::{
     CadFit, CurveRecord, ImageRecord, IncidenceRecord, MarkerRecord, Model, Panes, Provenance,
@@ -140,9 +139,6 @@ fn add_solution(
         record.remarks.push(SIDE_UNKNOWN.into());
     }
     record.remarks.extend(turned);
-    record
-        .remarks
-        .extend(aircraft::pressure_contradiction(&frame.aircraft));
     let accepted = [
         (&installation.accepted, "camera's calibration"),
         (&installation.accepted_orientation, "orientation"),
