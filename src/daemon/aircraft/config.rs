@@ -18,10 +18,10 @@ pub struct AircraftConfig {
     /// Addresses of the senders whose datagrams are recorded; empty: any sender.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub senders: Vec<IpAddr>,
-    /// One or several servers that send lines, `host:port` each; of several, the first that answers is used.
+    /// Server that sends lines, `host:port`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub tcp: Option<Servers>,
-    /// Time without a line after which the feed counts as dead and the next server is called.
+    pub tcp: Option<String>,
+    /// Time without a line after which the feed counts as dead and the server is called again.
     #[serde(
         default = "default_idle",
         with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required"
@@ -47,33 +47,9 @@ pub struct AircraftConfig {
     pub column: Vec<QuantityColumn>,
 }
 
-/// One server, or several that are called in turn.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
-pub enum Servers {
-    /// `"host:port"`.
-    One(String),
-    /// `["host:port", "host:port"]`.
-    InTurn(Vec<String>),
-}
-
-impl Servers {
-    /// Returns the addresses in the order in which they are called.
-    pub fn addresses(&self) -> &[String] {
-        match self {
-            Self::One(place) => std::slice::from_ref(place),
-            Self::InTurn(places) => places,
-        }
-    }
-
-    fn have_host_and_port(&self) -> bool {
-        let is_place = |place: &String| {
-            place
-                .rsplit_once(':')
-                .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
-        };
-        !self.addresses().is_empty() && self.addresses().iter().all(is_place)
-    }
+fn is_host_and_port(server: &str) -> bool {
+    let parts = server.rsplit_once(':');
+    parts.is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
 }
 
 /// Default of `idle`: feeds send once per second, slow ones every ten seconds.
@@ -109,7 +85,7 @@ impl AircraftConfig {
                 "is missing",
                 "give udp = \"0.0.0.0:7071\" or tcp = \"host:port\"",
             ),
-            (None, Some(servers)) if !servers.have_host_and_port() => {
+            (None, Some(server)) if !is_host_and_port(server) => {
                 fault(
                     "tcp",
                     "is not host:port",
@@ -204,15 +180,13 @@ mod tests {
         ];
         assert_eq!(keys, expected, "{faults:?}");
         assert!(read("udp = '0.0.0.0:7071'\nprot = 1\n").is_err());
-        let two = read("tcp = ['a:4711', 'a:4712']\nidle = '60s'\n").unwrap();
+        assert!(read("tcp = ['a:4711', 'a:4712']\n").is_err());
         assert_eq!(
-            (
-                two.faults(),
-                two.tcp.unwrap().addresses().len(),
-                two.idle.as_secs()
-            ),
-            (vec![], 2, 60)
+            read("tcp = 'a:4711x'\nidle = '0s'\n")
+                .unwrap()
+                .faults()
+                .len(),
+            2
         );
-        assert_eq!(read("tcp = []\nidle = '0s'\n").unwrap().faults().len(), 2);
     }
 }

@@ -6,7 +6,7 @@ use std::net::{SocketAddr, TcpStream, ToSocketAddrs, UdpSocket};
 use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
-use super::config::{AircraftConfig, Servers};
+use super::config::AircraftConfig;
 use crate::daemon::budget::RateBudget;
 use crate::daemon::core::{Core, SERIES_NICE, lower_priority};
 use crate::daemon::status::{AIRCRAFT_PART, AircraftStatus, format_span};
@@ -88,7 +88,7 @@ impl LineIntake {
         }
     }
 
-    /// Receives lines until the daemon ends. A lost feed is called again; of several servers, the next one.
+    /// Receives lines until the daemon ends. A lost feed is called again.
     pub fn run(mut self) {
         // A flood must not take the processor from live solving.
         lower_priority(SERIES_NICE);
@@ -99,15 +99,11 @@ impl LineIntake {
                 pause_after_end(&shared, &address.to_string(), ended);
             }
         }
-        let servers = shared
-            .config
-            .tcp
-            .iter()
-            .flat_map(Servers::addresses)
-            .cycle();
-        for server in servers.take_while(|_| !shared.is_ending()) {
-            let ended = self.receive_from_server(server);
-            pause_after_end(&shared, server, ended);
+        if let Some(server) = &shared.config.tcp {
+            while !shared.is_ending() {
+                let ended = self.receive_from_server(server);
+                pause_after_end(&shared, server, ended);
+            }
         }
     }
 

@@ -249,31 +249,6 @@ mod tests {
     }
 
     #[test]
-    fn a_silent_server_is_reconnected_at_the_next_address() {
-        let bench = bench(0);
-        let servers = [(); 2].map(|()| std::net::TcpListener::bind("127.0.0.1:0").unwrap());
-        let [one, other] = servers
-            .each_ref()
-            .map(|server| server.local_addr().unwrap().port());
-        let text = format!(
-            "tcp = ['127.0.0.1:{one}', '127.0.0.1:{other}']\nidle = '500ms'\nformat = 'text'\n[[column]]\nfield = 2\nquantity = 'mach'\n"
-        );
-        let feed = bench.listen(&text);
-        // It keeps the connection and says nothing, as a machine that was switched off.
-        let _silent = servers[0].accept().unwrap();
-        let (mut second, _) = servers[1].accept().unwrap();
-        let fault = bench.until(|status| status.fault.is_some()).fault.unwrap();
-        assert!(
-            fault.contains("no line for 0.5 s") && fault.contains(&one.to_string()),
-            "{fault}"
-        );
-        writeln!(second, "{},0.78", now_utc()).unwrap();
-        let status = bench.until(|status| status.read == 1);
-        assert_eq!((status.read, status.fault), (1, None));
-        bench.end(feed);
-    }
-
-    #[test]
     fn a_server_that_sends_no_line_is_called_again_and_the_fault_is_that() {
         let bench = bench(0);
         let server = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
