@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 from synthetic import Wing, bend, fly, opened
 
 from wingd import WingdError
@@ -444,16 +445,23 @@ def test_a_computation_in_cad_axes():
     data = fly(Wing(), [2.0], seed=5)
     turn = np.array([[0, 0, 1.0], [0, 1.0, 0], [-1.0, 0, 0]])
     data["cad_from_survey"] = ("row", "column"), np.vstack([np.column_stack([turn, [1, 2, 3]]), [0, 0, 0, 1]])
-    dims = data["displacement"].dims
-    data["displacement_cad"] = dims, data["displacement"].values @ turn.T, {"units": "m"}
-    data["sigma_displacement_cad"] = dims, np.zeros(data["displacement"].shape)
-    data["displacement_cad_fit"] = (*dims, "fit"), np.full((*data["displacement"].shape, 1), 0.003)
+    root = np.array([[1e-3, 0, 0, 0], [4e-4, 8e-4, 0, 0], [0, -3e-4, 6e-4, 0], [1e-4, 0, 2e-4, 5e-4]])
+    data["cad_fit"] = ("parameter", "fit"), root
     data["fit_sources"] = "frame", ["ties"]
     shape = opened(data)
     x = shape.wingd.displacement("x", axes="cad")
     z = shape.wingd.displacement("z")
     np.testing.assert_allclose(x.value, z.value)
-    np.testing.assert_allclose(x.sigma, np.hypot(z.sigma, 0.003))
+    # By differences: each source turns and lengthens the displacement by its column of the factor.
+    moved = data["displacement"].values @ turn.T
+    by_fit = np.zeros(moved.shape[:-1])
+    for source in root.T * 1e-3:
+        perturbed = Rotation.from_rotvec(source[:3]).apply(moved.reshape(-1, 3)) * (1 + source[3])
+        by_fit = np.hypot(by_fit, (perturbed.reshape(moved.shape) - moved)[..., 0] * 1e3)
+    np.testing.assert_allclose(x.sigma, np.hypot(z.sigma, by_fit), rtol=1e-4)
+    assert by_fit.max() > 1e-4
+    mean = shape.wingd.mean().wingd.displacement("x", axes="cad")
+    np.testing.assert_allclose(mean.sigma, x.sigma[0], rtol=1e-9)
     fem = table().rename(columns={"displacement_z_m": "displacement_x_m"})[["arc_length_m", "displacement_x_m"]]
     found = compare(shape, fem, axes="cad")
     np.testing.assert_allclose(found["displacement_x"].sigma[1:], x.sigma[0, 1:])

@@ -153,7 +153,7 @@ class ShapeAccessor:
             raise WingdError(f'reference = {reference!r}: give "survey", "ground" or "root"')
         if axes == "cad" and not (reference == "survey" and thermal):
             raise WingdError("axes='cad' has the reference survey with thermal contraction; use axes='survey'")
-        if axes == "cad" and f"{name}_cad" not in self._data:
+        if axes == "cad" and "cad_fit" not in self._data:
             raise WingdError("the shape has no CAD axes; add [cad] to installation.toml and export again")
         if axes == "cad":
             return _named(_pick_axis(self._in_cad(name), axis), axis=axis)
@@ -174,14 +174,18 @@ class ShapeAccessor:
         return _named(values, label, axis)
 
     def _in_cad(self, name: str) -> Values:
-        """Return displacements along the CAD axes: the factors of the survey frame turned, and that of the tie points."""
-        values, survey = self.values(f"{name}_cad"), self.values(name)
-        missing = {k: f for k, f in survey.factors.items() if k not in values.factors}
-        matrix = self._positions("cad_from_survey")[:3, :3]
-        turned = Values(survey.value, missing).mapped(
-            values.value, lambda a, power: np.einsum("ij,...jgs->...igs", matrix**power, a)
-        )
-        return Values(values.value, {**turned.factors, **values.factors})
+        """Return displacements along the CAD axes: those of the survey turned and scaled, with the errors of the tie points."""
+        survey, matrix = self.values(name), self._positions("cad_from_survey")[:3, :3]
+        moved = survey.value.values @ matrix.T
+        value = survey.value.copy(data=moved)
+        value.attrs["long_name"] = str(value.attrs.get("long_name", name)).replace("survey frame", "CAD frame")
+        turned = survey.mapped(value, lambda a, power: np.einsum("ij,...jgs->...igs", matrix**power, a))
+        # A turn by a small vector moves a displacement by the cross product; a change of scale lengthens it.
+        by_turn = np.cross(np.eye(3), moved[..., None, :])
+        by_scale = moved[..., None, :] / np.cbrt(np.linalg.det(matrix))
+        by_fit = np.moveaxis(np.concatenate([by_turn, by_scale], axis=-2), -2, -1) @ self._positions("cad_fit")
+        fit = xr.DataArray(by_fit, dims=[*value.dims, "fit"])
+        return Values(value, {**turned.factors, "fit": _read_factor(self._data, fit, "fit", value.dims)})
 
     def _without_contraction(self, values: Values, ground: str) -> Values:
         """Return displacements without the change of length by temperature: distances from the root are those on the ground."""
@@ -318,11 +322,7 @@ class ShapeAccessor:
     def mirror(self) -> xr.Dataset:
         """Return the shape as of the other side: quantities that depend on the side (x, y, rotations) are dropped."""
         data = self._data
-        drop = [
-            n
-            for n in data.variables
-            if re.match(r"(sigma_|scatter_)?rotation", str(n)) or re.match(r".*displacement_cad", str(n))
-        ]
+        drop = [n for n in data.variables if re.match(r"(sigma_|scatter_)?rotation", str(n)) or n == "cad_fit"]
         data = data.drop_vars(drop)
         for name in ("displacement", "marker_displacement"):
             if name in data:
@@ -599,9 +599,11 @@ def mean(shapes: Sequence[xr.Dataset]) -> xr.Dataset:
             scatter,
             {"units": quantities[name].unit, "long_name": text},
         )
-    for name in ("ground_position", "marker_ground_position", "cad_from_survey"):
+    for name in ("ground_position", "marker_ground_position", "cad_from_survey", "cad_fit"):
         if name in shapes[0]:
             out[name] = shapes[0][name].variable
+    if "fit_sources" in shapes[0].coords:
+        out.coords["fit_sources"] = str(np.ravel(shapes[0]["fit_sources"])[0])
     for name in shapes[0].wingd._conditions():
         if all(name in s and FRAME in s[name].dims for s in shapes):
             for column in (name, f"sigma_{name}"):

@@ -9,7 +9,7 @@ use jiff::Timestamp;
 use nalgebra::{DMatrix, DVector};
 use serde_json::{Value, json};
 
-use self::reduction::{append_cad, append_moments, reduce_shapes};
+use self::reduction::{append_moments, reduce_shapes};
 use super::dataset::ArrayDataset;
 use wingd_evaluation::aircraft::AircraftState;
 use wingd_evaluation::installation::Installation;
@@ -30,7 +30,6 @@ pub struct DatedShape {
     pub name: String,
     /// Time of the exposure with its standard deviation, s; `None` if it is not known.
     pub time: Option<(Timestamp, Option<f64>)>,
-    pub time_synchronised: bool,
     /// Aircraft data at the exposure.
     pub conditions: AircraftState,
     pub shape: FrameShape,
@@ -40,19 +39,18 @@ pub struct DatedShape {
     pub global_test: Option<GlobalTest>,
     /// Variance factor of the adjustment.
     pub variance_factor: Option<f64>,
-    /// True if factors are scaled by the root of the variance factor.
-    pub posterior: bool,
     /// For each marker of the shape, whether it was not used.
     pub predicted: Vec<bool>,
     /// Key of the result's inputs.
     pub inputs: String,
-    /// Digests of the sources of errors, by the first four kinds of [`SOURCES`].
+    /// Digests of the sources of errors, by the kinds of [`DIGESTS`].
     pub sources: [String; 4],
 }
 
-/// Kinds of sources: common to an installation, a flight, a frame, the tie points of a CAD model, and the stiffness of
-/// sections.
-const SOURCES: [&str; 5] = ["lasting", "shared", "own", "fit", "stiffness"];
+/// Kinds of sources: common to an installation, a flight, a frame, and the stiffness of sections.
+const SOURCES: [&str; 4] = ["lasting", "shared", "own", "stiffness"];
+/// Kinds of sources that have digests; the last is that of the tie points of a CAD model.
+const DIGESTS: [&str; 4] = ["lasting", "shared", "own", "fit"];
 /// Basis of the reduced lasting factors.
 const BASIS: &str = "lasting_basis";
 /// Axes of each frame of reference.
@@ -74,8 +72,8 @@ struct ShapeArray {
     kinds: &'static [usize],
 }
 
-/// Lists the arrays of a shape with a number of sections. Functions that follow from the adjusted ones come after them: the
-/// moments, and the displacements in the CAD frame.
+/// Lists the arrays of a shape with a number of sections. The moments, which follow from the adjusted functions, come after
+/// them.
 fn shape_arrays(shape: &JointShape, sections: usize) -> Vec<ShapeArray> {
     let array = |name, unit, meaning, dimensions, rows| ShapeArray {
         name,
@@ -87,8 +85,6 @@ fn shape_arrays(shape: &JointShape, sections: usize) -> Vec<ShapeArray> {
     };
     let contiguous = |first: usize, count: usize| Vec::from_iter(first..first + count);
     let (moments, markers) = (shape.scale_function() + 1, 3 * shape.markers.len());
-    let cad = moments + sections;
-    let markers_in_cad = cad + 3 * shape.arcs_m.len();
     vec![
         array(
             "displacement",
@@ -147,33 +143,13 @@ fn shape_arrays(shape: &JointShape, sections: usize) -> Vec<ShapeArray> {
             vec![shape.scale_function()],
         ),
         ShapeArray {
-            kinds: &[0, 1, 2, 4],
+            kinds: &[0, 1, 2, 3],
             ..array(
                 "bending_moment",
                 "N m",
                 "bending moment relative to the ground, positive if it bends the tip up",
                 &["section"],
                 contiguous(moments, sections),
-            )
-        },
-        ShapeArray {
-            kinds: &[3],
-            ..array(
-                "displacement_cad",
-                "m",
-                "displacement of the bending axis relative to the survey, CAD frame",
-                &["eta", "axis"],
-                contiguous(cad, markers_in_cad - cad),
-            )
-        },
-        ShapeArray {
-            kinds: &[3],
-            ..array(
-                "marker_displacement_cad",
-                "m",
-                "displacement of the marker relative to the survey, CAD frame",
-                &["marker", "axis"],
-                contiguous(markers_in_cad, markers),
             )
         },
     ]
@@ -191,7 +167,7 @@ fn station_rows(shape: &JointShape, first: usize, count: usize) -> Vec<usize> {
 struct ExportedShape {
     dated: DatedShape,
     /// Factors of the covariance by the kinds of [`SOURCES`] (functions x sources).
-    factors: [DMatrix<f64>; 5],
+    factors: [DMatrix<f64>; 4],
     /// Standard deviations of the functions by all of their errors.
     sigmas: DVector<f64>,
     /// Standard deviations that the reduced factors do not carry, by the first three kinds.
@@ -216,8 +192,7 @@ impl ShapeExport {
     pub fn new(shape: &JointShape, installation: &Installation, is_full: bool) -> Self {
         let facts = facts(shape, installation, is_full);
         let places = arrays::describe_places(shape, installation, facts);
-        let mut arrays = shape_arrays(shape, places.size_of("section"));
-        arrays.retain(|array| installation.cad.is_some() || !array.name.ends_with("_cad"));
+        let arrays = shape_arrays(shape, places.size_of("section"));
         Self {
             shape: JointShape {
                 frames: vec![],
@@ -264,32 +239,14 @@ impl ShapeExport {
     /// Adds the functions that follow from the adjusted ones, and computes standard deviations.
     fn complete_shape(&self, mut dated: DatedShape, installation: &Installation) -> ExportedShape {
         let shape = &mut dated.shape;
-        let moments = shape.values.len();
-        let stiffness = append_moments(shape, &self.shape, installation);
-        let in_cad = shape.values.len();
-        let moved = self
-            .arrays
-            .iter()
-            .filter(|array| array.name.ends_with("displacement"));
-        let rows = Vec::from_iter(moved.flat_map(|array| array.rows.iter().copied()));
-        let fit = match &installation.cad {
-            Some(fit) => append_cad(shape, &rows, fit),
-            None => DMatrix::zeros(0, 0),
-        };
+        let first = shape.values.len();
+        let of_moments = append_moments(shape, &self.shape, installation);
         let count = shape.values.len();
-        let place = |factor: DMatrix<f64>, first: usize| {
-            let mut all = DMatrix::zeros(count, factor.ncols());
-            all.rows_mut(first, factor.nrows()).copy_from(&factor);
-            all
-        };
+        let mut stiffness = DMatrix::zeros(count, of_moments.ncols());
+        let mut rows = stiffness.rows_mut(first, of_moments.nrows());
+        rows.copy_from(&of_moments);
         let [lasting, shared, own] = std::mem::take(&mut shape.factors);
-        let factors = [
-            lasting,
-            shared,
-            own,
-            place(fit, in_cad),
-            place(stiffness, moments),
-        ];
+        let factors = [lasting, shared, own, stiffness];
         let sigma = |k: usize| match shape.values[k].is_nan() {
             true => f64::NAN,
             false => factors
@@ -316,9 +273,8 @@ fn facts(
 ) -> Vec<(&'static str, Value)> {
     let errors = "value = truth + lasting u + shared s + own e, all of u, s, e independent with standard deviation 1: u is \
          common to all flights with the same installation, s to the frames of a flight, e belongs to each frame; frames that \
-         were adjusted singly have own alone, and the errors that they have in common are not known; displacements in the CAD \
-         frame: + fit c, with c common to all flights with the same tie points; NAME_SOURCE_rest is the standard deviation \
-         that reduced factors do not carry";
+         were adjusted singly have own alone, and the errors that they have in common are not known; NAME_SOURCE_rest is the \
+         standard deviation that reduced factors do not carry";
     let setup = &installation.setup;
     let side = match setup.side() {
         Some(WingSide::Left) => "left",

@@ -13,8 +13,6 @@ pub struct BendingMoment {
     pub value: f64,
     /// Standard deviation from all contributions.
     pub sigma: f64,
-    /// Contribution of the curvature: independent in each frame except for survey and mounting.
-    pub sigma_by_curvature: f64,
     /// Contribution of the stiffness and of steps, engines and struts that a smooth curvature does not resolve: common to
     /// all frames.
     pub sigma_by_stiffness: f64,
@@ -90,7 +88,6 @@ impl BendingCurvature {
         BendingMoment {
             value: by.dot(&self.coefficients_per_m),
             sigma: sigma_by_curvature.hypot(sigma_by_stiffness),
-            sigma_by_curvature,
             sigma_by_stiffness,
         }
     }

@@ -106,7 +106,7 @@ struct FlightFacts {
     flight: String,
     recorder_id: String,
     /// Status and reason of each frame by its name.
-    statuses: BTreeMap<String, (RecordStatus, Option<String>)>,
+    statuses: FrameStatuses,
     inputs: String,
     /// Digests of the sources of errors of an installation, of a flight and of a CAD model.
     lasting: String,
@@ -116,16 +116,6 @@ struct FlightFacts {
 
 impl FlightFacts {
     fn read(args: &ExportArgs, flight: &FlightRef, solved: &FlightShape) -> TaskResult<Self> {
-        let mut statuses = BTreeMap::new();
-        for series in catalogue::list_series(&RealDisk, flight)? {
-            let set = Some(&solved.results);
-            // Damaged files were reported when the frames were adjusted.
-            let read = source::read_series(&RealDisk, &series, set, &mut vec![]);
-            for record in read.into_iter().flat_map(|read| read.records) {
-                let name = format!("{}/{}", series.id, record.image);
-                statuses.insert(name, (record.status, record.reason));
-            }
-        }
         let inputs = Inputs::new(solved.provenance.clone()).key("");
         let id = catalogue::store_id(&RealDisk, &args.store).unwrap_or_default();
         let shape = solved.shapes.first().map(|one| &one.shape);
@@ -142,10 +132,31 @@ impl FlightFacts {
             shared: digest_of(json!([id, flight.id, inputs, stations, args.full_factors])),
             fit: fit.map_or(String::new(), |fit| digest_of(json!(fit))),
             recorder_id: id,
-            statuses,
+            statuses: frame_statuses(flight, solved)?,
             inputs,
         })
     }
+}
+
+/// Statuses and reasons of results by the names of their frames.
+pub(super) type FrameStatuses = BTreeMap<String, (RecordStatus, Option<String>)>;
+
+/// Reads the statuses of a flight's results.
+pub(super) fn frame_statuses(
+    flight: &FlightRef,
+    solved: &FlightShape,
+) -> TaskResult<FrameStatuses> {
+    let mut statuses = BTreeMap::new();
+    for series in catalogue::list_series(&RealDisk, flight)? {
+        let set = Some(&solved.results);
+        // Damaged files were reported when the frames were adjusted.
+        let read = source::read_series(&RealDisk, &series, set, &mut vec![]);
+        for record in read.into_iter().flat_map(|read| read.records) {
+            let name = format!("{}/{}", series.id, record.image);
+            statuses.insert(name, (record.status, record.reason));
+        }
+    }
+    Ok(statuses)
 }
 
 /// Characters of a digest of sources: unique among the flights of a fleet.
@@ -197,7 +208,6 @@ fn frame_shape(
         recorder_id: known.recorder_id.clone(),
         name,
         time: exposure_time(frame),
-        time_synchronised: frame.stamp.utc_synchronised,
         conditions: solved.processed[one.frames[k]].aircraft.clone(),
         shape: one.shape.frames[k].clone(),
         status,
@@ -211,7 +221,6 @@ fn frame_shape(
         ],
         global_test: result.global_test,
         variance_factor: result.variance_factor,
-        posterior: result.posterior,
         predicted: one.shape.markers.iter().map(|m| !is_used(m)).collect(),
     }
 }

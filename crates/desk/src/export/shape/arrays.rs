@@ -5,11 +5,17 @@ use serde_json::Value;
 
 use super::super::dataset::ArrayValues::{Flags, Numbers, Singles, Texts};
 use super::super::dataset::{ArrayDataset, ArrayValues};
-use super::{AXES, BASIS, DatedShape, ExportedShape, REFERENCES, SOURCES, ShapeArray, ShapeExport};
+use super::{
+    AXES, BASIS, DIGESTS, DatedShape, ExportedShape, REFERENCES, SOURCES, ShapeArray, ShapeExport,
+};
 use wingd_evaluation::aircraft::Quantity;
 use wingd_evaluation::installation::Installation;
 use wingd_evaluation::record::variant_name;
 use wingd_measure::adjust::JointShape;
+use wingd_measure::estimation::symmetric_root;
+
+/// Rows of rotation and scale in the covariance of a fit; a displacement does not depend on the translation.
+const CAD_PARAMETERS: [usize; 4] = [0, 1, 2, 6];
 
 /// Describes dimensions, indices and places on the ground.
 pub(super) fn describe_places(
@@ -19,6 +25,10 @@ pub(super) fn describe_places(
 ) -> ArrayDataset {
     let sections = installation.structure.as_ref().map(|s| &s.sections[..]);
     let sections = sections.unwrap_or_default();
+    let of_fit = installation
+        .cad
+        .as_ref()
+        .map_or(0, |_| CAD_PARAMETERS.len());
     let markers = shape.markers.iter();
     let markers = Vec::from_iter(markers.map(|m| &installation.setup.markers[*m]));
     let mut data = ArrayDataset {
@@ -30,6 +40,8 @@ pub(super) fn describe_places(
             ("row", 4),
             ("column", 4),
             ("section", sections.len()),
+            ("parameter", of_fit),
+            ("fit", of_fit),
         ],
         arrays: vec![],
         coordinates: vec!["arc_length", "time", "image", "flight", "recorder_id"],
@@ -81,6 +93,11 @@ pub(super) fn describe_places(
         let meaning = "transform of points from the survey to the CAD frame, m";
         let rows = Numbers(matrix.transpose().iter().copied().collect());
         add("cad_from_survey", "1", meaning, &["row", "column"], rows);
+        let covariance = fit.covariance.select_rows(&CAD_PARAMETERS);
+        let root = symmetric_root(&covariance.select_columns(&CAD_PARAMETERS));
+        let meaning = "factor of the errors of the transform: rotation vector in the CAD frame, rad, and scale";
+        let rows = Numbers(root.transpose().iter().copied().collect());
+        add("cad_fit", "1", meaning, &["parameter", "fit"], rows);
     }
     data
 }
@@ -118,8 +135,6 @@ impl ShapeExport {
             let values = shapes().map(|one| value(one).unwrap_or(f64::NAN));
             Numbers(values.collect())
         };
-        let flags =
-            |flag: &dyn Fn(&DatedShape) -> bool| Flags(shapes().map(flag).map(i8::from).collect());
         let mut add = |name: &str, unit: &'static str, meaning: &str, values: ArrayValues| {
             data.add(name, unit, meaning, &["frame"], values);
         };
@@ -134,9 +149,6 @@ impl ShapeExport {
         add("time", unit, meaning, seconds);
         let sigmas = numbers(&|one| one.time?.1);
         add("sigma_time", "s", "standard deviation of the time", sigmas);
-        let meaning = "1 if the clock was set by a reference";
-        let synchronised = flags(&|one| one.time_synchronised);
-        add("time_synchronised", "1", meaning, synchronised);
         let statuses = texts(&|one| one.status.clone());
         add("status", "", "status of the result", statuses);
         let reasons = texts(&|one| one.reason.clone().unwrap_or_default());
@@ -159,11 +171,9 @@ impl ShapeExport {
             meaning,
             numbers(&|one| one.variance_factor),
         );
-        let meaning = "1 if the factors are scaled by the root of the variance factor";
-        add("posterior", "1", meaning, flags(&|one| one.posterior));
         let keys = texts(&|one| one.inputs.clone());
         add("inputs", "", "key of the results' inputs", keys);
-        for (kind, name) in SOURCES[..4].iter().enumerate() {
+        for (kind, name) in DIGESTS.iter().enumerate() {
             let digests = texts(&|one| one.sources[kind].clone());
             let name = format!("{name}_sources");
             add(&name, "", "digest of the sources of errors", digests);

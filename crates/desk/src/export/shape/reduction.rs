@@ -1,35 +1,14 @@
-//! Functions of shapes that follow from others, and reduced factors.
+//! Moments, which follow from other functions of shapes, and reduced factors.
 
 use std::rc::Rc;
 
-use nalgebra::{DMatrix, DVector, SMatrix};
+use nalgebra::{DMatrix, DVector};
 
 use super::{ExportedShape, LOST_VARIANCE};
 use wingd_evaluation::installation::Installation;
 use wingd_measure::adjust::{FrameShape, JointShape, principal_sources};
-use wingd_measure::estimation::symmetric_root;
-use wingd_measure::geometry::TransformFit;
 use wingd_measure::setup::Width;
 use wingd_measure::stress::{BendingCurvature, DEFAULT_STEPS};
-
-/// Appends functions that are linear in each group of `rows`, of as many rows as `linear` has columns.
-fn append(shape: &mut FrameShape, rows: &[usize], linear: &DMatrix<f64>) {
-    let (count, old) = (linear.nrows(), shape.values.len());
-    let extended = |matrix: &DMatrix<f64>| {
-        let groups = rows.chunks(linear.ncols().max(1));
-        let mut all = matrix
-            .clone()
-            .resize_vertically(old + count * groups.len(), 0.0);
-        for (k, group) in groups.enumerate() {
-            let added = linear * matrix.select_rows(group);
-            all.rows_mut(old + k * count, count).copy_from(&added);
-        }
-        all
-    };
-    let values = DMatrix::from_columns(std::slice::from_ref(&shape.values));
-    shape.values = extended(&values).column(0).into_owned();
-    shape.factors = shape.factors.each_ref().map(extended);
-}
 
 /// Appends the moments at the installation's sections, and returns their factor by the errors of stiffness (one source for
 /// each section) and root (moments x sources).
@@ -56,34 +35,16 @@ pub(super) fn append_moments(
         stiffness[(k, sections.len())] = moment.by_root;
         linear.set_row(k, &moment.by_coefficient.transpose());
     }
-    append(shape, &Vec::from_iter(first..first + count), &linear);
+    let extended = |matrix: &DMatrix<f64>| {
+        let (old, added) = (matrix.nrows(), &linear * matrix.rows(first, count));
+        let mut all = matrix.clone().resize_vertically(old + added.nrows(), 0.0);
+        all.rows_mut(old, added.nrows()).copy_from(&added);
+        all
+    };
+    let values = DMatrix::from_columns(std::slice::from_ref(&shape.values));
+    shape.values = extended(&values).column(0).into_owned();
+    shape.factors = shape.factors.each_ref().map(extended);
     stiffness
-}
-
-/// Appends displacements, given by their rows, in the CAD frame, and returns their factor by the errors of rotation and scale.
-pub(super) fn append_cad(
-    shape: &mut FrameShape,
-    rows: &[usize],
-    fit: &TransformFit,
-) -> DMatrix<f64> {
-    /// Rows of rotation and scale in the covariance of a fit; a displacement does not depend on the translation.
-    const PARAMETERS: [usize; 4] = [0, 1, 2, 6];
-    let (first, scale) = (shape.values.len(), fit.transform.scale);
-    let linear = fit.transform.rotation.matrix() * scale;
-    let linear = DMatrix::from_column_slice(3, 3, linear.as_slice());
-    append(shape, rows, &linear);
-    let covariance = fit.covariance.select_rows(&PARAMETERS);
-    let of_fit = symmetric_root(&covariance.select_columns(&PARAMETERS));
-    let mut factor = DMatrix::zeros(rows.len(), PARAMETERS.len());
-    for k in (0..rows.len()).step_by(3) {
-        let moved = shape.values.fixed_rows::<3>(first + k).into_owned();
-        let mut jacobian = SMatrix::<f64, 3, 4>::zeros();
-        let mut by_rotation = jacobian.fixed_columns_mut::<3>(0);
-        by_rotation.copy_from(&-moved.cross_matrix());
-        jacobian.set_column(3, &(moved / scale));
-        factor.rows_mut(k, 3).copy_from(&(jacobian * &of_fit));
-    }
-    factor
 }
 
 /// Reduces the factors of a flight's shapes to the sources that carry their variance and that of their differences.
