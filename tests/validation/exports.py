@@ -17,7 +17,6 @@ import duckdb
 import numpy as np
 import pandas as pd
 import polars as pl
-import pyarrow.parquet as pq
 import scipy.io
 import xarray
 
@@ -44,10 +43,7 @@ def main(wingd, store):
         assert list(text.columns) == list(frame.columns) == polar.columns
         for column in frame.select_dtypes("float"):
             assert np.allclose(frame[column], text[column], equal_nan=True, rtol=1e-15), column
-        notes = pq.read_metadata(file).metadata
-        assert notes[b"recorder_id"].decode() == truth[0]["recorder_id"]
-        key = frame["inputs"].dropna().iloc[0]
-        assert b"inputs " + key.encode() in notes, "what the results follow from"
+        assert set(frame["recorder_id"]) == {truth[0]["recorder_id"]} and frame["inputs"].notna().any(), "what the results follow from"
         print(f"{table}: {len(frame)} rows x {len(frame.columns)} columns, equal in pandas {pd.__version__}, "
               f"polars {pl.__version__}, DuckDB {duckdb.__version__} and CSV")
     shots = pd.read_parquet(work / "shots.parquet")
@@ -90,12 +86,13 @@ def read_shape(wingd, store, work, run, solved):
 
 
 def read_series(run, work, flight, shape):
-    """Means of series in tables, against the frames'."""
+    """Means of series in tables, against those of the frames with status ok."""
     for name in ["csv", "parquet"]:
         run("--format", name, "--table", "series", "--flight", flight, "--output", str(work / f"series.{name}"))
     text, frame = pd.read_csv(work / "series.csv", parse_dates=["utc"]), pd.read_parquet(work / "series.parquet")
     names = np.array([name.split("/")[0] for name in shape.image.values])
-    assert len(text) == len(frame) and set(text["series"]) == set(names)
+    names = np.where(shape.status.values.astype(str) == "ok", names, "")
+    assert len(text) == len(frame) and set(text["series"]) == set(names) - {""}
     for series, rows in text.groupby("series"):
         z = shape.displacement[names == series, :, 2].values
         assert np.allclose(rows["displacement_z_m"], z.mean(axis=0), atol=1e-12)

@@ -8,20 +8,19 @@ mod sink;
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use serde_json::{Map, Value};
 
 use self::shape::export_shapes;
-use self::sink::{ExportEnd, FileMetadata, write_output, write_rows};
+use self::sink::{ExportEnd, write_output, write_rows};
 use crate::export;
 use crate::export::ExportContext;
 use wingd_base::failure::{Completion, Failure, TaskResult};
 use wingd_base::output::print_notes;
-use wingd_evaluation::quantities::{ResultTable, SCHEMA_VERSION};
+use wingd_evaluation::quantities::ResultTable;
 use wingd_evaluation::record::TorsionRecord;
 use wingd_evaluation::results::source;
 use wingd_evaluation::results::source::ResultChoice;
 use wingd_evaluation::results::{ReportData, SeriesData, distinct_values};
-use wingd_store::{RealDisk, catalogue, layout, result_sets, result_summary};
+use wingd_store::{RealDisk, catalogue, layout, result_summary};
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum FormatName {
@@ -141,8 +140,7 @@ fn read_common_facts(args: &ExportArgs) -> TaskResult<ExportContext> {
 fn export_rows(args: &ExportArgs) -> TaskResult<ReportData> {
     let common = read_common_facts(args)?;
     let empty = export::table_columns(args.table, &SeriesData::default(), &common);
-    let notes = || file_metadata(args, &common);
-    write_rows(args, empty, notes, |rows| {
+    write_rows(args, empty, |rows| {
         source::for_each_series(&args.store, args.result_choice(), |series| {
             rows.add(export::table_columns(args.table, &series, &common))
                 .map_err(ExportEnd::from)
@@ -157,45 +155,4 @@ fn export_jsonl(args: &ExportArgs) -> TaskResult<ReportData> {
             export::write_json_lines(output, &series, id.as_deref()).map_err(ExportEnd::from)
         })
     })
-}
-
-/// Metadata on the recorder and the program.
-fn recorder_metadata(store_id: Option<&str>) -> FileMetadata {
-    let units = "m, deg, px, s by the suffix of the column name; columns: docs/tables.md";
-    vec![
-        (
-            "program".to_owned(),
-            format!("wingd {}", env!("CARGO_PKG_VERSION")),
-        ),
-        ("schema_version".to_owned(), SCHEMA_VERSION.to_string()),
-        (
-            "recorder_id".to_owned(),
-            store_id.unwrap_or_default().to_owned(),
-        ),
-        ("units".to_owned(), units.to_owned()),
-    ]
-}
-
-/// Adds the provenance of results, once for each key of the inputs.
-fn add_provenance(notes: &mut FileMetadata, key: &str, provenance: &Map<String, Value>) {
-    let note = (
-        format!("inputs {key}"),
-        serde_json::to_string(provenance).unwrap_or_default(),
-    );
-    if !notes.contains(&note) {
-        notes.push(note);
-    }
-}
-
-/// Metadata of an exported file with the recorder and the provenance of results by the key in column `inputs`.
-fn file_metadata(args: &ExportArgs, common: &ExportContext) -> TaskResult<FileMetadata> {
-    let mut notes = recorder_metadata(common.store_id.as_deref());
-    for flight in source::selected_flights(&args.store, args.flight.as_deref())? {
-        if let Some(set) =
-            result_sets::flight_result_sets(&RealDisk, &flight)?.choose_set(args.inputs.as_deref())
-        {
-            add_provenance(&mut notes, &set.key, &set.provenance);
-        }
-    }
-    Ok(notes)
 }

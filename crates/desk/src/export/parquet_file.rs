@@ -8,7 +8,6 @@ use parquet::data_type::{
     BoolType, ByteArray, ByteArrayType, DataType, DoubleType, FloatType, Int64Type,
 };
 use parquet::errors::ParquetError;
-use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{ColumnPath, Type};
@@ -27,12 +26,8 @@ pub struct ParquetFile<W: Write + Send> {
 }
 
 impl<W: Write + Send> ParquetFile<W> {
-    /// Begins a file with these columns and their rows as the first ones. `notes` are written to the metadata.
-    pub fn begin(
-        output: W,
-        columns: Vec<ExportColumn>,
-        notes: &[(String, String)],
-    ) -> Result<Self, ParquetError> {
+    /// Begins a file with these columns and their rows as the first ones.
+    pub fn begin(output: W, columns: Vec<ExportColumn>) -> Result<Self, ParquetError> {
         let fields = columns
             .iter()
             .map(|c| schema_field(c).map(Arc::new))
@@ -40,14 +35,9 @@ impl<W: Write + Send> ParquetFile<W> {
         let schema = Type::group_type_builder("wingd")
             .with_fields(fields)
             .build()?;
-        let notes = notes
-            .iter()
-            .map(|(key, value)| KeyValue::new(key.clone(), value.clone()))
-            .collect();
         let mut properties = WriterProperties::builder()
             .set_compression(Compression::SNAPPY)
-            .set_created_by(format!("wingd {}", env!("CARGO_PKG_VERSION")))
-            .set_key_value_metadata(Some(notes));
+            .set_created_by(format!("wingd {}", env!("CARGO_PKG_VERSION")));
         // Measured numbers hardly repeat: a dictionary would hold the full column, plus an index per value.
         for column in columns.iter().filter(|c| {
             matches!(
@@ -177,10 +167,9 @@ mod tests {
             pairs: vec!["tip".to_owned()],
         };
         let empty = SeriesData::default();
-        let notes = [("store_id".to_owned(), "ab".to_owned())];
         let mut bytes = vec![];
         let columns = table_columns(table, &empty, &common);
-        let mut file = Box::new(ParquetFile::begin(&mut bytes, columns, &notes).unwrap());
+        let mut file = Box::new(ParquetFile::begin(&mut bytes, columns).unwrap());
         for one in series {
             file.add(table_columns(table, one, &common)).unwrap();
         }
@@ -218,16 +207,6 @@ mod tests {
         assert_eq!(value(3, "used"), Field::Bool(false));
         assert_eq!(value(3, "deflection_m"), Field::Null);
         assert_eq!(value(4, "reason"), Field::Str("dark".to_owned()));
-        let notes = reader
-            .metadata()
-            .file_metadata()
-            .key_value_metadata()
-            .unwrap();
-        assert!(
-            notes
-                .iter()
-                .any(|note| note.key == "store_id" && note.value.as_deref() == Some("ab"))
-        );
     }
 
     #[test]
@@ -251,7 +230,7 @@ mod tests {
             ),
         ];
         let mut bytes = vec![];
-        let file = ParquetFile::begin(&mut bytes, columns, &[]).unwrap();
+        let file = ParquetFile::begin(&mut bytes, columns).unwrap();
         Box::new(file).end().unwrap();
         let plain = 0.9 * f64::from(rows) * (8.0 + 4.0);
         assert!(

@@ -1,13 +1,12 @@
 //! `wingd export --table live` reads block by block, so that memory does not grow with the length of a recording.
 
-use super::sink::{ExportEnd, FileMetadata, write_rows};
-use super::{ExportArgs, add_provenance, recorder_metadata};
+use super::ExportArgs;
+use super::sink::{ExportEnd, write_rows};
 use crate::export::{LiveColumns, RowWriter};
 use wingd_base::failure::{Completion, Failure, TaskResult};
 use wingd_base::output::{byte_progress, print_notes};
-use wingd_evaluation::quantities::LiveSource;
 use wingd_evaluation::results::{aircraft, source};
-use wingd_store::{FlightRef, Inputs, LiveTable, RealDisk, StoreError, catalogue, live};
+use wingd_store::{FlightRef, RealDisk, StoreError, catalogue, live};
 
 pub(super) fn export_live_results(args: &ExportArgs) -> TaskResult<Completion> {
     check_live_options(args)?;
@@ -27,10 +26,9 @@ pub(super) fn export_live_results(args: &ExportArgs) -> TaskResult<Completion> {
         return Err(Failure::from_path_error(&args.store, what));
     }
     let store_id = catalogue::store_id(&RealDisk, &args.store);
-    let columns = LiveColumns::from_tables(&tables, store_id.clone());
+    let columns = LiveColumns::from_tables(&tables, store_id);
     let bar = byte_progress(bytes, "live results");
-    let metadata = || Ok(live_metadata(&tables, store_id.as_deref()));
-    let written = write_rows(args, columns.empty_columns(), metadata, |rows| {
+    let written = write_rows(args, columns.empty_columns(), |rows| {
         let mut notes = Vec::new();
         for flight in &flights {
             let read = |bytes| bar.inc(bytes);
@@ -42,18 +40,6 @@ pub(super) fn export_live_results(args: &ExportArgs) -> TaskResult<Completion> {
     let notes = written?;
     print_notes(&notes);
     Ok(Completion::from_success(notes.is_empty()))
-}
-
-/// Metadata of an exported file with the recorder and the provenance of results by the key in column `inputs`.
-fn live_metadata(tables: &[LiveTable], store_id: Option<&str>) -> FileMetadata {
-    let mut notes = recorder_metadata(store_id);
-    for table in tables {
-        let inputs = LiveSource::from_table(table).provenance;
-        if !inputs.is_empty() {
-            add_provenance(&mut notes, &Inputs::new(inputs.clone()).key(""), &inputs);
-        }
-    }
-    notes
 }
 
 /// Writes a flight's rows and returns notes on its files.

@@ -5,16 +5,17 @@ use std::f64::consts::PI;
 use jiff::Timestamp;
 use nalgebra::DVector;
 
-use super::shape::{exposure_time, solve_flight, station_choice};
+use super::ExportArgs;
+use super::shape::{FrameStatuses, exposure_time, frame_statuses, solve_flight, station_choice};
 use super::sink::write_rows;
-use super::{ExportArgs, recorder_metadata};
 use crate::export::{ColumnValues, ExportColumn, NumberType};
 use crate::flight_shape::FlightShape;
 use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_base::output::print_notes;
 use wingd_evaluation::aircraft::Quantity;
 use wingd_evaluation::inputs::stored_flights;
 use wingd_evaluation::pipeline::{ProcessedFrame, SolvedShape};
-use wingd_evaluation::record::variant_name;
+use wingd_evaluation::record::{RecordStatus, variant_name};
 use wingd_evaluation::results::distinct_values;
 use wingd_measure::adjust::{FrameShape, GlobalTest, JointShape};
 use wingd_store::{RealDisk, catalogue};
@@ -24,6 +25,8 @@ struct SeriesMean<'a> {
     flight: &'a str,
     series: String,
     shape: &'a JointShape,
+    /// Key of the results' inputs.
+    inputs: &'a str,
     frames: Vec<&'a ProcessedFrame>,
     /// Time of the first frame.
     time: Option<Timestamp>,
@@ -38,38 +41,75 @@ struct SeriesMean<'a> {
 pub(super) fn export_series(args: &ExportArgs) -> TaskResult<Completion> {
     let flights = stored_flights::select_flights(&args.store, args.flight.as_deref())?;
     let stations = station_choice(args)?;
-    let id = catalogue::store_id(&RealDisk, &args.store);
-    let metadata = || Ok(recorder_metadata(id.as_deref()));
-    let is_incomplete = write_rows(args, columns(&[]), metadata, |rows| {
+    let id = catalogue::store_id(&RealDisk, &args.store).unwrap_or_default();
+    let is_incomplete = write_rows(args, columns(&id, &[]), |rows| {
         let mut is_incomplete = false;
         for flight in &flights {
             let solved = solve_flight(args, flight, &stations)?;
-            is_incomplete |= !solved.is_complete();
-            rows.add(columns(&series_means(&flight.id, &solved)?))?;
+            let statuses = frame_statuses(flight, &solved)?;
+            let means = series_means(&flight.id, &solved, &statuses)?;
+            let series = distinct_values(solved.frames.iter().map(|frame| &frame.series.id));
+            is_incomplete |= !solved.is_complete() || means.len() < series.len();
+            rows.add(columns(&id, &means))?;
         }
         Ok(is_incomplete)
     })?;
     Ok(Completion::from_success(!is_incomplete))
 }
 
-/// Returns the mean shape of each series of a flight.
+/// Returns the mean shape of each series of a flight, of its frames with status `ok`; prints the number of the others.
 ///
 /// # Errors
 /// Returns an error if several frames of a series were adjusted singly: the errors that they share are not known.
-fn series_means<'a>(flight: &'a str, solved: &'a FlightShape) -> TaskResult<Vec<SeriesMean<'a>>> {
+fn series_means<'a>(
+    flight: &'a str,
+    solved: &'a FlightShape,
+    statuses: &FrameStatuses,
+) -> TaskResult<Vec<SeriesMean<'a>>> {
     let series_of = |frame: &usize| solved.frames[*frame].series.id.clone();
-    let mean = |series: String| {
+    let is_ok = |frame: &usize| {
+        let name = stored_flights::frame_name(&solved.frames[*frame]);
+        let status = statuses.get(&name).map(|(status, _)| *status);
+        status.is_none_or(|status| status == RecordStatus::Ok)
+    };
+    let used = || solved.shapes.iter().flat_map(|one| &one.frames);
+    let mut means = vec![];
+    for series in distinct_values(used().map(series_of)) {
+        let of_series = || used().filter(|frame| series_of(frame) == series);
+        let others = of_series().filter(|frame| !is_ok(frame)).count();
+        let all = of_series().count();
+        print_notes((others > 0).then(|| {
+            format!("{flight}/{series}: {others} of {all} frames are left out of the mean: their status is not ok")
+        }));
         let frames_of = |one: &SolvedShape| {
-            let frames = (0..one.frames.len()).filter(|k| series_of(&one.frames[*k]) == series);
-            Vec::from_iter(frames)
+            let is_used =
+                |k: &usize| series_of(&one.frames[*k]) == series && is_ok(&one.frames[*k]);
+            Vec::from_iter((0..one.frames.len()).filter(is_used))
         };
         let chosen = solved.shapes.iter().map(|one| (one, frames_of(one)));
         let chosen = Vec::from_iter(chosen.filter(|(_, frames)| !frames.is_empty()));
-        let [(one, frames)] = &chosen[..] else {
-            return Err(Failure::Failed(format!(
-                "{flight}: the frames were adjusted singly, so the errors that they share are not known; run `wingd solve STORE` first"
-            )));
-        };
+        match &chosen[..] {
+            [] => {}
+            [(one, frames)] => means.push(SeriesMean::new(flight, series, solved, one, frames)),
+            _ => {
+                return Err(Failure::Failed(format!(
+                    "{flight}: the frames were adjusted singly, so the errors that they share are not known; run `wingd solve STORE` first"
+                )));
+            }
+        }
+    }
+    Ok(means)
+}
+
+impl<'a> SeriesMean<'a> {
+    /// Averages frames of a shape, given by their indices in it.
+    fn new(
+        flight: &'a str,
+        series: String,
+        solved: &'a FlightShape,
+        one: &'a SolvedShape,
+        frames: &[usize],
+    ) -> Self {
         let shape = &one.shape;
         let tests = || {
             frames
@@ -80,21 +120,19 @@ fn series_means<'a>(flight: &'a str, solved: &'a FlightShape) -> TaskResult<Vec<
         let mean = shape.mean(frames);
         let first = &solved.frames[one.frames[frames[0]]];
         let processed = frames.iter().map(|k| &solved.processed[one.frames[*k]]);
-        Ok(SeriesMean {
+        Self {
             flight,
             series,
             shape,
+            inputs: &solved.results.key,
             frames: processed.collect(),
             time: exposure_time(first).map(|(time, _)| time),
             global_test: rejected.or_else(|| tests().next()),
             sigmas: mean.sigmas(),
             scatter: shape.scatter(frames, &mean),
             mean,
-        })
-    };
-    let used = solved.shapes.iter().flat_map(|one| &one.frames);
-    let names = distinct_values(used.map(series_of));
-    names.into_iter().map(mean).collect()
+        }
+    }
 }
 
 /// Degrees in a radian.
@@ -109,8 +147,8 @@ const FUNCTION_COLUMNS: [(&str, f64); 6] = [
     ("streamwise_twist_deg", DEGREES),
 ];
 
-/// Builds the columns: a row for each series and station.
-fn columns(means: &[SeriesMean]) -> Vec<ExportColumn> {
+/// Builds the columns, with the id of the recorder's store: a row for each series and station.
+fn columns(id: &str, means: &[SeriesMean]) -> Vec<ExportColumn> {
     let places = || {
         let stations = |one: &SeriesMean| 0..one.shape.arcs_m.len();
         means
@@ -132,6 +170,7 @@ fn columns(means: &[SeriesMean]) -> Vec<ExportColumn> {
         numbers(name, NumberType::Double, value)
     };
     let mut columns = vec![
+        texts("recorder_id", &|_| id.to_owned()),
         texts("flight", &|one| one.flight.to_owned()),
         texts("series", &|one| one.series.clone()),
         numbers("utc", NumberType::Time, &|one, _| {
@@ -170,5 +209,8 @@ fn columns(means: &[SeriesMean]) -> Vec<ExportColumn> {
             Some(sum / one.frames.len() as f64)
         })
     }));
+    let program = concat!("wingd ", env!("CARGO_PKG_VERSION"));
+    columns.push(texts("program", &|_| program.to_owned()));
+    columns.push(texts("inputs", &|one| one.inputs.to_owned()));
     columns
 }

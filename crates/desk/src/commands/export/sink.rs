@@ -74,21 +74,16 @@ pub(super) fn write_failure(file: &Path, error: &io::Error) -> Failure {
     ))
 }
 
-/// Names and values for the metadata of a Parquet file.
-pub(super) type FileMetadata = Vec<(String, String)>;
-
-/// Writes rows of columns, of which `begin` has the first, as CSV, lines of JSON or Parquet; `notes` are the metadata, if the
-/// format has any.
+/// Writes rows of columns, of which `begin` has the first, as CSV, lines of JSON or Parquet.
 pub(super) fn write_rows<T: Default>(
     args: &ExportArgs,
     begin: Vec<ExportColumn>,
-    notes: impl FnOnce() -> TaskResult<FileMetadata>,
     write: impl FnOnce(&mut dyn RowWriter) -> Result<T, ExportEnd>,
 ) -> TaskResult<T> {
     write_output(args, |output| {
         let mut rows: Box<dyn RowWriter> = match args.format {
             FormatName::Jsonl => Box::new(JsonRows(output)),
-            FormatName::Parquet => begin_parquet(output, begin, &notes()?)?,
+            FormatName::Parquet => begin_parquet(output, begin)?,
             FormatName::Csv | FormatName::Netcdf => Box::new(CsvRows::begin(output, &begin)?),
         };
         let value = write(&mut *rows)?;
@@ -101,9 +96,8 @@ pub(super) fn write_rows<T: Default>(
 fn begin_parquet<'a>(
     output: &'a mut BufWriter<ExportOutput>,
     begin: Vec<ExportColumn>,
-    notes: &FileMetadata,
 ) -> Result<Box<dyn RowWriter + 'a>, ExportEnd> {
-    let begun = crate::export::ParquetFile::begin(output, begin, notes);
+    let begun = crate::export::ParquetFile::begin(output, begin);
     Ok(Box::new(begun.map_err(io::Error::other)?))
 }
 
@@ -111,7 +105,6 @@ fn begin_parquet<'a>(
 fn begin_parquet<'a>(
     _: &'a mut BufWriter<ExportOutput>,
     _: Vec<ExportColumn>,
-    _: &FileMetadata,
 ) -> Result<Box<dyn RowWriter + 'a>, ExportEnd> {
     let what = "this wingd was built without Parquet; use --format csv";
     Err(Failure::Usage(what.into()).into())
