@@ -80,7 +80,7 @@ fn fixed_targets_are_used_from_simulate_to_solve() {
     // Targets treated as if on the wing would not constrain the camera: here they are absent.
     let survey = installation.join("survey.csv");
     let text = std::fs::read_to_string(&survey).unwrap();
-    assert!(text.starts_with("id,shape,diameter_m,x_m,y_m,z_m,sigma_m,fixed\n"));
+    assert!(text.starts_with("id,shape,diameter_m,x_m,y_m,z_m,sigma_m,fixed,flight_motion_m\n"));
     let wing: Vec<&str> = text.lines().filter(|l| !l.starts_with('F')).collect();
     std::fs::write(&survey, wing.join("\n")).unwrap();
     let ground = frame.with_file_name("ground.jpg");

@@ -48,8 +48,72 @@ fn a_sound_installation_alone_is_checked() {
             printed.contains("markers") && printed.contains("wingd orient"),
             "{printed}"
         );
+        assert!(
+            printed.contains("in the image") && !printed.contains("of another wing"),
+            "{printed}"
+        );
     }
     assert_eq!(run(&["check"]).0, Some(2), "something is to be named");
+}
+
+/// An installation copied from another type is contradicted line by line, with both numbers.
+#[test]
+fn values_of_another_wing_contradict_the_survey() {
+    for (from, to, key, limit) in [
+        (
+            "root_offset_m = 0.55",
+            "root_offset_m = 9.0",
+            "wing.root_offset_m",
+            "is 9, but at most 6.62 by the innermost",
+        ),
+        (
+            "offset_m = 0.1\n",
+            "offset_m = 6.0\n",
+            "wing.axis_chord_offset_m",
+            "is 6, but -1.64 to 1.81",
+        ),
+        (
+            "root = 0.4838",
+            "root = 1.9",
+            "wing.skin_height_m.root",
+            "is 1.9, but -0.19 to 1.14",
+        ),
+        (
+            "tip = 0.1382",
+            "tip = 1.2",
+            "wing.skin_height_m.tip",
+            "is 1.2, but -0.54 to 0.79",
+        ),
+        (
+            "tip_span_m = 33.0",
+            "tip_span_m = 80.0",
+            "wing.skin_height_m.tip_span_m",
+            "is 80, but 22.15 to 47.47",
+        ),
+        (
+            "flight_temperature_c = -55",
+            "flight_temperature_c = 60",
+            "thermal.flight_temperature_c",
+            "is 60, but at most 35.00 by ground_temperature_c",
+        ),
+    ] {
+        let directory = dev("installation.toml", from, to);
+        let (status, printed) = run(&[
+            "check",
+            "--installation",
+            directory.path().to_str().unwrap(),
+        ]);
+        assert_eq!(status, Some(0), "a warning: {printed}");
+        let lines: Vec<&str> = printed
+            .lines()
+            .filter(|l| l.contains("of another wing"))
+            .collect();
+        assert_eq!(lines.len(), 1, "{printed}");
+        assert!(
+            lines[0].contains(key) && lines[0].contains(limit),
+            "{printed}"
+        );
+    }
 }
 
 #[test]

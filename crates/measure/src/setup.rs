@@ -103,9 +103,15 @@ pub mod fixed_target {
     pub const DISTANCE_M: f64 = 3.0;
     /// Diameter, m: about 150 px at that distance.
     pub const DIAMETER_M: f64 = 0.06;
-    /// Standard deviation of the motion in flight, each axis, m: cabin pressure and cold move a cabin by tenths of a
-    /// millimetre over metres.
+    /// Standard deviation of the motion in flight at that distance, each axis, m: cabin pressure and cold move a cabin by
+    /// tenths of a millimetre over metres.
     pub const FLIGHT_MOTION_M: f64 = 5e-4;
+
+    /// Returns the standard deviation of the motion in flight, each axis, m, of a target at this distance from the camera, m:
+    /// a strained cabin moves in proportion to the distance.
+    pub fn flight_motion_m(distance_m: f64) -> f64 {
+        FLIGHT_MOTION_M * (distance_m / DISTANCE_M).max(1.0)
+    }
 }
 
 /// Height of the skin above the bending axis, linear along the span.

@@ -38,7 +38,8 @@ pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
     let (file, text) = reader.read_text(INSTALLATION_FILE, remedy)?;
     let document: InstallationDocument = reader.parse_toml(&file, &text)?;
     let lens = camera::read_camera(reader, &document.camera.calibration);
-    let markers = survey::read_survey(reader, &document.wing.survey);
+    let centre_m = Vector3::from(document.camera.projection_centre_m);
+    let markers = survey::read_survey(reader, &document.wing.survey, &centre_m);
     let cad = document
         .cad
         .as_ref()
@@ -54,7 +55,7 @@ pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
     let mut setup = Setup {
         name: document.name.clone().unwrap_or_else(|| "unnamed".into()),
         lens: camera.lens,
-        projection_centre_m: Vector3::from(document.camera.projection_centre_m),
+        projection_centre_m: centre_m,
         projection_centre_sigma_m: document
             .camera
             .projection_centre_sigma_m
@@ -158,16 +159,12 @@ fn uncertainty_of(setup: &Setup, document: &InstallationDocument) -> SetupUncert
 
 /// Combines several vibration modes into one: the squares of their velocities are added.
 fn combine_modes(modes: &[VibrationTable]) -> Vibration {
-    let amplitude = modes
-        .iter()
-        .map(|m| m.amplitude_m.powi(2))
-        .sum::<f64>()
-        .sqrt();
-    let velocity = modes
-        .iter()
-        .map(|m| (m.amplitude_m * m.frequency_hz).powi(2))
-        .sum::<f64>()
-        .sqrt();
+    let norm = |of: fn(&VibrationTable) -> f64| {
+        let squares = modes.iter().map(|m| of(m).powi(2));
+        squares.sum::<f64>().sqrt()
+    };
+    let amplitude = norm(|m| m.amplitude_m);
+    let velocity = norm(|m| m.amplitude_m * m.frequency_hz);
     let frequency_hz = if amplitude > 0.0 {
         velocity / amplitude
     } else {

@@ -163,29 +163,18 @@ pub(super) fn read_flight_prior(
     }
     let now = bound_files(sources, &reader.digests);
     let (file, text) = reader.read_text(FLIGHT_PRIOR_FILE, RELEARN_REMEDY)?;
-    let document: FlightPriorDocument = match serde_json::from_str(&text) {
-        Ok(document) => document,
-        Err(error) => {
-            reader.fault(
-                &file,
-                "file",
-                format!("was not written by `wingd learn` ({error})"),
-                RELEARN_REMEDY,
-            );
-            return None;
-        }
-    };
-    if let Some((place, problem)) = find_mismatch(&document, &now) {
-        reader.fault(&file, place, problem, RELEARN_REMEDY);
-        return None;
-    }
-    match prior_from_document(document, setup) {
-        Ok(prior) => Some(prior),
-        Err((place, problem)) => {
-            reader.fault(&file, place, problem, RELEARN_REMEDY);
-            None
-        }
-    }
+    let document = serde_json::from_str(&text).map_err(|error| {
+        (
+            "file",
+            format!("was not written by `wingd learn` ({error})"),
+        )
+    });
+    let prior = document.and_then(|document| match find_mismatch(&document, &now) {
+        Some(mismatch) => Err(mismatch),
+        None => prior_from_document(document, setup),
+    });
+    let fault = |(place, problem)| reader.fault(&file, place, problem, RELEARN_REMEDY);
+    prior.map_err(fault).ok()
 }
 
 type PlacedProblem = (&'static str, String);
@@ -257,18 +246,11 @@ fn prior_from_document(
                 format!("{} does not have one number per unknown", entry.flight),
             )
         })?;
-        let FlightEntry {
-            store,
-            flight,
-            program,
-            frames,
-            ..
-        } = entry;
         Ok(PriorFlight {
-            store,
-            flight,
-            program,
-            frames,
+            store: entry.store,
+            flight: entry.flight,
+            program: entry.program,
+            frames: entry.frames,
             normals,
         })
     };

@@ -28,7 +28,6 @@ mod columns;
 mod document;
 mod flight_prior;
 mod fold;
-mod length_unit;
 mod mountings;
 mod observations;
 mod orientation;
@@ -53,7 +52,6 @@ pub use camera::{CalibrationReport, load_camera, write_camera};
 
 pub use document::DEFAULT_CENTRE_SIGMA_M;
 pub use flight_prior::{FLIGHT_PRIOR_FILE, PriorFlight, StoredFlightPrior, write_flight_prior};
-pub use length_unit::{LENGTH_UNITS, LengthUnit};
 pub use mountings::{Mountings, read_mountings};
 pub use observations::{
     ManualObservation, ManualPosition, POINT_SIGMA_PX, observations_text, read_observations,

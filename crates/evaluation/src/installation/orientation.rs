@@ -64,6 +64,9 @@ struct PointEntry {
 /// Image of the templates of all points, one below the other.
 const TEMPLATES_FILE: &str = "points.png";
 
+/// Remedy for every error of the file.
+const ORIENT_AGAIN: &str = "run `wingd orient` again with the ground frames";
+
 /// Largest deviation of the rows from orthonormality that rounding in a text file explains.
 const ORTHONORMAL_TOLERANCE: f64 = 1e-6;
 
@@ -93,23 +96,13 @@ pub(super) fn read_orientation(
             "is not a rotation (largest defect {defect:.1e}, determinant {:.6})",
             m.determinant()
         );
-        reader.fault(
-            &file,
-            "camera_from_survey",
-            problem,
-            "run `wingd orient` again",
-        );
+        reader.fault(&file, "camera_from_survey", problem, ORIENT_AGAIN);
         return None;
     }
     let covariance_rad2 = table.covariance_rad2.as_ref().map(matrix_from_rows);
     if covariance_rad2.is_some_and(|c| !is_covariance(&c)) {
         let problem = "is not a covariance (finite, symmetric, positive variances)";
-        reader.fault(
-            &file,
-            "covariance_rad2",
-            problem,
-            "run `wingd orient` again",
-        );
+        reader.fault(&file, "covariance_rad2", problem, ORIENT_AGAIN);
     }
     let ground = table
         .ground
@@ -148,7 +141,7 @@ fn read_templates(
     entries: &[PointEntry],
     markers: &[SurveyMarker],
 ) -> Option<Vec<PointTemplate>> {
-    let remedy = "run `wingd orient` again with the ground frames";
+    let remedy = ORIENT_AGAIN;
     let (file, bytes) = reader.read_bytes(TEMPLATES_FILE, remedy)?;
     let side = TEMPLATE_SIDE_PX;
     let size = (side as u32, (side * entries.len()) as u32);
@@ -231,16 +224,12 @@ fn write_points(text: &mut String, installation: &Installation, templates: &[Poi
         "\n# Templates of points, in the order of {TEMPLATES_FILE}: origin in the ground frame, and place, px"
     );
     for template in templates {
-        let id = installation
-            .setup
-            .markers
-            .get(template.marker)
-            .map_or("", |m| m.id.as_str());
+        let id = quoted_id(installation, template.marker);
         let ([left, top], place) = (template.origin_px, template.place_px);
         let _ = writeln!(
             text,
             "[[point]]\nid = {}\nleft_px = {left}\ntop_px = {top}",
-            toml::Value::from(id)
+            id
         );
         let _ = writeln!(text, "u_px = {:.5}\nv_px = {:.5}\n", place.x, place.y);
     }
@@ -259,12 +248,7 @@ fn check_sources(reader: &mut Reader, file: &Path, made_with: &BTreeMap<String, 
                 Some(_) => format!("{name} has changed since this was computed with it"),
                 None => format!("was computed with {name}, which the installation no longer names"),
             };
-            reader.fault(
-                file,
-                "made_with",
-                problem,
-                "run `wingd orient` again with the ground frames",
-            );
+            reader.fault(file, "made_with", problem, ORIENT_AGAIN);
         }
     }
 }
@@ -295,7 +279,7 @@ fn parse_ground_observation(
         file,
         "ground",
         format!("marker \"{}\" {problem}", s.id),
-        "run `wingd orient` again",
+        ORIENT_AGAIN,
     );
     None
 }
@@ -363,28 +347,18 @@ pub fn write_orientation(
             "# marker, residual u, v (observed - computed), px\nresiduals = ["
         );
         for (_, marker, r) in fit.residuals.iter().filter(|(frame, _, _)| *frame == k) {
-            let id = installation
-                .setup
-                .markers
-                .get(*marker)
-                .map_or("", |m| m.id.as_str());
+            let id = quoted_id(installation, *marker);
             let _ = writeln!(
                 text,
                 "  {{ id = {}, u_px = {:.4}, v_px = {:.4} }},",
-                toml::Value::from(id),
-                r.x,
-                r.y
+                id, r.x, r.y
             );
         }
         text.push_str("]\n");
     }
     for (marker, reason) in fit.unused_markers(&installation.setup) {
-        let id = installation
-            .setup
-            .markers
-            .get(marker)
-            .map_or("", |m| m.id.as_str());
-        let (id, reason) = (toml::Value::from(id), toml::Value::from(reason));
+        let id = quoted_id(installation, marker);
+        let reason = toml::Value::from(reason);
         let _ = writeln!(text, "\n[[unused]]\nid = {id}\nreason = {reason}");
     }
     write_ground(&mut text, installation, &fit.orientation.ground);
@@ -395,13 +369,9 @@ pub fn write_orientation(
 /// Writes the ground-frame observations, which the adjustment of flights refers to.
 fn write_ground(text: &mut String, installation: &Installation, ground: &[Observation]) {
     for s in ground {
-        let id = installation
-            .setup
-            .markers
-            .get(s.marker)
-            .map_or("", |m| m.id.as_str());
+        let id = quoted_id(installation, s.marker);
         let c = &s.covariance_px2;
-        let _ = writeln!(text, "\n[[ground]]\nid = {}", toml::Value::from(id));
+        let _ = writeln!(text, "\n[[ground]]\nid = {}", id);
         let _ = writeln!(text, "u_px = {:.5}\nv_px = {:.5}", s.pixel.x, s.pixel.y);
         let _ = writeln!(
             text,
@@ -411,6 +381,12 @@ fn write_ground(text: &mut String, installation: &Installation, ground: &[Observ
             c[(1, 1)]
         );
     }
+}
+
+/// Returns a marker's id as written in the file.
+fn quoted_id(installation: &Installation, marker: usize) -> toml::Value {
+    let marker = installation.setup.markers.get(marker);
+    marker.map_or("", |m| &m.id).into()
 }
 
 fn format_rows(m: &Matrix3<f64>) -> String {

@@ -208,21 +208,15 @@ fn check_sign(reader: &mut Reader, file: &Path, setup: &Setup) {
         let problem = format!(
             "is [{dx}, {dy}], but {behind} of {markers} markers are in the opposite direction"
         );
-        let ahead_if_flipped = |axis: usize| {
+        let is_ahead = |axis: &usize| {
             let mut flipped = setup.clone();
-            flipped
-                .markers
-                .iter_mut()
-                .for_each(|m| m.position_m[axis] *= -1.0);
-            2 * flipped
-                .wing_markers()
-                .iter()
-                .filter(|(_, point)| point.x < 0.0)
-                .count()
-                < markers
+            for m in &mut flipped.markers {
+                m.position_m[*axis] *= -1.0;
+            }
+            let wing = flipped.wing_markers();
+            2 * wing.iter().filter(|(_, p)| p.x < 0.0).count() < markers
         };
-        let axis = (0..2).find(|axis| ahead_if_flipped(*axis));
-        let sign = axis.map_or(String::new(), |axis| {
+        let sign = (0..2).find(is_ahead).map_or(String::new(), |axis| {
             format!(" or the sign of {} in the survey", ["x_m", "y_m"][axis])
         });
         let remedy = format!(
@@ -389,14 +383,17 @@ fn check_breaks(reader: &mut Reader, file: &Path, setup: &Setup) {
     }
 }
 
+fn name_side(side: WingSide) -> &'static str {
+    match side {
+        WingSide::Left => "left",
+        WingSide::Right => "right",
+    }
+}
+
 /// Checks for every pair that the leading marker is ahead of the trailing one.
 fn check_side(reader: &mut Reader, file: &Path, setup: &Setup) {
     let Some(side) = setup.side() else { return };
-    let name = if side == WingSide::Left {
-        "left"
-    } else {
-        "right"
-    };
+    let name = name_side(side);
     for (k, pair) in setup.torsion.iter().enumerate() {
         if setup
             .side_from_pair(pair)
@@ -435,11 +432,7 @@ fn check_flow(reader: &mut Reader, file: &Path, setup: &Setup) {
         in_wing.z
     };
     if aft < MIN_FLOW_COSINE {
-        let name = if side == WingSide::Left {
-            "left"
-        } else {
-            "right"
-        };
+        let name = name_side(side);
         let problem = format!(
             "is [{}, {}], {:.0} degrees off the chord from leading to trailing edge of a {name} wing",
             flow.x,
@@ -460,17 +453,13 @@ fn check_overlap(reader: &mut Reader, survey: &Path, setup: &Setup) {
         .enumerate()
         .filter(|(_, m)| has_decal(m))
     {
-        let apart_m = |m: f64, other: &Vector3<f64>| (marker.position_m - other).norm() - m;
+        let apart_m = |other: &SurveyMarker| (marker.position_m - other.position_m).norm();
         let overlaps = |other: &&SurveyMarker| {
-            has_decal(other)
-                && apart_m(
-                    0.5 * (marker.diameter_m + other.diameter_m),
-                    &other.position_m,
-                ) < 0.0
+            has_decal(other) && 2.0 * apart_m(other) < marker.diameter_m + other.diameter_m
         };
         if let Some(other) = setup.markers[..k].iter().find(overlaps) {
-            let apart_m = apart_m(0.0, &other.position_m);
-            let problem = format!("is {apart_m:.3} m from {}: the two would overlap", other.id);
+            let (id, apart_m) = (&other.id, apart_m(other));
+            let problem = format!("is {apart_m:.3} m from {id}: the two would overlap");
             let remedy = "survey both again, or keep one of them";
             let fault = Fault::of_marker(survey, &marker.id, problem, remedy);
             reader.faults.push(fault);

@@ -81,13 +81,9 @@ impl Reader {
     /// Reads the text of a file; reports an error if it cannot be read.
     pub fn read_text(&mut self, name: impl AsRef<Path>, remedy: &str) -> Option<(PathBuf, String)> {
         let (file, bytes) = self.read_bytes(name, remedy)?;
-        match decode_text(bytes) {
-            Ok(text) => Some((file, text)),
-            Err((problem, remedy)) => {
-                self.fault(&file, "file", problem, remedy);
-                None
-            }
-        }
+        let fault = |(problem, remedy)| self.fault(&file, "file", problem, remedy);
+        let text = decode_text(bytes).map_err(fault).ok()?;
+        Some((file, text))
     }
 
     /// Reads a file and its digest; reports an error if it cannot be read.

@@ -34,42 +34,11 @@ impl Row {
 
 /// Reason why a text is not a table.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum RowsError {
-    /// Quoted field without its end, which swallows all following lines.
-    #[error("a quote is not closed")]
-    OpenQuote {
-        /// Line on which the record begins.
-        line: u64,
-    },
-    /// Text between a closing quote and the next separator.
-    #[error("text follows a closing quote")]
-    AfterQuote {
-        /// Line on which the record begins.
-        line: u64,
-    },
-    /// Character that cannot be a separator.
-    #[error("the separator {0:?} is not a single byte")]
-    Separator(char),
-    /// Record that cannot be read.
-    #[error("{problem}")]
-    Record {
-        /// Line on which the record begins.
-        line: u64,
-        /// Message of the parser.
-        problem: String,
-    },
-}
-
-impl RowsError {
-    /// Returns the line on which the record begins; 0 if no record is affected.
-    pub fn line(&self) -> u64 {
-        match self {
-            Self::OpenQuote { line } | Self::AfterQuote { line } | Self::Record { line, .. } => {
-                *line
-            }
-            Self::Separator(_) => 0,
-        }
-    }
+#[error("{problem}")]
+pub struct RowsError {
+    /// Line on which the record begins, from 1.
+    pub line: u64,
+    problem: String,
 }
 
 /// Parses a text into records; blank ones are skipped.
@@ -77,7 +46,14 @@ impl RowsError {
 /// # Errors
 /// Returns an error for the first invalid record.
 pub fn parse_rows(text: &str, separator: char) -> Result<Vec<Row>, RowsError> {
-    let delimiter = u8::try_from(separator).map_err(|_| RowsError::Separator(separator))?;
+    let fault = |line: u64, problem: String| RowsError { line, problem };
+    let wide = |_| {
+        fault(
+            1,
+            format!("the separator {separator:?} is not a single byte"),
+        )
+    };
+    let delimiter = u8::try_from(separator).map_err(wide)?;
     let mut csv = csv::ReaderBuilder::new();
     csv.delimiter(delimiter).has_headers(false).flexible(true);
     let mut csv = csv.from_reader(text.as_bytes());
@@ -87,10 +63,7 @@ pub fn parse_rows(text: &str, separator: char) -> Result<Vec<Row>, RowsError> {
         let begin = csv.position().clone();
         let more = csv.read_record(&mut record).map_err(|error| {
             let line = error.position().map_or(begin.line(), csv::Position::line);
-            RowsError::Record {
-                line,
-                problem: error.to_string(),
-            }
+            fault(line, error.to_string())
         })?;
         if !more {
             return Ok(found);
@@ -101,10 +74,8 @@ pub fn parse_rows(text: &str, separator: char) -> Result<Vec<Row>, RowsError> {
         let own = raw.trim_start_matches(['\r', '\n']);
         let line = begin.line() + raw[..raw.len() - own.len()].matches('\n').count() as u64;
         let own = own.trim_end_matches(['\r', '\n']);
-        match quote_state(own, separator) {
-            QuoteState::Sound => {}
-            QuoteState::Open => return Err(RowsError::OpenQuote { line }),
-            QuoteState::Followed => return Err(RowsError::AfterQuote { line }),
+        if let Some(problem) = quote_problem(own, separator) {
+            return Err(fault(line, problem.to_owned()));
         }
         let cells = record
             .iter()
@@ -121,24 +92,15 @@ pub fn parse_rows(text: &str, separator: char) -> Result<Vec<Row>, RowsError> {
     }
 }
 
-/// State of the quotes of a record.
-enum QuoteState {
-    /// Every quoted field is closed.
-    Sound,
-    /// A quoted field is not closed.
-    Open,
-    /// Text follows a closing quote: readers disagree about `"1"2`.
-    Followed,
-}
-
-fn quote_state(record: &str, separator: char) -> QuoteState {
+/// Returns the error of a record's quotes: an open field swallows all following lines, and readers disagree about `"1"2`.
+fn quote_problem(record: &str, separator: char) -> Option<&'static str> {
     let (mut quoted, mut begins) = (false, true);
     let mut signs = record.chars().peekable();
     while let Some(sign) = signs.next() {
         match (sign, quoted) {
             ('"', true) if signs.peek() == Some(&'"') => drop(signs.next()),
             ('"', true) if signs.peek().is_some_and(|next| *next != separator) => {
-                return QuoteState::Followed;
+                return Some("text follows a closing quote");
             }
             ('"', true) => quoted = false,
             ('"', false) => quoted = begins,
@@ -146,11 +108,7 @@ fn quote_state(record: &str, separator: char) -> QuoteState {
         }
         begins = !quoted && sign == separator;
     }
-    if quoted {
-        QuoteState::Open
-    } else {
-        QuoteState::Sound
-    }
+    quoted.then_some("a quote is not closed")
 }
 
 /// Returns whether a first line names the separator, `sep=;`, as spreadsheets write it.
@@ -297,7 +255,7 @@ pub(crate) fn parse_records<const N: usize>(
         Err(error) => {
             reader.fault(
                 file,
-                &format!("line {}", error.line()),
+                &format!("line {}", error.line),
                 error.to_string(),
                 "correct the line",
             );
@@ -387,14 +345,15 @@ mod tests {
         assert_eq!(found[1], (3, vec!["x, y".into(), "2\n3".into()]));
         assert_eq!(found[2], (5, vec!["last".into(), "\"q\"".into()]));
         assert_eq!(cells("T/O\t1\t2\n\t3\t4\n", '\t')[1].1, ["", "3", "4"]);
+        let problem = |text| parse_rows(text, ',').map_err(|error| (error.line, error.to_string()));
         assert_eq!(
-            parse_rows("a,b\n1,\"2\n3,4\n", ','),
-            Err(RowsError::OpenQuote { line: 2 })
+            problem("a,b\n1,\"2\n3,4\n"),
+            Err((2, "a quote is not closed".into()))
         );
         assert_eq!(parse_rows("a,b\n1,5\" pipe\n3,4\n", ',').unwrap().len(), 3);
         assert_eq!(
-            parse_rows("a,b\n\"1\"2,3\n", ','),
-            Err(RowsError::AfterQuote { line: 2 })
+            problem("a,b\n\"1\"2,3\n"),
+            Err((2, "text follows a closing quote".into()))
         );
     }
 

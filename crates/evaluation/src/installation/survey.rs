@@ -9,6 +9,8 @@ use super::Reader;
 use crate::installation::{TableLine, read_table};
 use wingd_measure::setup::{POINT_EXTENT_M, Shape, SurveyMarker, fixed_target};
 
+/// Columns. The last three are optional: `yes` for a target that is fixed to the cabin, control surface of the marker (or `wing`), and
+/// standard deviation of a fixed target's motion in flight.
 const COLUMNS: [&str; 10] = [
     "id",
     "shape",
@@ -17,28 +19,18 @@ const COLUMNS: [&str; 10] = [
     "y_m",
     "z_m",
     "sigma_m",
-    FIXED_COLUMN,
-    PART_COLUMN,
-    MOTION_COLUMN,
+    "fixed",
+    "part",
+    "flight_motion_m",
 ];
-/// Optional column: `yes` for a target that is fixed to the cabin.
-const FIXED_COLUMN: &str = "fixed";
-/// Optional column: control surface that the marker is on.
-const PART_COLUMN: &str = "part";
-/// Value of the part column for the wing itself, equivalent to an empty cell.
-const WING_PART: &str = "wing";
-/// Optional column: standard deviation of a fixed target's motion in flight, m.
-const MOTION_COLUMN: &str = "flight_motion_m";
 
-pub(super) fn read_survey(reader: &mut Reader, name: &str) -> Option<Vec<SurveyMarker>> {
+pub(super) fn read_survey(
+    reader: &mut Reader,
+    name: &str,
+    centre_m: &Vector3<f64>,
+) -> Option<Vec<SurveyMarker>> {
     let remedy = "name the survey in wing.survey of installation.toml";
-    let (file, lines) = read_table(
-        reader,
-        name,
-        remedy,
-        COLUMNS,
-        &[FIXED_COLUMN, PART_COLUMN, MOTION_COLUMN],
-    )?;
+    let (file, lines) = read_table(reader, name, remedy, COLUMNS, &COLUMNS[7..])?;
     if lines.is_empty() {
         reader.fault(
             &file,
@@ -53,7 +45,7 @@ pub(super) fn read_survey(reader: &mut Reader, name: &str) -> Option<Vec<SurveyM
     let mut markers = vec![];
     for line in lines {
         check_id(reader, &line, &mut seen);
-        markers.extend(parse_marker(reader, &line));
+        markers.extend(parse_marker(reader, &line, centre_m));
     }
     check_sigmas(reader, &file, &markers);
     (reader.faults.len() == before).then_some(markers)
@@ -79,12 +71,12 @@ fn check_sigmas(reader: &mut Reader, file: &Path, markers: &[SurveyMarker]) {
 }
 
 fn check_id(reader: &mut Reader, line: &TableLine<10>, seen: &mut HashMap<String, u64>) {
-    let id = &line.cells[0];
+    let (id, remedy) = (&line.cells[0], "give every marker a unique name");
     if id.is_empty() {
-        line.cell_fault(reader, 0, "is empty", "give every marker a unique name");
+        line.cell_fault(reader, 0, "is empty", remedy);
     } else if let Some(first) = seen.insert(id.clone(), line.number) {
         let problem = format!("\"{id}\" is already on line {first}");
-        line.cell_fault(reader, 0, problem, "give every marker a unique name");
+        line.cell_fault(reader, 0, problem, remedy);
     }
 }
 
@@ -138,7 +130,11 @@ fn parse_diameter(reader: &mut Reader, line: &TableLine<10>, shape: Shape) -> Op
     Some(diameter_m)
 }
 
-fn parse_marker(reader: &mut Reader, line: &TableLine<10>) -> Option<SurveyMarker> {
+fn parse_marker(
+    reader: &mut Reader,
+    line: &TableLine<10>,
+    centre_m: &Vector3<f64>,
+) -> Option<SurveyMarker> {
     let [id, shape, .., fixed, part, motion] = &line.cells;
     let shape = match shape.as_str() {
         "quadrant" => Shape::Quadrant,
@@ -171,16 +167,15 @@ fn parse_marker(reader: &mut Reader, line: &TableLine<10>) -> Option<SurveyMarke
     };
     let position_m = Vector3::new(x?, y?, z?);
     let flight_motion_m = match motion.as_str() {
-        "" if fixed => fixed_target::FLIGHT_MOTION_M,
+        "" if fixed => fixed_target::flight_motion_m((position_m - centre_m).norm()),
         "" => 0.0,
         _ => line.parse_number(reader, 9)?,
     };
     let part = Some(part)
-        .filter(|part| !part.is_empty() && *part != WING_PART)
+        .filter(|part| !part.is_empty() && *part != "wing")
         .cloned();
-    let id = id.clone();
     let marker = SurveyMarker {
-        id,
+        id: id.clone(),
         shape,
         diameter_m,
         position_m,

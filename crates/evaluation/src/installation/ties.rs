@@ -5,13 +5,21 @@ use std::path::Path;
 use nalgebra::Vector3;
 
 use super::plausible::principal_axes;
-use super::{INSTALLATION_FILE, LENGTH_UNITS, LengthUnit, Reader, tables};
+use super::{INSTALLATION_FILE, Reader, tables};
 use crate::installation::read_table;
 use wingd_measure::geometry::{FitError, PointPair, TransformFit};
 use wingd_measure::ordering::sort_by_value;
 use wingd_measure::setup::{Setup, WingSide};
 
 const COLUMNS: [&str; 7] = ["id", "x_m", "y_m", "z_m", "cad_x_m", "cad_y_m", "cad_z_m"];
+/// Units of length with their metres.
+const LENGTH_UNITS: [(&str, f64); 5] = [
+    ("m", 1.0),
+    ("cm", 0.01),
+    ("mm", 1e-3),
+    ("in", 0.0254),
+    ("ft", 0.3048),
+];
 /// Default standard deviation of a tie point's coordinate, m.
 const DEFAULT_SIGMA_M: f64 = 0.005;
 /// Largest relative difference of the scales of CAD model and survey: 20 times the expansion of aluminium by 10 K; a larger
@@ -58,15 +66,13 @@ pub(super) fn read_cad(reader: &mut Reader, cad: &tables::CadTable) -> Option<Ca
     let installation = reader.directory.join(INSTALLATION_FILE);
     reader.check_range(&installation, "cad.sigma_m", sigma_m, 1e-6..=10.0, "m");
     let before = reader.faults.len();
-    let unit = cad.unit.as_deref().unwrap_or(LENGTH_UNITS[0].name);
-    let unit_m = LENGTH_UNITS
-        .iter()
-        .find(|one| one.name == unit)
-        .map_or(f64::NAN, |one| one.metres);
+    let unit = cad.unit.as_deref().unwrap_or("m");
+    let named = LENGTH_UNITS.iter().find(|(name, _)| *name == unit);
+    let unit_m = named.map_or(f64::NAN, |(_, metres)| *metres);
     if unit_m.is_nan() {
         let remedy = format!(
             "give one of {}",
-            LENGTH_UNITS.map(|one| one.name).join(", ")
+            LENGTH_UNITS.map(|(name, _)| name).join(", ")
         );
         reader.fault(&installation, "cad.unit", format!("is \"{unit}\""), remedy);
     }
@@ -178,13 +184,8 @@ pub(super) fn estimate_transform(
     setup: &Setup,
 ) -> Option<TransformFit> {
     let file = reader.directory.join(INSTALLATION_FILE);
-    match model.fit_checked(setup) {
-        Ok(fit) => Some(fit),
-        Err((key, problem, remedy)) => {
-            reader.fault(&file, key, problem, remedy);
-            None
-        }
-    }
+    let fault = |(key, problem, remedy)| reader.fault(&file, key, problem, remedy);
+    model.fit_checked(setup).map_err(fault).ok()
 }
 
 fn passes(fit: &TransformFit) -> bool {
@@ -211,12 +212,9 @@ impl CadModel {
         let scale = scaled.transform.scale;
         let change = (scale - 1.0).abs();
         let unit_of = |factor: f64, stated_m: f64| {
-            let is_unit = |one: &&LengthUnit| (factor * one.metres).ln().abs() < MAX_UNIT_CHANGE;
-            LENGTH_UNITS
-                .iter()
-                .find(is_unit)
-                .filter(|one| one.metres != stated_m)
-                .map(|one| one.name)
+            let is_unit = |(_, m): &&(&str, f64)| (factor * m).ln().abs() < MAX_UNIT_CHANGE;
+            let unit = LENGTH_UNITS.iter().find(is_unit);
+            unit.filter(|(_, m)| *m != stated_m).map(|(name, _)| *name)
         };
         let problem = format!("the CAD coordinates are {scale:.4} times as large as the survey's");
         let is_certain = change > SIGMAS * scaled.covariance[(6, 6)].sqrt() && passes(scaled);

@@ -13,7 +13,7 @@ use super::{INSTALLATION_FILE, write_camera};
 use wingd_measure::setup::Vibration;
 use wingd_measure::setup::Width;
 use wingd_measure::setup::{
-    Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, WingBreak, WingSide, fixed_target,
+    Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, WingBreak, WingSide,
 };
 use wingd_measure::widths::WidthRow;
 
@@ -201,15 +201,6 @@ fn wing_table(setup: &Setup) -> WingTable {
 /// Optional column, and the function that returns a marker's cell.
 type OptionalColumn = (&'static str, fn(&SurveyMarker) -> String);
 
-/// Returns the default motion of a fixed target, m; 0 for a marker on the wing.
-fn default_motion(marker: &SurveyMarker) -> f64 {
-    if marker.fixed {
-        fixed_target::FLIGHT_MOTION_M
-    } else {
-        0.0
-    }
-}
-
 fn survey_csv(markers: &[SurveyMarker]) -> io::Result<Vec<u8>> {
     let any = |is: fn(&SurveyMarker) -> bool| markers.iter().any(is);
     let columns: [(bool, OptionalColumn); 3] = [
@@ -222,7 +213,7 @@ fn survey_csv(markers: &[SurveyMarker]) -> io::Result<Vec<u8>> {
             ("part", |m| m.part.clone().unwrap_or_default()),
         ),
         (
-            any(|m| (m.flight_motion_m - default_motion(m)).abs() > 0.0),
+            any(|m| m.fixed),
             ("flight_motion_m", |m| {
                 if m.fixed {
                     format!("{:?}", m.flight_motion_m)

@@ -52,7 +52,10 @@ pub fn with_default_priors(setup: &Setup) -> Setup {
         .markers
         .iter_mut()
         .filter(|m| m.fixed)
-        .for_each(|m| m.flight_motion_m = fixed_target::FLIGHT_MOTION_M);
+        .for_each(|m| {
+            let distance_m = (m.position_m - setup.projection_centre_m).norm();
+            m.flight_motion_m = fixed_target::flight_motion_m(distance_m);
+        });
     specified
 }
 
