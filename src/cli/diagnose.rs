@@ -7,17 +7,13 @@ use serde_json::{Value, json};
 use super::orient;
 use wingd_base::failure::{Completion, Failure};
 use wingd_base::output::{print_json, print_line};
-use wingd_evaluation::inputs::batch;
 use wingd_evaluation::inputs::default_paths::{load_installation, resolve_installation};
-use wingd_evaluation::inputs::manual_points::ManualPoints;
+use wingd_evaluation::inputs::{batch, manual_points::ManualPoints};
 use wingd_evaluation::installation::Installation;
-use wingd_evaluation::pipeline;
-use wingd_evaluation::pipeline::{ProcessedFrame, orienting, stages};
+use wingd_evaluation::pipeline::{self, ProcessedFrame, SolveJob, orienting, stages};
 use wingd_evaluation::record::Reason;
-use wingd_measure::identify;
-use wingd_measure::identify::IdentifyError;
-use wingd_measure::identify::OTHER_AIRCRAFT;
-use wingd_measure::identify::{Diagnosis, Explanation};
+use wingd_measure::identify::{self, Diagnosis, Explanation, IdentifyError, OTHER_AIRCRAFT};
+use wingd_measure::observation::Estimate;
 
 /// Find the error that explains images which do not fit: lens, survey, projection centre, axes, units, names, bend, marks.
 #[derive(clap::Args)]
@@ -57,7 +53,9 @@ pub(super) fn run(args: &DiagnoseArgs) -> Result<Completion, Failure> {
         }
     }
     Ok(Completion::from_success(
-        outcomes.iter().all(|(_, outcome)| outcome.is_sound()),
+        outcomes
+            .iter()
+            .all(|(_, outcome)| outcome.status() == SOUND),
     ))
 }
 
@@ -65,7 +63,7 @@ pub(super) fn run(args: &DiagnoseArgs) -> Result<Completion, Failure> {
 enum DiagnosedImage {
     /// Ranked causes.
     Ranked(Diagnosis),
-    /// Cause, or reason why no cause was found, in one sentence.
+    /// Cause, or why none was found.
     Sentence(String),
 }
 
@@ -84,18 +82,19 @@ fn diagnose_ground(
         installation,
     )?;
     let error = orienting::orient_frames(setup, &mut frames).err();
+    let is_oriented = error.is_none();
     let outcome = match error {
         Some(error) if error.names_cause() => DiagnosedImage::Sentence(error.to_string()),
         error => {
             let reason = match error {
+                None => "the images cannot be diagnosed".to_owned(),
                 Some(error @ IdentifyError::NoConsensus { .. }) => {
                     format!("{error}: {OTHER_AIRCRAFT}")
                 }
-                error => error.map_or("the images cannot be diagnosed".to_owned(), |error| {
-                    error.to_string()
-                }),
+                Some(error) => error.to_string(),
             };
             let found = identify::diagnose_ground(setup, &orienting::detected_markers(&frames));
+            let found = found.filter(|found| is_oriented || !found.causes().is_empty());
             found.map_or(DiagnosedImage::Sentence(reason), DiagnosedImage::Ranked)
         }
     };
@@ -122,7 +121,13 @@ fn diagnose_flights(
             Err(reason) => ProcessedFrame::failed(name, reason),
         };
         processed.add_manual(marks.for_image(name));
-        let found = pipeline::diagnose_frame(&processed, setup, orientation);
+        let mut found = pipeline::diagnose_frame(&processed, setup, orientation);
+        if found.as_ref().is_ok_and(|found| found.causes().is_empty()) {
+            let job = SolveJob::default();
+            let solved =
+                pipeline::solve_processed_frame(&processed, installation, orientation, &job);
+            found = solved.reason.map_or(found, |reason| Err(Some(reason)));
+        }
         let reason = processed
             .failure
             .map_or("the image cannot be diagnosed".to_owned(), |reason| {
@@ -146,44 +151,37 @@ fn diagnose_flights(
 }
 
 impl DiagnosedImage {
-    fn is_sound(&self) -> bool {
-        matches!(self, Self::Ranked(found) if found.causes().is_empty())
-    }
-
     fn status(&self) -> &'static str {
-        match self {
-            Self::Ranked(found) if found.causes().is_empty() => "sound",
-            Self::Ranked(found) if found.causes().len() > 1 => "ambiguous",
-            Self::Ranked(_) => "found",
-            Self::Sentence(_) => "failed",
+        let Self::Ranked(found) = self else {
+            return "failed";
+        };
+        match found.causes().len() {
+            0 => SOUND,
+            1 => "found",
+            _ => "ambiguous",
         }
     }
 
     fn to_json(&self, image: &str) -> Value {
+        let size = |s: &Estimate| json!({"value": s.value, "sigma": s.sigma});
         let explanation = |e: &Explanation| {
-            let size: Vec<Value> = e
-                .size
-                .iter()
-                .map(|s| json!({"value": s.value, "sigma": s.sigma}))
-                .collect();
             json!({
                 "cause": format!("{:?}", e.cause),
                 "text": e.text,
-                "size": size,
+                "size": e.size.iter().map(size).collect::<Vec<_>>(),
                 "decrease": e.decrease,
                 "variance_factor": e.variance_factor,
             })
         };
-        let list = |all: &[Explanation]| all.iter().map(explanation).collect::<Vec<Value>>();
         match self {
             Self::Ranked(found) => json!({
                 "status": self.status(),
                 "image": image,
                 "variance_factor": found.variance_factor,
                 "global_test": found.global_test,
-                "causes": list(found.causes()),
+                "causes": found.causes().iter().map(explanation).collect::<Vec<_>>(),
                 "further": found.further.as_ref().map(explanation),
-                "ranking": list(found.ranking.get(..SHOWN.min(found.ranking.len())).unwrap_or_default()),
+                "ranking": found.ranking.iter().take(SHOWN).map(explanation).collect::<Vec<_>>(),
             }),
             Self::Sentence(reason) => {
                 json!({"status": self.status(), "image": image, "reason": reason})
@@ -213,5 +211,7 @@ impl DiagnosedImage {
     }
 }
 
+/// Status without error.
+const SOUND: &str = "sound";
 /// Number of causes that the ranking lists.
 const SHOWN: usize = 6;

@@ -128,15 +128,19 @@ fn comparison_text(
         format!("{}, {}, {}", one(0), one(1), one(2))
     };
     let stabilised = if m.is_image_shift() { STABILISED } else { "" };
+    let largest = |v: &Vector3<f64>, s: &Vector3<f64>| v.zip_map(s, f64::hypot).max();
     format!(
         "{after} against {before}: {verdict}: {meaning}\n{} markers moved by {:.3} px rms (mean {:+.3}, {:+.3})\n\
-         rotation about camera x, y, z: {} mrad\nshift along camera x, y, z: {} mm\nresiduals: {:.3} px rms{stabilised}",
+         rotation about camera x, y, z: {} mrad\nshift along camera x, y, z: {} mm\nresiduals: {:.3} px rms{stabilised}\n\
+         if this was the same mounting on the ground before and after the flight: stay_turn_mrad = {:.3}, stay_shift_m = {:.5}",
         m.markers,
         m.moved_px,
         m.mean_px.x,
         m.mean_px.y,
         three(&m.rotation_rad, &m.rotation_sigma_rad),
         three(&m.shift_m, &m.shift_sigma_m),
-        m.residual_px
+        m.residual_px,
+        1e3 * largest(&m.rotation_rad, &m.rotation_sigma_rad),
+        largest(&m.shift_m, &m.shift_sigma_m),
     )
 }

@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use wingd::measure::adjust::{self, GlobalTest, Mounting, Observation, Options, Solution};
 use wingd::measure::setup::{Setup, SetupUncertainty, Width};
 
+use crate::aircraft::proven_to_stay;
 use crate::common::beam_truth::{
     Aircraft, Effects, Truth, WingState, normal3, random_wing, remounted, rms, rng,
 };
@@ -36,7 +37,7 @@ fn solved(seed: u64, fixed: usize, effects: Effects, state: impl Fn(&mut Setup))
         let truth = Truth::new(random_wing(&mut rng), 21).with_fixed_targets(fixed);
         let aircraft = Aircraft::new(&mut rng, truth, effects);
         let mut setup = aircraft.surveyed(&mut rng, 0.002);
-        setup.uncertainty = SetupUncertainty::DEFAULT;
+        setup.uncertainty = proven_to_stay(SetupUncertainty::DEFAULT);
         state(&mut setup);
         let orientation = aircraft.orientation(&mut rng, 0.05);
         let when = WingState::Flight {
@@ -202,7 +203,7 @@ fn solved_frames(
     let truth = Truth::new(random_wing(&mut rng), 21);
     let aircraft = Aircraft::new(&mut rng, truth, effects);
     let mut setup = aircraft.surveyed(&mut rng, 0.002);
-    setup.uncertainty = uncertainty;
+    setup.uncertainty = proven_to_stay(uncertainty);
     setup.markers.iter_mut().for_each(|m| m.part = None);
     let orientation = aircraft.orientation(&mut rng, 0.05);
     let fuel = aircraft.truth.fuel();

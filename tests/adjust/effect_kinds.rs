@@ -31,7 +31,11 @@ pub fn sign(rng: &mut StdRng) -> f64 {
     if rng.random::<bool>() { 1.0 } else { -1.0 }
 }
 
-pub const KINDS: [Kind; 24] = [
+pub const KINDS: [Kind; 25] = [
+    kind("rays bent, 0.1 px rms", 0.0, |r, by| Effects {
+        rays: (0.14 * by, r.random::<f64>() * 6.3, r.random::<f64>() * 6.3),
+        ..Effects::default()
+    }),
     kind("all together", 0.0, |r, _| combined_effects(r)),
     kind("nothing", 0.0, |_, _| Effects::default()),
     kind("bent on ground, 10 mm", 2.0, |r, by| Effects {

@@ -17,6 +17,7 @@ mod effect_kinds;
 mod flight;
 mod flight_effect_cases;
 mod identification;
+mod image_scale;
 mod joint_shape;
 mod learning;
 mod live;

@@ -365,8 +365,9 @@ fn a_result_that_may_not_be_used_is_doubtful_with_its_cause() {
             path(&folder),
             picture.to_str().unwrap(),
         ]);
+        let word = if factor < 1.0 { "smaller" } else { "larger" };
         assert!(
-            printed.contains("larger than that of the ground frames"),
+            printed.contains(&format!("{word} than that of the ground frames")),
             "{factor}: {printed}"
         );
     }

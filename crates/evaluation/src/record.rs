@@ -30,7 +30,7 @@ pub use wingd_measure::setup::Shape;
 pub enum RecordStatus {
     /// The image is solved, and the result may be used: all numbers are present.
     Ok,
-    /// The image is adjusted, but the result is rejected and implausible and may not be used: `reason` says why.
+    /// The image is adjusted, but the result is implausible or a cause leaves it open: `reason` says why.
     Doubtful,
     /// The image is not solved: `reason` says what to do.
     #[default]
@@ -99,9 +99,12 @@ pub struct ImageRecord {
     /// Sentence that says what to do; not with `ok`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// Cause that the diagnosis finds for a failed, doubtful or rejected result, with its correction.
+    /// Cause of a failed or doubtful result, and remedy.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
+    /// A cause counts.
+    #[serde(skip)]
+    pub counted: bool,
     /// Deflection model that was used; `None` for a frame that was never solved, written as an empty string.
     #[serde(with = "blank_method")]
     pub method: Option<AdjustmentMethod>,

@@ -71,7 +71,9 @@ unknowns! {
     ProjectionCentre = "projection centre", "projection centre" lasting;
     InteriorOrientation = "interior orientation", "lens" lasting;
     FlightScale = "scale of the camera in flight", "camera in flight";
+    Aspect = "image aspect", "camera in flight";
     FlightPrincipalPoint = "principal point in flight", "camera in flight";
+    RayField = "bend of rays", "bent rays";
     ImageShift = "shift of the image by stabilisation", "camera in flight";
     PaneShift = "panes' shift", "window" lasting;
     PaneBow = "panes' bow", "window";
@@ -130,7 +132,7 @@ pub struct WidthRow {
     pub of_flight: bool,
     /// Name of the quantity in `wingd plan`, which predicts the precision with it known; several widths may share one.
     pub known_name: Option<&'static str>,
-    /// Unknowns whose prior it is.
+    /// Unknowns whose prior it is after a remount.
     pub unknowns: &'static [Unknown],
     /// Meaning, as in the table of keys.
     pub meaning: &'static str,
@@ -142,7 +144,7 @@ macro_rules! widths {
     (@flight flight) => { true };
     (@flight laboratory) => { false };
     ($($(#[doc = $meaning:literal])+ $width:ident = $section:literal $key:literal, $unit:ident, $default:literal,
-        max $max:literal, $where:ident, $known:expr, [$($unknown:ident),+];)+) => {
+        max $max:literal, $where:ident, $known:expr, [$($unknown:ident),*];)+) => {
         /// Prior standard deviation that a key of `installation.toml` states. A value of 0 fixes the unknown.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum Width {
@@ -160,7 +162,7 @@ macro_rules! widths {
                 max: $max,
                 of_flight: widths!(@flight $where),
                 known_name: $known,
-                unknowns: &[$(Unknown::$unknown),+],
+                unknowns: &[$(Unknown::$unknown),*],
                 meaning: concat!($($meaning),+),
             }),+];
         }
@@ -183,9 +185,13 @@ widths! {
     /// standard deviation of the sweep outboard of the breaks with `sweep_deg`
     Sweep = "wing" "sweep_sigma_deg", DEGREE, 1.0, max 20.0, laboratory, None, [Sweep];
     /// standard deviation of the projection centre's shift between two mountings. The largest contribution to a single
-    /// frame's deflection. 0 if the camera was not removed since the ground frame
+    /// frame's deflection
     MountShift = "camera" "mount_shift_m", METRE, 0.002, max 0.5, laboratory,
         Some("shift of the mounting"), [MountingShift];
+    /// standard deviation of the rotation since the ground frame of a camera whose mounting is called `ground`
+    StayTurn = "camera" "stay_turn_mrad", MILLIRADIAN, 0.2, max 100.0, laboratory, None, [];
+    /// standard deviation of its shift. `wingd mount-check` with a ground frame after the flight proves smaller ones
+    StayShift = "camera" "stay_shift_m", METRE, 1e-3, max 0.5, laboratory, None, [];
     /// standard deviation of the bending between survey and ground frame (fuel, jacks, sun), at the tip
     GroundBend = "survey" "bend_sigma_m", METRE, 0.010, max 5.0, flight, Some("bend since the survey"), [GroundBend];
     /// standard deviation of the twist between survey and ground frame (fuel, jacks, sun), at the tip
@@ -212,10 +218,13 @@ widths! {
     InPlane = "wing" "in_plane_sigma_m", METRE, 0.05, max 5.0, flight, Some("in-plane bending"), [InPlane];
     /// relative standard deviation of the focal length in flight over the one on the ground: cold and focus
     FlightScale = "camera" "flight_scale_sigma", RATIO, 2e-4, max 0.1, flight,
-        Some("interior orientation in flight"), [FlightScale];
+        Some("interior orientation in flight"), [FlightScale, Aspect];
     /// standard deviation of the principal point in flight against the one on the ground
     PrincipalPoint = "camera" "flight_principal_point_sigma_px", PIXEL, 0.3, max 1000.0, flight,
         Some("interior orientation in flight"), [FlightPrincipalPoint];
+    /// root mean square of a smooth field of image shifts along the wing between ground frame and flight: wavy panes, shocks
+    /// and shimmer of a camera that was remounted
+    RayField = "camera" "ray_field_px", PIXEL, 0.1, max 10.0, flight, Some("bend of rays"), [RayField];
     /// standard deviation of the image's shift from frame to frame by stabilisation of lens or sensor, each axis. 0: it has
     /// none, or it is switched off
     Stabilisation = "camera" "stabilised_px", PIXEL, 0.0, max 1000.0, flight, None, [ImageShift];
@@ -232,7 +241,7 @@ widths! {
     Vertical = "survey" "vertical_sigma_deg", DEGREE, 0.1, max 20.0, flight, None, [Vertical];
 }
 
-/// Length of the wing, from the root to the outermost marker, from which on the defaults are those of an airliner, m.
+/// Length of the wing, from the root to the outermost marker, with an airliner's defaults, m.
 const AIRLINER_REACH_M: f64 = 20.0;
 
 impl WidthRow {

@@ -15,8 +15,7 @@ use wingd_evaluation::inputs::image_files;
 use wingd_evaluation::pipeline::SolveJob;
 use wingd_evaluation::record::ImageRecord;
 use wingd_evaluation::results::{ReportBuilder, protocol, table};
-use wingd_measure::adjust::SigmaKind;
-use wingd_measure::adjust::{AdjustmentMethod, Options};
+use wingd_measure::adjust::{AdjustmentMethod, Options, SigmaKind};
 use wingd_store::layout;
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -74,7 +73,7 @@ pub struct SolveArgs {
     /// Kind of standard deviations [default: posterior if the global test rejects]
     #[arg(long, value_enum)]
     sigma: Option<SigmaName>,
-    /// Number of curvature terms, 1 to 10 [default: 8 or 10, chosen by test; jointly 8]
+    /// Number of curvature terms, 1 to 10 [default: 8]
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=10))]
     curvature_terms: Option<u8>,
     /// Estimate variance components of image and survey

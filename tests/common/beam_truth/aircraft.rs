@@ -50,6 +50,8 @@ pub struct Effects {
     pub principal_px: Vector2<f64>,
     /// Relative refraction of a ray away from the window normal.
     pub refraction: f64,
+    /// Smooth bend of the rays along the image in flight: amplitude, px, phase and direction, rad.
+    pub rays: (f64, f64, f64),
     /// Bow of the panes in flight, 1/m.
     pub bow_per_m: f64,
     /// Bending in the wing's plane at the tip, aft, m.
@@ -414,11 +416,20 @@ impl Aircraft {
         let turn = Rotation3::new(mount_rad) * self.truth.camera_from_survey;
         let centre = self.truth.setup.projection_centre_m + shift_m;
         let points = self.points(when);
+        let columns = points.iter().map(|point| {
+            lens.project(&(turn * (point - centre)))
+                .expect("before the camera")
+                .x
+        });
+        let ends = columns.fold((f64::MAX, f64::MIN), |(a, b), x| (a.min(x), b.max(x)));
         let shown = |k: usize, time_s: f64| {
             let deflected = self.vibrated(k, &points[k], time_s, phases[0]);
             let seen =
                 self.shaken(time_s, phases[1]) * turn * self.refracted(&(deflected - centre));
-            lens.project(&seen).expect("before the camera")
+            let pixel = lens.project(&seen).expect("before the camera");
+            let (amplitude_px, phase, direction) = self.effects.rays;
+            let wave = (5.0 * (pixel.x - ends.0) / (ends.1 - ends.0) + phase).sin();
+            pixel + Vector2::new(direction.cos(), direction.sin()) * (amplitude_px * wave)
         };
         let mut seen = vec![];
         for marker in 0..points.len() {

@@ -153,17 +153,14 @@ fn adjustment_problem<T>(outcome: &Result<T, Reason>) -> Option<String> {
     Some(outcome.as_ref().err()?.problem().to_owned())
 }
 
-/// Number of standard deviations of the markers' size beyond which scales of image and survey are tested: half of the sound
-/// frames, because the test, which also has the places of the markers, takes milliseconds.
-const MAX_SIZE_SIGMAS: f64 = 0.7;
+/// Standard deviations of markers' sizes from which they are diagnosed: 0.1 % after the number of causes.
+const MAX_SIZE_SIGMAS: f64 = 4.0;
 
-/// Number of removed images of a frame from which on a common cause is looked for. Without one, the tests remove an image in
-/// 300, and two images in one frame of 500.
+/// Number of removed images of a frame from which a cause is diagnosed: in sound ones 1 of 500.
 const SUSPECT_REMOVALS: usize = 2;
 
-/// Adds the cause to the reason of a doubtful result or of a failed adjustment, and to the remarks of one that its test rejects,
-/// from which several images were removed or whose markers have another size than their distances predict, if a diagnosis
-/// finds it.
+/// Adds the cause to the reason of a doubtful or failed result. A result that its test rejects, without several
+/// images or with markers of another size than their distances predict is doubtful if a diagnosis finds a cause.
 fn add_diagnosis(
     record: &mut ImageRecord,
     problem: Option<String>,
@@ -182,34 +179,39 @@ fn add_diagnosis(
     };
     let is_needed = match record.status {
         RecordStatus::Ok if record.global_test == Some(GlobalTest::Rejected) => true,
+        RecordStatus::Ok if record.counted => false,
         RecordStatus::Ok => {
-            let is_scale_off = |(observations, outlines): (&[Observation], Vec<_>)| {
-                identify::is_scale_off(setup, orientation, observations, &outlines)
-            };
             let used = record.markers.iter().filter(|marker| marker.used).count();
             let removes_several = used + SUSPECT_REMOVALS <= processed.observations.len();
-            removes_several
-                || size().is_some_and(is_off) && is_scale_off(outlined_observations(processed))
+            removes_several || size().is_some_and(is_off)
         }
         // A frame that could be identified, but not adjusted.
         RecordStatus::Failed => processed.identities.is_some(),
-        _ => true,
+        RecordStatus::Doubtful => record.cause.is_none(),
     };
-    let cause = || {
-        diagnose_frame(processed, setup, orientation)
-            .map_or_else(|cause| cause, |found| found.text())
+    if !is_needed {
+        return;
+    }
+    let is_used = |marker: usize| record.markers.get(marker).is_some_and(|m| m.used);
+    let is_ok = record.status == RecordStatus::Ok;
+    record.cause = match diagnose_frame(processed, setup, orientation) {
+        Err(cause) => cause,
+        Ok(found) if is_ok && found.concerns_unused_markers(is_used) => None,
+        Ok(found) => found.text(),
     };
-    record.cause = is_needed.then(cause).flatten();
     match (&record.cause, &mut record.reason) {
+        (Some(cause), _) if is_ok => {
+            record.status = RecordStatus::Doubtful;
+            record.reason = Some(cause.clone());
+        }
         (Some(cause), Some(reason)) => {
             // The cause replaces the general remedy of an adjustment that failed.
             *reason = format!("{}; {cause}", problem.as_deref().unwrap_or(reason));
         }
-        (Some(cause), None) => record.remarks.push(cause.clone()),
         (None, Some(reason)) if record.status == RecordStatus::Doubtful => {
             reason.push_str("; no single cause explains it: see residuals and remarks");
         }
-        (None, _) => {}
+        _ => {}
     }
 }
 

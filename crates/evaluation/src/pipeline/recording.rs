@@ -47,9 +47,12 @@ pub fn build_record(
         Ok((solution, refraction)) => {
             add_solution(&mut record, frame, installation, &solution);
             flag_manual(&mut record.markers, frame);
-            if let Some(doubt) = find_doubt(&record, frame, &installation.setup) {
+            let doubt = find_doubt(&record, frame, &installation.setup);
+            if let Some(doubt) = doubt.or(solution.doubt.clone()) {
                 (record.status, record.reason) = (RecordStatus::Doubtful, Some(doubt));
             }
+            record.cause = solution.doubt;
+            record.counted = !solution.counted_causes.is_empty();
             record.quality.aircraft = json_fields(&frame.aircraft);
             record.quality.refraction = refraction;
         }
@@ -427,7 +430,7 @@ fn incidence_record(
 }
 
 fn curve_record(p: &CurvePoint) -> CurveRecord {
-    let [ground, root] = p.other_deflections_m.map_or([None; 2], |all| all.map(Some));
+    let [ground, root] = p.other_deflections_m.unwrap_or([None; 2]);
     CurveRecord {
         arc_length_m: p.arc_length_m,
         span_m: p.span_m,

@@ -39,7 +39,7 @@ pub struct Parameters {
     /// Deflection model.
     #[serde(with = "super::blank_method")]
     pub method: Option<AdjustmentMethod>,
-    /// Number of curvature terms; `null`: chosen by a significance test.
+    /// Number of curvature terms; `null`: 8.
     pub curvature_terms: Option<usize>,
     /// Number of twist terms.
     pub twist_terms: usize,

@@ -43,7 +43,7 @@ impl CommonDisplacement {
     }
 }
 
-/// Lists sets of markers that may share a displacement: aft of the axis, outboard, both, and per image quarter.
+/// Lists sets of markers that may share a displacement: aft of the axis, outboard, and both.
 pub fn candidate_displacements(
     input: &AdjustmentInput,
     frame_observations: &FrameObservations,
@@ -79,24 +79,6 @@ pub fn candidate_displacements(
         add(
             format!("aft and outboard of {percent:.0} % of the length"),
             &|k| aft(k) && beyond(k, fraction),
-        );
-    }
-    let lens = &input.setup.lens;
-    for (description, right, below) in [
-        ("upper left", false, false),
-        ("upper right", true, false),
-        ("lower left", false, true),
-        ("lower right", true, true),
-    ] {
-        let inside = |k: usize| {
-            frame_observations[k].is_some_and(|seen| {
-                (seen.pixel.x > 0.5 * f64::from(lens.width)) == right
-                    && (seen.pixel.y > 0.5 * f64::from(lens.height)) == below
-            })
-        };
-        add(
-            format!("in the {description} quarter of the image"),
-            &inside,
         );
     }
     list

@@ -4,9 +4,9 @@
 pub mod beam;
 mod blocks;
 mod budget;
+pub(crate) mod causes;
 mod common_displacement;
 mod curve;
-mod decisive_widths;
 mod estimated_dimensions;
 #[cfg(test)]
 #[path = "tests/example.rs"]
@@ -14,6 +14,7 @@ mod example;
 mod flight;
 pub mod flight_prior;
 pub mod ground;
+mod image_line;
 mod input;
 mod joint_shape;
 mod layout;
@@ -28,7 +29,6 @@ mod shape_solving;
 mod shapes;
 mod snooping;
 mod spatial;
-pub(crate) mod stated_widths;
 mod term;
 mod terms;
 mod values;
@@ -68,7 +68,8 @@ pub enum Mounting {
 pub struct Options {
     /// Kind of standard deviations to report.
     pub sigma: SigmaKind,
-    /// Number of curvature terms, 1 to 10; `None`: chosen by test.
+    /// Number of curvature terms, 1 to 10; `None`: 10 in single frames, as a break of the stiffness by 60 % needs for
+    /// honest moments, and 8 in flights.
     pub curvature_terms: Option<usize>,
     /// Number of twist terms.
     pub twist_terms: usize,
@@ -78,9 +79,6 @@ pub struct Options {
     pub global_alpha: f64,
     /// Level of significance of the w-test; 0 switches data snooping off.
     pub snooping_alpha: f64,
-    /// Rotation of the mounting relative to the ground frame's (camera frame, rad) with its covariance, if earlier frames
-    /// of the mounting determine it; `None`: the mount's repeatability applies.
-    pub mount_prior: Option<(Vector3<f64>, Matrix3<f64>)>,
     /// Mounting of each frame, if the user or the recorder knows it; `None`: the flight method detects remounts from the
     /// frames.
     pub mountings: Option<Vec<Mounting>>,
@@ -93,6 +91,13 @@ impl Options {
     fn keeps_ground_mounting(&self) -> bool {
         self.mountings.as_deref() == Some(&[Mounting::Ground])
     }
+
+    /// Returns the number of curvature terms of a single frame or a flight.
+    fn count_curvature_terms(&self, is_flight: bool) -> usize {
+        let (least, usual) = if is_flight { (2, 8) } else { (1, 10) };
+        let terms = self.curvature_terms.unwrap_or(usual);
+        terms.clamp(least, beam::MAX_CURVATURE_TERMS)
+    }
 }
 
 impl Default for Options {
@@ -104,7 +109,6 @@ impl Default for Options {
             variance_components: false,
             global_alpha: 0.01,
             snooping_alpha: 0.001,
-            mount_prior: None,
             mountings: None,
             flight_prior: None,
         }
@@ -194,7 +198,8 @@ pub struct MarkerSolution {
     pub deflection_m: Option<Estimate>,
     /// Vertical displacement relative to the ground frame, m; `None` for a fixed target and with the profile method.
     pub deflection_ground_m: Option<Estimate>,
-    /// Vertical displacement relative to the root tangent, which may have rotated and moved since the ground frame, m.
+    /// Vertical displacement relative to the root tangent, which may have rotated and moved since the ground frame, m; `None` if
+    /// the images ask for a larger rotation of the root, which they do not separate from the root's flexibility.
     pub deflection_root_m: Option<Estimate>,
 }
 
@@ -311,7 +316,7 @@ pub struct CurvePoint {
     /// Deflection of the bending axis relative to the survey, m.
     pub deflection_m: Estimate,
     /// Deflection relative to the ground frame and to the root's tangent, m; `None` with the profile method.
-    pub other_deflections_m: Option<[Estimate; 2]>,
+    pub other_deflections_m: Option<[Option<Estimate>; 2]>,
     /// Change of the slope along the span, tip up positive, rad; `None` with the profile method.
     pub slope_rad: Option<Estimate>,
     /// Twist of the section, nose up positive, rad; `None` with the profile method.
@@ -349,6 +354,10 @@ pub struct Solution {
     pub budget: Option<VarianceBudget>,
     /// Variance components, if requested.
     pub variance_components: Vec<VarianceComponent>,
+    /// Significant causes that the solution counts with, one sentence each; also among the remarks.
+    pub counted_causes: Vec<String>,
+    /// Reason why the result may not be used although it is adjusted, one sentence: significant causes leave it open.
+    pub doubt: Option<String>,
     /// Remarks for the reader (rejected markers, chosen order, poor separability).
     pub remarks: Vec<String>,
     pub iterations: usize,

@@ -1,6 +1,7 @@
 //! Converts a fit of the spatial methods to a [`Solution`]: positions, deflections, torsion and curves, each with its
 //! standard deviation.
 
+mod cause_remarks;
 mod deflections;
 mod global_test;
 mod prior_conflict;
@@ -11,7 +12,9 @@ use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 pub use prior_conflict::with_prior_if_consistent;
 pub use sections::{MovedSection, MovedSections, SectionFunction};
 
+use self::cause_remarks::cause_remarks;
 use super::beam::RAISE_TERMS;
+use super::causes::{WidenedPriors, inseparable_image};
 use super::curve::AxisCurve;
 use super::layout::{GroundPositions, ParameterLayout};
 use super::marker_state::MarkerState;
@@ -21,6 +24,7 @@ use super::values::UnknownValues;
 use super::{CurvePoint, Estimate, GlobalTest, MarkerSolution, Parameter, ParameterKind, Solution};
 use crate::estimation::quality::Reliability;
 use crate::estimation::{Gradient, VarianceSources};
+use crate::widths::{Unknown, Width};
 
 /// Part of a fit that belongs to one frame.
 pub struct FrameOutcome<'a> {
@@ -39,6 +43,8 @@ pub struct FrameOutcome<'a> {
     tested_sum: ResidualSum,
     /// True if `tested_sum` includes observations that were removed.
     before_removal: bool,
+    /// Free causes, and whether the camera stayed since the ground frames.
+    causes: Option<(&'a WidenedPriors, bool)>,
 }
 
 impl<'a> FrameOutcome<'a> {
@@ -49,20 +55,34 @@ impl<'a> FrameOutcome<'a> {
         } = solved;
         let values = layout.values(&fit.global, &fit.groups[group].local);
         let bent = input.scene.bend_frame(&values);
-        let (global_test, posterior, scale) = (None, false, 1.0);
-        let (tested_sum, before_removal) = (ResidualSum::from_fit(fit), false);
-        let new = Self {
+        Self {
             solved,
             layout,
             values,
             bent,
-            global_test,
-            posterior,
-            scale,
-            tested_sum,
-            before_removal,
-        };
-        new.apply_global_test()
+            global_test: None,
+            posterior: false,
+            scale: 1.0,
+            tested_sum: ResidualSum::from_fit(fit),
+            before_removal: false,
+            causes: None,
+        }
+        .apply_global_test()
+    }
+
+    /// Adds the free causes. `stayed`: without a remount since the ground frames.
+    pub fn with_causes(self, free: &'a WidenedPriors, stayed: bool) -> Self {
+        Self {
+            causes: Some((free, stayed)),
+            ..self
+        }
+    }
+
+    /// Returns whether the root's rotation is free, which images do not separate from its flexibility.
+    fn withholds_root(&self) -> bool {
+        let flexibility = self.solved.input.setup.uncertainty[Width::RootFlexibility];
+        self.causes
+            .is_some_and(|(free, _)| free.increase(Unknown::RootRotation) * flexibility > 0.0)
     }
 
     /// Returns all results of the frame. `removed`: observations removed by data snooping; each yields a remark and is
@@ -92,6 +112,13 @@ impl<'a> FrameOutcome<'a> {
         }
         remarks.extend(self.removal_remark());
         let budget = self.variance_budget(&markers, sources);
+        let (input, fit) = (self.solved.input, self.solved.fit);
+        let (mut counted_causes, mut doubt) = (vec![], None);
+        if let Some(((free, stayed), budget)) = self.causes.zip(budget.as_ref()) {
+            let [counted, decisive] = cause_remarks(self, stayed, free, budget);
+            remarks.extend(decisive.into_iter().chain(counted.clone()));
+            (counted_causes, doubt) = (counted, inseparable_image(free, budget));
+        }
         Solution {
             variance_factor: self.variance_factor(),
             redundancy: self.tested_sum.redundancy,
@@ -103,11 +130,13 @@ impl<'a> FrameOutcome<'a> {
             markers,
             torsion: self.torsions(),
             curve,
-            axis_length_m: self.solved.input.scene.ground.axis.length_m,
+            axis_length_m: input.scene.ground.axis.length_m,
             budget,
             variance_components: vec![],
+            counted_causes,
+            doubt,
             remarks,
-            iterations: self.solved.fit.iterations,
+            iterations: fit.iterations,
         }
     }
 
@@ -272,7 +301,8 @@ impl<'a> FrameOutcome<'a> {
         let in_wing = covariance.fixed_view::<3, 3>(0, 0).into_owned();
         let sigma = |k: usize| Some(covariance[(k, k)].max(0.0).sqrt());
         let deflection = |k: usize| {
-            deflections.map(|all| Estimate {
+            let given = deflections.filter(|_| k < 2 || !self.withholds_root());
+            given.map(|all| Estimate {
                 value: all[k],
                 sigma: sigma(4 + k),
             })
@@ -351,7 +381,10 @@ impl<'a> FrameOutcome<'a> {
             arc_length_m: curve.arcs_m[k],
             span_m: curve.bent[k].axis_m.x,
             deflection_m: all[0][k],
-            other_deflections_m: Some([all[1][k], all[2][k]]),
+            other_deflections_m: Some([
+                Some(all[1][k]),
+                Some(all[2][k]).filter(|_| !self.withholds_root()),
+            ]),
             slope_rad: Some(all[3][k]),
             twist_rad: side.map(|_| all[4][k]),
             streamwise_twist_rad: all.get(5).map(|of_all| of_all[k]),

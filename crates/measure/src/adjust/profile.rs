@@ -325,15 +325,14 @@ impl ProfileAdjustment<'_> {
                 values: vec![a],
             }],
             correlation: DMatrix::identity(1, 1),
-            pitch_bending_correlation: None,
             markers,
             torsion: self.torsions(&placed, scale),
             curve: self.deflection_curve(scale),
-            axis_length_m: 0.0,
             budget,
             variance_components: self.components.clone(),
             remarks: self.build_remarks(outliers),
             iterations: self.fit.iterations,
+            ..Solution::default()
         })
     }
 

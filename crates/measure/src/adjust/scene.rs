@@ -5,6 +5,7 @@ use nalgebra::{Matrix2x3, Matrix3, Rotation3, SMatrix, Vector2, Vector3};
 use super::beam::{BeamGrid, BeamSection, Bending};
 use super::estimated_dimensions::NeighbourWing;
 use super::ground::GroundShape;
+use super::image_line::ImageLine;
 use super::marker_arm::MarkerArm;
 use super::marker_state::{DimensionDerivatives, ESTIMATED_DIMENSIONS, MarkerState};
 use super::values::{CameraPose, UnknownValues};
@@ -37,6 +38,8 @@ pub struct WingScene {
     pub camera_from_wing: Matrix3<f64>,
     /// Panes of the window in flight and on the ground, wing frame.
     panes: [Option<Plate>; 2],
+    /// Modes of the field of bent rays at each marker ([`ImageLine::modes`]).
+    pub ray_modes: Vec<Vector3<f64>>,
 }
 
 /// Camera at a given pose, prepared for projecting many points.
@@ -54,8 +57,8 @@ pub struct PosedCamera {
     bow: f64,
     /// True if the bow is uncertain.
     bows: bool,
-    /// Ratio of the focal lengths to those on the ground.
-    scale: f64,
+    /// Ratios of the focal lengths along u and v to those on the ground.
+    factors: Vector2<f64>,
 }
 
 impl PosedCamera {
@@ -98,6 +101,10 @@ pub struct PredictedPixel {
     pub by_lens: SMatrix<f64, 2, BROWN>,
     /// d pixel / d relative change of both focal lengths, px.
     pub by_scale: Vector2<f64>,
+    /// d pixel / d relative change of the focal length along v, px.
+    pub by_aspect: Vector2<f64>,
+    /// d pixel / d coefficients of the field of bent rays, along u and along v; 0 where no marker is projected.
+    pub by_ray_field: Vector3<f64>,
 }
 
 /// The bent wing and its neighbours with the same bending: sections at the markers' stations.
@@ -150,8 +157,18 @@ impl WingScene {
             lens: setup.lens,
             camera_from_wing,
             panes,
+            ray_modes: vec![],
         };
         scene.define_points(setup);
+        let pixel_of = |k: usize| {
+            let surveyed_m = scene.ground.stations[k].surveyed_m;
+            scene.lens.project(&(camera_from_wing * surveyed_m))
+        };
+        let on_wing = (0..setup.markers.len()).filter(|k| !scene.fixed[*k]);
+        let line = ImageLine::from_pixels(&on_wing.filter_map(pixel_of).collect::<Vec<_>>());
+        scene.ray_modes = (0..setup.markers.len())
+            .map(|k| pixel_of(k).map_or_else(Vector3::zeros, |pixel| line.modes(&pixel)))
+            .collect();
         Ok(scene)
     }
 
@@ -233,12 +250,14 @@ impl WingScene {
     fn camera_behind_pane(&self, pose: &CameraPose, pane: Option<&Plate>) -> PosedCamera {
         let ground_from_wing = Rotation3::new(pose.ground_rad).matrix() * self.camera_from_wing;
         let mount = *Rotation3::new(pose.mount_rad).matrix();
+        let scale = 1.0 + pose.flight_scale;
+        let factors = Vector2::new(scale, scale * (1.0 + pose.flight_aspect));
         let camera_from_wing = mount * ground_from_wing;
         PosedCamera {
             lens: self
                 .lens
                 .with_changes(&pose.lens)
-                .with_flight_change(pose.flight_scale, &pose.flight_principal_px),
+                .with_flight_change(&factors, &pose.flight_principal_px),
             centre_m: pose.centre_m + pose.shift_m + pose.window_m,
             mount,
             camera_from_wing,
@@ -247,7 +266,7 @@ impl WingScene {
             pane: pane.map(|pane| pane.rotated(&camera_from_wing)),
             bow: pose.bow,
             bows: false,
-            scale: 1.0 + pose.flight_scale,
+            factors,
         }
     }
 
@@ -261,15 +280,19 @@ impl WingScene {
         let turned = by_seen * camera.mount;
         let Lens { cx, cy, .. } = camera.lens;
         let mut by_lens = camera.lens.parameter_jacobian(&seen);
-        (0..2).for_each(|k| by_lens[(k, k)] *= camera.scale);
+        (0..2).for_each(|k| by_lens[(k, k)] *= camera.factors[k]);
+        let off_px = pixel - Vector2::new(cx, cy);
+        let scale = camera.factors.x;
         Some(PredictedPixel {
             pixel,
+            by_ray_field: Vector3::zeros(),
             by_point: by_seen * by_place * camera.camera_from_wing,
             by_bow: by_seen * by_bow,
             by_mount: -(by_seen * cross_matrix(&seen)) * camera.mount_jacobian,
             by_ground_rotation: -(turned * cross_matrix(&before_mount)) * camera.ground_jacobian,
             by_lens,
-            by_scale: (pixel - Vector2::new(cx, cy)) / camera.scale,
+            by_scale: off_px / scale,
+            by_aspect: Vector2::new(0.0, off_px.y * scale / camera.factors.y),
         })
     }
 

@@ -38,6 +38,12 @@ impl ResidualSum {
         }
     }
 
+    /// Returns the sum of a global test, which is that of the solution if no other is given, and its redundancy.
+    pub fn tested(sum: Option<Self>, fit: &Fit) -> (f64, usize) {
+        let Self { omega, redundancy } = sum.unwrap_or(Self::from_fit(fit));
+        (omega, redundancy)
+    }
+
     /// Returns the sum if so much was removed that the remaining observations cannot be tested on their own; otherwise
     /// `None`.
     pub fn if_many_removed<'s>(self, removed: impl Iterator<Item = &'s Suspect>) -> Option<Self> {
@@ -72,8 +78,6 @@ pub struct Suspect {
     pub w: f64,
     /// Estimated size of the error, px or m.
     pub size: f64,
-    /// True if a ground-frame image separates image errors from survey errors.
-    pub has_ground_image: bool,
 }
 
 impl Suspect {
@@ -92,30 +96,22 @@ impl Suspect {
         let id = setup.markers.get(self.marker).map_or("", |m| m.id.as_str());
         let limit = quality::critical_w(options.snooping_alpha);
         let (w, size) = (self.w.abs(), self.size.abs());
-        match (self.target, self.has_ground_image) {
-            (SuspectTarget::Flight, true) => format!(
-                "marker {id} was removed: its image is about {size:.1} px from the position that the other markers predict (w = {w:.1}, limit {limit:.1}); check the image, and its survey if other frames remove it too"
+        let test = format!("(w = {w:.1}, limit {limit:.1})");
+        // The largest of all coordinates of good markers is as large.
+        let markers = setup.markers.len();
+        let largest = quality::critical_w(options.snooping_alpha / (3 * markers.max(1)) as f64);
+        match self.target {
+            SuspectTarget::Flight => format!(
+                "marker {id} was removed: its image is about {size:.1} px from the position that the other markers predict {test}; check the image, and its survey if other frames remove it too"
             ),
-            (SuspectTarget::Flight, false) => format!(
-                "marker {id} was removed: its image or its surveyed position is wrong by about {size:.1} px in the image (w = {w:.1}, limit {limit:.1}); check both"
+            SuspectTarget::Ground => format!(
+                "the ground-frame image of marker {id} was removed: it is off by about {size:.1} px {test}"
             ),
-            (SuspectTarget::Ground, _) => format!(
-                "the ground-frame image of marker {id} was removed: it is off by about {size:.1} px (w = {w:.1}, limit {limit:.1})"
+            SuspectTarget::Survey if w < largest => format!(
+                "marker {id} was removed: its surveyed position disagrees by about {size:.3} m {test}, as one of {markers} good markers may"
             ),
-            // The largest of all coordinates of good markers is as large.
-            (SuspectTarget::Survey, _)
-                if w < quality::critical_w(
-                    options.snooping_alpha / (3 * setup.markers.len().max(1)) as f64,
-                ) =>
-            {
-                format!(
-                    "marker {id} was removed: its surveyed position disagrees by about {size:.3} m (w = {w:.1}, limit {limit:.1}), \
-                     as one of {} good markers may",
-                    setup.markers.len()
-                )
-            }
-            (SuspectTarget::Survey, _) => format!(
-                "marker {id} was removed: its surveyed position is wrong by about {size:.3} m (w = {w:.1}, limit {limit:.1}); survey it again"
+            SuspectTarget::Survey => format!(
+                "marker {id} was removed: its surveyed position is wrong by about {size:.3} m {test}; survey it again"
             ),
         }
     }
@@ -288,7 +284,6 @@ impl SolvedGroup<'_> {
                     target,
                     w,
                     size,
-                    has_ground_image: member.ground.is_some(),
                 })
             };
             all.get(first..first + n)?

@@ -3,26 +3,22 @@
 mod frame;
 
 use self::frame::{FrameProblem, FrameStart, SingleFrame};
-use super::beam::MAX_CURVATURE_TERMS;
 use super::budget::{BlockMembers, with_variance_sources};
+use super::causes::{CauseModel, WidenedPriors, free_causes, solve_with_image_causes};
 use super::common_displacement::candidate_displacements;
-use super::decisive_widths::decisive_width_remarks;
 use super::flight;
 use super::input::{AdjustmentInput, count_wing_markers, order_by_marker};
 use super::outcome::FrameOutcome;
 use super::prior_scales::PriorScales;
 use super::scene::WingScene;
-use super::shapes::{TYPICAL_CURVATURE_PER_M, bounded_amplitude, shape_covariance};
+use super::shapes::{TYPICAL_CURVATURE_PER_M, bounded_amplitude};
 use super::snooping::{
     self, ResidualSum, SnoopingModel, SnoopingResult, SolvedGroup, Suspect, SuspectTarget,
 };
-use super::stated_widths::{
-    WIDENING_PASSES, WidenedPriors, contradiction_remark, widen_refuted_priors,
+use super::{AdjustError, AdjustResult, Observation, Options, Solution, VarianceComponent};
+use crate::estimation::{
+    Fit, Minimum, Problem, SolveOptions, VarianceGroup, quality, variance_components,
 };
-use super::{
-    AdjustError, AdjustResult, GlobalTest, Observation, Options, Solution, VarianceComponent,
-};
-use crate::estimation::{Fit, Minimum, SolveOptions, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};
 use crate::widths::Unknown;
 
@@ -32,15 +28,6 @@ const MIN_MARKERS: usize = 6;
 const AMPLITUDE_PASSES: usize = 3;
 /// Change of the logarithm of the amplitude below which it has settled.
 const AMPLITUDE_SETTLED: f64 = 0.05;
-
-/// Candidate numbers of curvature terms, compared if none is given.
-const CANDIDATE_ORDERS: [usize; 2] = [8, 10];
-/// Number of curvature terms during data snooping.
-const DEFAULT_ORDER: usize = 8;
-
-/// Remark for a frame in which pitch and bending are poorly separable.
-const SEPARATION_REMARK: &str = "the mounting's pitch and bending are poorly separable in this frame; to separate them, use an \
-    orientation written by `wingd orient` (with the observations of the ground frame) or several frames with --flight";
 
 /// A frame at its minimum, found roughly.
 struct RoughFrame<'a> {
@@ -58,7 +45,7 @@ impl<'a> RoughFrame<'a> {
     ) -> AdjustResult<Self> {
         let start = FrameStart {
             amplitude_per_m: amplitude,
-            from: last.map(|s| (&s.frame.layout, &s.fit.global)),
+            from: last.map(|solved| &solved.fit.global),
         };
         let mut frame = FrameProblem::new(single, &start);
         frame.fix_dimension_derivatives();
@@ -163,16 +150,8 @@ impl<'a> SolvedFrame<'a> {
         let size = |block: usize| frame.problem.groups[0].blocks[block].observed.len();
         let image = |_: usize, block: usize| (3..size(block)).collect();
         let survey = |_: usize, _: usize| vec![0, 1, 2];
-        let groups = [
-            VarianceGroup {
-                name: "image",
-                members: &image,
-            },
-            VarianceGroup {
-                name: "survey",
-                members: &survey,
-            },
-        ];
+        let group = |name, members| VarianceGroup { name, members };
+        let groups = [group("image", &image as _), group("survey", &survey)];
         let found = variance_components(&mut problem, &groups, |at, blocks| {
             frame.linearise(at, blocks)
         })?;
@@ -210,9 +189,25 @@ impl<'a> SnoopingModel for SingleFrame<'a> {
     }
 }
 
-/// Solves and removes outliers. If fixed targets contradict each other, the motion of all of them is increased.
-fn remove_outliers(mut single: SingleFrame) -> AdjustResult<SnoopingResult<SingleFrame>> {
-    let (mut all, input) = (single.solve_from(None)?, single.input);
+/// Solves with all observations, and with the causes in the image that they ask for, and removes outliers.
+fn solve_and_remove_outliers<'a>(
+    mut single: SingleFrame<'a>,
+) -> AdjustResult<SnoopingResult<SingleFrame<'a>>> {
+    let alpha = single.input.options.global_alpha;
+    let solve = |widened, from: Option<&SolvedFrame<'a>>| {
+        single.widened = widened;
+        single.solve_from(from)
+    };
+    let all = solve_with_image_causes(alpha, solve, |all| (&all.frame.problem, &all.fit))?;
+    remove_outliers(single, all)
+}
+
+/// Removes outliers. If fixed targets contradict each other, the motion of all of them is increased.
+fn remove_outliers<'a>(
+    mut single: SingleFrame<'a>,
+    mut all: SolvedFrame<'a>,
+) -> AdjustResult<SnoopingResult<SingleFrame<'a>>> {
+    let input = single.input;
     let conflict = |all: &SolvedFrame| all.as_solved_group(&input).fixed_targets_conflict(1);
     while single.prior_scales.fixed_targets < snooping::MAX_FIXED_TARGET_SCALE && conflict(&all) {
         single.prior_scales.fixed_targets *= 2.0;
@@ -222,36 +217,24 @@ fn remove_outliers(mut single: SingleFrame) -> AdjustResult<SnoopingResult<Singl
     snooping::snoop_one_by_one(single, all, observations)
 }
 
-/// Removes outliers, and widens the priors whose stated widths the remaining observations refute, as long as there is a solution.
-fn remove_outliers_and_widen(single: SingleFrame) -> AdjustResult<SnoopingResult<SingleFrame>> {
-    let mut clean = remove_outliers(single)?;
-    for _ in 0..WIDENING_PASSES {
-        let SolvedFrame { frame, fit, .. } = &clean.solved;
-        // If the global test rejects all observations, the image or the survey is wrong, not only a width. Level 0: nothing is
-        // tested.
-        let (sum, alpha) = (
-            clean.tested_sum.unwrap_or(ResidualSum::from_fit(fit)),
-            clean.model.input.options.global_alpha,
-        );
-        let passes =
-            quality::global_test(sum.omega, sum.redundancy, alpha) == Some(GlobalTest::Passed);
-        let widened = widen_refuted_priors(&frame.problem, fit, &clean.model.widened);
-        if alpha <= 0.0 || !passes || !widened.differs_from(&clean.model.widened) {
-            break;
-        }
-        let usage = flight::FlightUsage::all_used(1, clean.model.input.setup.markers.len());
-        let wider = remove_outliers(SingleFrame {
-            widened,
-            usage,
-            ..clean.model.clone()
-        });
-        let Ok(mut wider) = wider else { break };
-        if wider.solved.solve_exactly().is_err() {
-            break;
-        }
-        clean = wider;
+impl<'a> CauseModel for SnoopingResult<SingleFrame<'a>> {
+    fn solved(&self) -> (&Problem, &Fit, &WidenedPriors, (f64, usize)) {
+        let SolvedFrame { frame, fit, .. } = &self.solved;
+        let sum = ResidualSum::tested(self.tested_sum, fit);
+        (&frame.problem, fit, &self.model.widened, sum)
     }
-    Ok(clean)
+
+    fn with_causes(&self, widened: WidenedPriors) -> AdjustResult<Self> {
+        let single = SingleFrame {
+            widened,
+            usage: flight::FlightUsage::all_used(1, self.model.input.setup.markers.len()),
+            ..self.model.clone()
+        };
+        let all = single.solve_from(None)?;
+        let mut wider = remove_outliers(single, all)?;
+        wider.solved.solve_exactly()?;
+        Ok(wider)
+    }
 }
 
 /// Tries all common displacements and returns the result that fits best, if it removes only few markers.
@@ -259,7 +242,7 @@ fn explain_by_displacement<'a>(
     single: &SingleFrame<'a>,
 ) -> Option<SnoopingResult<SingleFrame<'a>>> {
     let with = |displacement| {
-        remove_outliers(SingleFrame {
+        solve_and_remove_outliers(SingleFrame {
             common_displacement: Some(displacement),
             ..single.clone()
         })
@@ -275,61 +258,6 @@ fn explain_by_displacement<'a>(
     tried
         .filter(|s| s.tested_sum.is_none())
         .min_by(|a, b| cost(a).total_cmp(&cost(b)))
-}
-
-/// Chooses the most probable number of curvature terms, given the data and the prior of beam shapes.
-fn choose_curvature_order<'a>(
-    single: &SingleFrame<'a>,
-    default: SolvedFrame<'a>,
-) -> AdjustResult<SolvedFrame<'a>> {
-    // Twice the negative logarithm of the evidence, without contributions common to all candidates.
-    let cost = |terms: usize, amplitude: f64, fit: f64| {
-        let shape = shape_covariance(terms).cholesky();
-        let shape = shape.map_or(f64::NEG_INFINITY, |c| c.ln_determinant());
-        fit + shape + 2.0 * (terms.saturating_sub(1) as f64) * amplitude.ln()
-    };
-    let fit = default.fit.omega + default.fit.ln_determinant;
-    let mut least = cost(DEFAULT_ORDER, default.amplitude, fit);
-    let mut best = default;
-    for terms in CANDIDATE_ORDERS.into_iter().filter(|&t| t != DEFAULT_ORDER) {
-        let candidate = SingleFrame {
-            terms,
-            ..single.clone()
-        };
-        let other = RoughFrame::new(&candidate, best.amplitude, Some(&best))?;
-        let fit = other.minimum.negative_log_evidence(&other.frame.problem)?;
-        let other_cost = cost(terms, other.amplitude, fit);
-        if other_cost < least {
-            (best, least) = (other.into_solved()?, other_cost);
-        }
-    }
-    Ok(best)
-}
-
-/// Remarks on priors, number of terms and separability.
-fn model_remarks(single: &SingleFrame, outcome: &FrameOutcome, solution: &Solution) -> Vec<String> {
-    let AdjustmentInput { setup, options, .. } = *outcome.solved.input;
-    let (layout, fit) = (outcome.layout, outcome.solved.fit);
-    let (budget, widened) = (solution.budget.as_ref(), &single.widened);
-    let stayed = options.keeps_ground_mounting();
-    let mut remarks = decisive_width_remarks(outcome, budget, stayed, widened);
-    let solved = (outcome.solved.problem, fit);
-    remarks.extend(contradiction_remark(setup, stayed, solved, widened));
-    remarks.extend(snooping::fixed_target_remark(
-        single.prior_scales.fixed_targets,
-    ));
-    let displacement = single.common_displacement.as_ref();
-    remarks.extend(displacement.map(|one| one.remark(fit.global[layout.mounting.first])));
-    if options.curvature_terms.is_none() {
-        let terms = layout.curvature_terms;
-        remarks.push(format!("curvature of {terms} terms, chosen by test"));
-    }
-    let is_weak = solution
-        .pitch_bending_correlation
-        .is_some_and(|c| c.abs() > 0.9);
-    let remark = is_weak && !single.input.scene.has_ground_observations();
-    remarks.extend(remark.then(|| SEPARATION_REMARK.into()));
-    remarks
 }
 
 /// Adjusts one frame with the rigid-section beam.
@@ -372,20 +300,17 @@ pub fn solve_spatial_with<T>(
     if options.flight_prior.is_some() && !options.variance_components {
         return flight::solve_frame_with_prior(&input, observations, derive);
     }
-    let terms = options
-        .curvature_terms
-        .map_or(DEFAULT_ORDER, |t| t.clamp(1, MAX_CURVATURE_TERMS));
     let usage = flight::FlightUsage::all_used(1, setup.markers.len());
     let single = SingleFrame {
         input,
         observations: frame_observations,
         usage,
-        terms,
         prior_scales: PriorScales::default(),
         widened: WidenedPriors::default(),
         common_displacement: None,
     };
-    let mut clean = remove_outliers_and_widen(single.clone())?;
+    let clean = solve_and_remove_outliers(single.clone())?;
+    let mut clean = free_causes(clean, options.global_alpha);
     if clean.tested_sum.is_some() {
         clean = explain_by_displacement(&single).unwrap_or(clean);
     }
@@ -395,9 +320,6 @@ pub fn solve_spatial_with<T>(
         removed,
         tested_sum,
     } = clean;
-    if options.curvature_terms.is_none() {
-        solved = choose_curvature_order(&single, solved)?;
-    }
     solved.solve_exactly()?;
     solved.frame.layout.dimension_derivatives = None;
     let (components, mut remarks) = if options.variance_components {
@@ -407,7 +329,8 @@ pub fn solve_spatial_with<T>(
     };
     let SolvedFrame { frame, fit, .. } = &solved;
     let outcome = FrameOutcome::new(solved.as_solved_group(&input), &frame.layout)
-        .judged_before_removal(tested_sum);
+        .judged_before_removal(tested_sum)
+        .with_causes(&single.widened, options.keeps_ground_mounting());
     let blocks = BlockMembers {
         members: std::slice::from_ref(&frame.members),
         ground: &[],
@@ -417,7 +340,13 @@ pub fn solve_spatial_with<T>(
     });
     let derived = derive(&outcome);
     remarks.extend_from_slice(&solution.remarks);
-    remarks.extend(model_remarks(&single, &outcome, &solution));
+    let scale = single.prior_scales.fixed_targets;
+    remarks.extend(snooping::fixed_target_remark(scale));
+    let (displacement, column) = (
+        single.common_displacement.as_ref(),
+        frame.layout.mounting.first,
+    );
+    remarks.extend(displacement.map(|one| one.remark(fit.global[column])));
     Ok((
         Solution {
             variance_components: components,

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use nalgebra::{DVector, Vector2, Vector3};
 
 use super::beam::{BeamSection, SectionMotion};
+use super::causes::WidenedPriors;
 use super::curve::AxisCurve;
 use super::marker_state::MarkerState;
 use super::scene::PredictedPixel;
-use super::stated_widths::WidenedPriors;
 use super::values::UnknownValues;
 use crate::estimation::{Prior, PriorName};
 use crate::widths::Unknown;

@@ -20,7 +20,7 @@ pub use wing::{curvature_term, twist_term};
 
 use nalgebra::Matrix3;
 
-use self::camera::drift_prior;
+use self::camera::stay_prior;
 use super::input::AdjustmentInput;
 use super::term::{ColumnAllocator, ParameterScope, ParameterTerm, PlacedTerm};
 use crate::widths::Width;
@@ -78,7 +78,7 @@ pub fn allocate_shared_terms(
 /// Rotation of a mounting. `stayed`: it is the mounting of the ground frames.
 pub fn mounting_rotation(input: &AdjustmentInput, stayed: bool) -> ParameterTerm {
     let known = if stayed {
-        drift_prior(input.setup)
+        stay_prior(input.setup)
     } else {
         mounting_rotation_prior(input)
     };
@@ -87,11 +87,17 @@ pub fn mounting_rotation(input: &AdjustmentInput, stayed: bool) -> ParameterTerm
 
 /// Further terms shared by the frames of one mounting.
 pub fn mounting_terms(input: &AdjustmentInput, stayed: bool) -> Vec<ParameterTerm> {
-    let sigma_m = input.setup.uncertainty[Width::MountShift];
-    (sigma_m > 0.0 && !stayed)
-        .then(|| camera::mounting_shift(sigma_m))
-        .into_iter()
-        .collect()
+    let shift = if stayed {
+        Width::StayShift
+    } else {
+        Width::MountShift
+    };
+    let [shift_m, rays_px] = [shift, Width::RayField].map(|width| input.setup.uncertainty[width]);
+    let terms = [
+        (shift_m > 0.0).then(|| camera::mounting_shift(shift_m)),
+        (rays_px > 0.0 && !stayed).then(|| camera::ray_field(rays_px)),
+    ];
+    terms.into_iter().flatten().collect()
 }
 
 /// Rotation of a frame about its mounting's, with this covariance, camera frame, rad^2.

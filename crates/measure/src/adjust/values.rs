@@ -1,6 +1,6 @@
 //! Values of one frame's unknowns as used by the model.
 
-use nalgebra::{SVector, Vector2, Vector3};
+use nalgebra::{Matrix2x3, SVector, Vector2, Vector3};
 
 use super::beam::{Bending, COMPLIANCES, RAISE_TERMS};
 use super::marker_state::{DimensionDerivatives, ESTIMATED_DIMENSIONS};
@@ -83,8 +83,12 @@ pub struct CameraPose {
     pub bow: f64,
     /// Focal length in flight over that on the ground, minus 1.
     pub flight_scale: f64,
+    /// Ratio of height to width of the image in flight over that on the ground, minus 1.
+    pub flight_aspect: f64,
     /// Principal point in flight minus that on the ground, px.
     pub flight_principal_px: Vector2<f64>,
+    /// Coefficients of the field of bent rays in flight, along u and along v ([`ImageLine::modes`](super::image_line::ImageLine::modes)), px.
+    pub ray_field_px: Matrix2x3<f64>,
 }
 
 impl CameraPose {
@@ -98,6 +102,7 @@ impl CameraPose {
             window_m: none,
             bow: 0.0,
             flight_scale: 0.0,
+            flight_aspect: 0.0,
             flight_principal_px,
             ..*self
         }

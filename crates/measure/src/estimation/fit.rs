@@ -45,8 +45,6 @@ pub struct Fit {
     pub(super) response: DMatrix<f64>,
     /// Inverse of the covariance: the normal matrix, if that is close to the second derivatives.
     pub information: DMatrix<f64>,
-    /// Natural logarithm of the determinant of the normal matrix.
-    pub ln_determinant: f64,
     pub groups: Vec<GroupFit>,
     /// Weighted sum of squared residuals, priors included.
     pub omega: f64,

@@ -228,12 +228,6 @@ impl NormalFactor {
         solution.component_mul(&self.scale)
     }
 
-    /// Returns the natural logarithm of the determinant of the matrix.
-    pub(super) fn ln_determinant(&self) -> f64 {
-        let pivots = self.lower.diagonal().component_div(&self.scale);
-        2.0 * pivots.iter().map(|pivot| pivot.ln()).sum::<f64>()
-    }
-
     /// Computes `(L^-1 S)' (L^-1 S)`. Inverting the factor costs a sixth of solving for all columns, and a library does the
     /// product.
     pub(super) fn inverse(&self) -> DMatrix<f64> {

@@ -92,15 +92,6 @@ impl Minimum {
         &self.state.residuals
     }
 
-    /// Twice the negative logarithm of the probability of the observations (Laplace's approximation), but for the priors'
-    /// determinants.
-    ///
-    /// # Errors
-    /// Returns an error if the problem is singular.
-    pub fn negative_log_evidence(&self, problem: &Problem) -> EstimationResult<f64> {
-        Ok(self.system.omega + self.system.factor(problem)?.ln_determinant())
-    }
-
     /// Computes the covariances.
     ///
     /// # Errors

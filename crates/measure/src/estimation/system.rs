@@ -285,8 +285,7 @@ impl NormalEquations {
         iterations: usize,
         second: Option<DMatrix<f64>>,
     ) -> EstimationResult<Fit> {
-        let factor = self.factor(problem)?;
-        let (inverse, ln_determinant) = (factor.inverse(), factor.ln_determinant());
+        let inverse = self.factor(problem)?.inverse();
         let (response, covariance, information) = match second {
             Some(second) => {
                 let response = factor_normal_matrix(&second, &problem.missing)?.inverse();
@@ -320,7 +319,6 @@ impl NormalEquations {
             covariance,
             response,
             information,
-            ln_determinant,
             groups,
             omega: self.omega,
             omega_priors: self.omega_priors,

@@ -125,12 +125,15 @@ impl Lens {
         }
     }
 
-    /// Returns the lens in flight: focal lengths larger by the fraction `share`, principal point shifted, px.
-    pub fn with_flight_change(&self, share: f64, principal_point_px: &Vector2<f64>) -> Self {
-        let (fx, fy) = (self.fx * (1.0 + share), self.fy * (1.0 + share));
+    /// Returns the lens in flight: focal lengths along u and v multiplied by `factors`, principal point shifted, px.
+    pub fn with_flight_change(
+        &self,
+        factors: &Vector2<f64>,
+        principal_point_px: &Vector2<f64>,
+    ) -> Self {
         Self {
-            fx,
-            fy,
+            fx: self.fx * factors.x,
+            fy: self.fy * factors.y,
             cx: self.cx + principal_point_px.x,
             cy: self.cy + principal_point_px.y,
             ..*self

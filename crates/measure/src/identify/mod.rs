@@ -44,7 +44,7 @@ use super::setup::{Orientation, Setup};
 
 pub use diagnose::{
     Cause, Diagnosis, Explanation, OTHER_AIRCRAFT, SizedShape, UNITS, diagnose_ground,
-    diagnose_ground_fit, diagnose_observations, is_scale_off,
+    diagnose_ground_fit, diagnose_observations,
 };
 pub use flight::MIN_IDENTIFIED;
 pub use ground::estimate_orientation;

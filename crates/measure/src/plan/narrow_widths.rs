@@ -2,7 +2,7 @@
 
 use super::PlanOptions;
 use super::prediction::SimulatedFlight;
-use crate::adjust::stated_widths::{NARROW_FRACTION, SENSITIVE_RATIO};
+use crate::adjust::causes::{NARROW_FRACTION, SENSITIVE_RATIO};
 use crate::setup::{DEFAULT_REPEATABILITY_PX, Setup};
 use crate::widths::Width;
 

@@ -56,7 +56,7 @@ pub struct PlanArgs {
     /// Planned standard deviation of an image coordinate, px
     #[arg(long, value_name = "PX", default_value_t = PlanOptions::default().pixel_sigma)]
     pixel_sigma: f64,
-    /// Number of curvature terms, 1 to 10; an adjustment uses 8 or 10 if none is given
+    /// Number of curvature terms, 1 to 10
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=10))]
     curvature_terms: u8,
     /// Draw the plan as SVG

@@ -6,6 +6,7 @@ use super::flight_problem::FlightProblem;
 use super::joint::JointSolution;
 use super::solving::SolvedFlight;
 use crate::adjust::flight_prior::{FlightContribution, InvariantParameter, ReducedNormals};
+use crate::adjust::snooping::ResidualSum;
 use crate::adjust::{AdjustError, AdjustResult, Estimate, GlobalTest, Observation, Options};
 use crate::estimation::quality::global_test;
 use crate::estimation::{Block, BlockFit, Fit, Group, GroupFit, Prior};
@@ -16,8 +17,8 @@ use crate::widths::Unknown;
 /// solution of its frames.
 ///
 /// # Errors
-/// Returns an error if the flight cannot be solved, or if its global test rejects the model, or stated widths are contradicted
-/// given the prior from other flights: a flight that contradicts the model must not contribute to the prior.
+/// Returns an error if the flight cannot be solved, or if its global test rejects the model, if the images have another scale, or stated
+/// widths are contradicted given the prior from other flights: a flight that contradicts the model must not contribute to the prior.
 pub fn learn_from_flight(
     setup: &Setup,
     orientation: &Orientation,
@@ -37,9 +38,9 @@ pub fn learn_from_flight(
         fit,
         tested_sum,
     } = &solved;
-    let (omega, redundancy) =
-        tested_sum.map_or((fit.omega, fit.redundancy), |j| (j.omega, j.redundancy));
-    let is_other = options.flight_prior.is_some() && !flight.widened.is_empty();
+    let (omega, redundancy) = ResidualSum::tested(*tested_sum, fit);
+    let causes = &flight.widened;
+    let is_other = causes.has_image_cause() || options.flight_prior.is_some() && !causes.is_empty();
     if global_test(omega, redundancy, options.global_alpha) == Some(GlobalTest::Rejected)
         || is_other
     {

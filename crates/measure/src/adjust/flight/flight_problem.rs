@@ -7,7 +7,7 @@ use nalgebra::{DVector, Matrix3};
 
 use super::frames::Flight;
 use super::shape::{ShapeColumns, SharedShape};
-use crate::adjust::beam::{Bending, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
+use crate::adjust::beam::{Bending, MAX_TWIST_TERMS};
 use crate::adjust::budget::BlockMembers;
 use crate::adjust::flight_prior::InvariantParameter;
 use crate::adjust::input::AdjustmentInput;
@@ -25,8 +25,6 @@ use crate::setup::Thermal;
 use crate::widths::{Unknown, Width};
 
 const MISSING_GROUND: &str = "a marker's position on the ground cannot be determined";
-/// Default number of curvature terms.
-const DEFAULT_CURVATURE_TERMS: usize = 8;
 
 /// A flight prepared for the estimation engine.
 pub struct FlightProblem {
@@ -124,10 +122,7 @@ struct FlightUnknowns {
 impl FlightUnknowns {
     fn allocate(flight: &Flight) -> Self {
         let (input, mountings) = (&flight.input, &flight.hyperparameters.mountings);
-        let curvature_terms = input
-            .options
-            .curvature_terms
-            .map_or(DEFAULT_CURVATURE_TERMS, |t| t.clamp(2, MAX_CURVATURE_TERMS));
+        let curvature_terms = input.options.count_curvature_terms(true);
         let mut columns = ColumnAllocator::global(&flight.widened);
         let mut shared = terms::allocate_shared_terms(input, &mut columns);
         let common = columns.allocate_terms(terms::flight_terms(input));

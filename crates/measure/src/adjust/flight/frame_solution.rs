@@ -5,9 +5,7 @@ use super::solving::SolvedFlight;
 use super::tuning::STEADY_ROTATION_RAD;
 use super::usage::RemovedObservation;
 use crate::adjust::budget;
-use crate::adjust::decisive_widths::decisive_width_remarks;
 use crate::adjust::snooping::{SuspectTarget, fixed_target_remark};
-use crate::adjust::stated_widths::contradiction_remark;
 use crate::adjust::terms::mount_drift_rad;
 use crate::adjust::{Estimate, Parameter, ParameterKind, Solution};
 use crate::estimation::{AttributedInformation, VarianceSources};
@@ -31,7 +29,10 @@ pub fn frame_solution(
         fit,
         ..
     } = solved;
-    let outcome = solved.frame_outcome(&flight.input, frame);
+    let stayed = flight.hyperparameters.mountings.is_ground_mounting(0);
+    let outcome = solved
+        .frame_outcome(&flight.input, frame)
+        .with_causes(&flight.widened, stayed);
     let of_frame = removed
         .iter()
         .filter(|r| r.group == frame || r.suspect.target == SuspectTarget::Survey);
@@ -51,19 +52,6 @@ pub fn frame_solution(
         ));
     }
     remarks.extend(solution.remarks);
-    let stayed = flight.hyperparameters.mountings.is_ground_mounting(0);
-    remarks.extend(decisive_width_remarks(
-        &outcome,
-        solution.budget.as_ref(),
-        stayed,
-        &flight.widened,
-    ));
-    remarks.extend(contradiction_remark(
-        flight.input.setup,
-        stayed,
-        (&flight_problem.problem, fit),
-        &flight.widened,
-    ));
     remarks.extend(fixed_target_remark(flight.prior_scales.fixed_targets));
     let displacement = flight
         .common_displacement
@@ -129,26 +117,24 @@ pub fn flight_remarks(flight: &Flight, frame: usize) -> Vec<String> {
                 .into(),
         );
     }
+    let mut exceed = |motion, rad: f64, remedy| {
+        remarks.push(format!(
+            "{motion} by about {:.2} mrad, more than camera.mount_drift_mrad; the larger drift was used. Check {remedy}",
+            1e3 * rad
+        ));
+    };
     if hyperparameters.sags {
-        remarks.push(format!(
-            "the camera's pitch drifted by about {:.2} mrad through the flight, more than camera.mount_drift_mrad allows; the \
-             larger drift was used. Check whether the camera mount sags",
-            1e3 * hyperparameters.pitch_trend_rad()
-        ));
+        let trend = hyperparameters.pitch_trend_rad();
+        exceed(
+            "the camera's pitch drifted through the flight",
+            trend,
+            "whether its mount sags",
+        );
     }
-    let configured = mount_drift_rad(flight.input.setup);
-    if hyperparameters.drift_rad > REMARKED_DRIFT_RATIO * configured.max(STEADY_ROTATION_RAD) {
-        remarks.push(format!(
-            "the camera rotated by {:.3} mrad from frame to frame within its mountings, more than the {:.3} mrad of \
-             camera.mount_drift_mrad; the larger drift was used. {}",
-            1e3 * hyperparameters.drift_rad,
-            1e3 * configured,
-            if mountings.are_specified() {
-                "Check whether it was remounted within one of them"
-            } else {
-                "Check the camera mount"
-            }
-        ));
+    let configured = mount_drift_rad(flight.input.setup).max(STEADY_ROTATION_RAD);
+    if hyperparameters.drift_rad > REMARKED_DRIFT_RATIO * configured {
+        let rotated = "the camera rotated from frame to frame within its mountings";
+        exceed(rotated, hyperparameters.drift_rad, "its mount");
     }
     remarks
 }

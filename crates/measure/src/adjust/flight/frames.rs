@@ -6,6 +6,7 @@ use super::hyperparameters::{FlightHyperparameters, frame_rotation_column};
 use super::shape::SharedShape;
 use super::usage::FlightUsage;
 use crate::adjust::blocks::{image_block, survey_block};
+use crate::adjust::causes::WidenedPriors;
 use crate::adjust::common_displacement::{CommonDisplacement, candidate_displacements};
 use crate::adjust::input::{
     AdjustmentInput, FrameObservations, count_wing_markers, order_by_marker,
@@ -13,7 +14,6 @@ use crate::adjust::input::{
 use crate::adjust::layout::{BlockMember, ParameterLayout};
 use crate::adjust::prior_scales::PriorScales;
 use crate::adjust::snooping::ResidualSum;
-use crate::adjust::stated_widths::WidenedPriors;
 use crate::adjust::{AdjustError, AdjustResult, Observation};
 use crate::estimation::{Fit, Group};
 

@@ -6,6 +6,7 @@ use super::hyperparameters::FlightHyperparameters;
 use super::mountings::FrameMountings;
 use super::solving::SolvedFlight;
 use super::usage::RemovedObservation;
+use crate::adjust::causes::free_causes;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::{AdjustResult, Observation, Solution};
 
@@ -33,11 +34,12 @@ impl<'a> JointSolution<'a> {
             frames,
             FlightHyperparameters::initial(&input, frames.len(), mountings),
         )?;
-        let (solved, mut removed) = flight.remove_or_explain_outliers()?;
+        let (solved, removed) = flight.remove_or_explain_outliers()?;
         let solved = flight.tune_variances(solved, 1)?;
         flight.find_mountings(&solved);
         let solved = flight.solve_rough(Some(&solved.fit))?;
-        let solved = flight.widen_refuted_priors(solved, &mut removed);
+        let (mut flight, solved, mut removed) =
+            free_causes((flight, solved, removed), input.options.global_alpha);
         let solved = flight.readmit_observations(solved, &mut removed)?;
         let rough = flight.tune_variances(solved, DEPARTURE_ROUNDS)?;
         let rough = flight.explain_by_image_shifts(rough, &mut removed)?;
@@ -54,8 +56,9 @@ impl<'a> JointSolution<'a> {
     /// # Errors
     /// Returns an error if the frame has no solution.
     pub fn for_single_frame(mut flight: Flight<'a>) -> AdjustResult<Self> {
-        let (solved, mut removed) = flight.remove_or_explain_outliers()?;
-        let solved = flight.widen_refuted_priors(solved, &mut removed);
+        let (solved, removed) = flight.remove_or_explain_outliers()?;
+        let alpha = flight.input.options.global_alpha;
+        let (mut flight, solved, mut removed) = free_causes((flight, solved, removed), alpha);
         let rough = flight.readmit_observations(solved, &mut removed)?;
         let solved = flight.solve_converged(&rough.fit)?;
         Ok(Self {

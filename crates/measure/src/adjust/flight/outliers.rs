@@ -4,6 +4,7 @@ use super::frames::{Flight, MIN_MARKERS};
 use super::solving::SolvedFlight;
 use super::usage::RemovedObservation;
 use crate::adjust::AdjustResult;
+use crate::adjust::causes::solve_with_image_causes;
 use crate::adjust::layout::BlockMember;
 use crate::adjust::snooping::{MAX_FIXED_TARGET_SCALE, ResidualSum, SuspectTarget};
 use crate::ordering::sort_by_value;
@@ -24,7 +25,8 @@ impl Flight<'_> {
         &mut self,
     ) -> AdjustResult<(SolvedFlight, Vec<RemovedObservation>)> {
         let all = self.clone();
-        let found = self.remove_outliers()?;
+        let rough = self.solve_with_image_causes()?;
+        let found = self.remove_outliers(rough)?;
         if self.tested_sum.is_none() {
             return Ok(found);
         }
@@ -43,7 +45,8 @@ impl Flight<'_> {
         let Some((_, mut with)) = tried.min_by(|a, b| a.0.total_cmp(&b.0)) else {
             return Ok(found);
         };
-        match with.remove_outliers() {
+        let rough = with.solve_with_image_causes()?;
+        match with.remove_outliers(rough) {
             Ok(explained) if with.tested_sum.is_none() => {
                 *self = with;
                 Ok(explained)
@@ -52,12 +55,26 @@ impl Flight<'_> {
         }
     }
 
-    /// Computes a rough solution without outliers, and lists them.
+    /// Computes a rough solution with all observations, and with the causes in the image that they ask for.
+    fn solve_with_image_causes(&mut self) -> AdjustResult<SolvedFlight> {
+        let alpha = self.input.options.global_alpha;
+        let solve = |widened, from: Option<&SolvedFlight>| {
+            self.widened = widened;
+            self.solve_rough(from.map(|solved| &solved.fit))
+        };
+        solve_with_image_causes(alpha, solve, |solved| {
+            (&solved.flight_problem.problem, &solved.fit)
+        })
+    }
+
+    /// Computes a rough solution without outliers from one with all observations, and lists them.
     ///
     /// # Errors
     /// Returns an error if the flight has no solution.
-    pub fn remove_outliers(&mut self) -> AdjustResult<(SolvedFlight, Vec<RemovedObservation>)> {
-        let mut solved = self.solve_rough(None)?;
+    pub fn remove_outliers(
+        &mut self,
+        mut solved: SolvedFlight,
+    ) -> AdjustResult<(SolvedFlight, Vec<RemovedObservation>)> {
         while self.prior_scales.fixed_targets < MAX_FIXED_TARGET_SCALE
             && self.fixed_targets_conflict(&solved)
         {

@@ -4,8 +4,6 @@
 use super::frames::Flight;
 use super::solving::SolvedFlight;
 use super::tuning::{VarianceEvidence, is_settled};
-use crate::adjust::prior_scales::PriorScales;
-use crate::setup::SetupUncertainty;
 use crate::widths::{Unknown, Width};
 
 /// Weight of the default as a number of observations. Aircraft differ from the default by about 50 %, which corresponds to
@@ -24,16 +22,12 @@ fn tuned_prior_scale(before: f64, evidence: VarianceEvidence) -> f64 {
 }
 
 fn sum_evidence(all: impl Iterator<Item = VarianceEvidence>) -> VarianceEvidence {
-    all.fold(
-        VarianceEvidence {
-            square: 0.0,
-            redundancy: 0.0,
-        },
-        |a, b| VarianceEvidence {
-            square: a.square + b.square,
-            redundancy: a.redundancy + b.redundancy,
-        },
-    )
+    let (mut square, mut redundancy) = (0.0, 0.0);
+    for one in all {
+        square += one.square;
+        redundancy += one.redundancy;
+    }
+    VarianceEvidence { square, redundancy }
 }
 
 /// Evidence from an unknown with mean 0 and the prior standard deviation `sigma`.
@@ -48,9 +42,7 @@ fn parameter_evidence(value: f64, variance: f64, sigma: f64) -> VarianceEvidence
 impl SolvedFlight {
     /// Evidence for the size of the skin motion, for the prior standard deviation `sigma_m`.
     fn skin_evidence(&self, flight: &Flight, sigma_m: f64) -> VarianceEvidence {
-        let Some(layout) = self.flight_problem.layouts.first() else {
-            return sum_evidence(std::iter::empty());
-        };
+        let layout = &self.flight_problem.layouts[0];
         let on_the_wing =
             (0..flight.input.setup.markers.len()).filter(|k| !flight.input.scene.is_fixed(*k));
         let columns = on_the_wing.flat_map(|marker| layout.motions.columns(marker));
@@ -103,54 +95,44 @@ impl Flight<'_> {
             self.prior_scales.shake =
                 tuned_prior_scale(before.shake, solved.unknown_evidence(Unknown::CameraShake));
         }
-        let PriorScales {
-            skin,
-            vibration,
-            shake,
-            ..
-        } = self.prior_scales;
-        is_settled(before.skin, skin)
-            && is_settled(before.vibration, vibration)
-            && is_settled(before.shake, shake)
+        let after = self.prior_scales;
+        is_settled(before.skin, after.skin)
+            && is_settled(before.vibration, after.vibration)
+            && is_settled(before.shake, after.shake)
     }
 
     /// Remarks about motions that are much larger than the default.
     pub fn exceedance_remarks(&self) -> impl Iterator<Item = String> {
-        let priors = &self.input.setup.uncertainty;
-        let SetupUncertainty {
-            vibration, shake, ..
-        } = *priors;
-        let skin_motion_m = priors[Width::SkinMotion];
-        let PriorScales {
-            skin,
-            vibration: wing,
-            shake: camera,
-            ..
-        } = self.prior_scales;
-        let skin = (skin > REMARKED_SCALE).then(|| {
+        let (priors, scales) = (&self.input.setup.uncertainty, self.prior_scales);
+        let motions = [
+            (
+                "skin moved at each marker",
+                scales.skin,
+                priors[Width::SkinMotion],
+                "mm",
+            ),
+            (
+                "wing vibrated during readout",
+                scales.vibration,
+                priors.vibration.amplitude,
+                "mm",
+            ),
+            (
+                "camera shook during readout",
+                scales.shake,
+                priors.shake.amplitude,
+                "mrad",
+            ),
+        ];
+        let exceeding = motions
+            .into_iter()
+            .filter(|(_, scale, ..)| *scale > REMARKED_SCALE);
+        exceeding.map(|(motion, scale, default, unit)| {
             format!(
-                "the skin moved by about {:.1} mm at each marker in flight (default {:.1} mm, wing.skin_motion_m); standard \
-                 deviations were increased accordingly",
-                1e3 * skin * skin_motion_m,
-                1e3 * skin_motion_m
+                "the {motion} by about {:.2} {unit} (default {:.2} {unit}); standard deviations were increased accordingly",
+                1e3 * scale * default,
+                1e3 * default
             )
-        });
-        let wing = (wing > REMARKED_SCALE).then(|| {
-            format!(
-                "the wing vibrated by about {:.0} mm during readout (default {:.0} mm, wing.vibration); standard deviations were \
-                 increased accordingly",
-                1e3 * wing * vibration.amplitude,
-                1e3 * vibration.amplitude
-            )
-        });
-        let camera = (camera > REMARKED_SCALE).then(|| {
-            format!(
-                "the camera shook by about {:.2} mrad during readout (default {:.2} mrad); standard deviations were increased \
-                 accordingly. Check the camera mount",
-                1e3 * camera * shake.amplitude,
-                1e3 * shake.amplitude
-            )
-        });
-        skin.into_iter().chain(wing).chain(camera)
+        })
     }
 }

@@ -4,11 +4,11 @@ use super::flight_problem::FlightProblem;
 use super::frames::Flight;
 use super::usage::RemovedObservation;
 use crate::adjust::AdjustResult;
+use crate::adjust::causes::{CauseModel, WidenedPriors};
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::outcome::FrameOutcome;
 use crate::adjust::snooping::{ResidualSum, SolvedGroup};
-use crate::adjust::stated_widths::{WIDENING_PASSES, widen_refuted_priors};
-use crate::estimation::{Fit, SolveOptions};
+use crate::estimation::{Fit, Problem, SolveOptions};
 
 /// Flight problem with its solution.
 pub struct SolvedFlight {
@@ -70,36 +70,6 @@ impl Flight<'_> {
         Ok(solved)
     }
 
-    /// Widens the priors whose stated widths the frames refute, and then finds the outliers again, as long as there is a
-    /// solution.
-    pub fn widen_refuted_priors(
-        &mut self,
-        mut solved: SolvedFlight,
-        removed: &mut Vec<RemovedObservation>,
-    ) -> SolvedFlight {
-        for _ in 0..WIDENING_PASSES {
-            let widened =
-                widen_refuted_priors(&solved.flight_problem.problem, &solved.fit, &self.widened);
-            // Level 0: nothing is tested.
-            if self.input.options.global_alpha <= 0.0 || !widened.differs_from(&self.widened) {
-                break;
-            }
-            let mut wider = Self {
-                widened,
-                ..self.clone()
-            };
-            wider.usage.reset_except(&[]);
-            let Ok((found, outliers)) = wider.remove_outliers() else {
-                break;
-            };
-            if wider.solve_converged(&found.fit).is_err() {
-                break;
-            }
-            (*self, solved, *removed) = (wider, found, outliers);
-        }
-        solved
-    }
-
     /// Computes the converged solution, starting from a rough one.
     ///
     /// # Errors
@@ -120,5 +90,29 @@ impl Flight<'_> {
             fit,
             tested_sum: self.tested_sum,
         })
+    }
+}
+
+/// A flight with its rough solution, and the observations that were removed.
+pub type RoughFlight<'a> = (Flight<'a>, SolvedFlight, Vec<RemovedObservation>);
+
+impl CauseModel for RoughFlight<'_> {
+    fn solved(&self) -> (&Problem, &Fit, &WidenedPriors, (f64, usize)) {
+        let (flight, solved, _) = self;
+        let sum = ResidualSum::tested(solved.tested_sum, &solved.fit);
+        let problem = &solved.flight_problem.problem;
+        (problem, &solved.fit, &flight.widened, sum)
+    }
+
+    fn with_causes(&self, widened: WidenedPriors) -> AdjustResult<Self> {
+        let mut flight = Flight {
+            widened,
+            ..self.0.clone()
+        };
+        flight.usage.reset_except(&[]);
+        let rough = flight.solve_rough(None)?;
+        let (found, outliers) = flight.remove_outliers(rough)?;
+        flight.solve_converged(&found.fit)?;
+        Ok((flight, found, outliers))
     }
 }

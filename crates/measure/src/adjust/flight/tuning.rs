@@ -7,7 +7,7 @@ use super::hyperparameters::frame_rotation_column;
 use super::solving::SolvedFlight;
 use super::usage::{FlightUsage, RemovedObservation};
 use crate::adjust::AdjustResult;
-use crate::adjust::stated_widths::WidthEvidence;
+use crate::adjust::causes::WidthEvidence;
 use crate::adjust::terms::{mount_drift_rad, mount_repeatability_rad};
 use crate::estimation::Gradient;
 use crate::estimation::quality::chi_square_limit;
@@ -228,7 +228,7 @@ impl Flight<'_> {
             vec![(score * share, information * share)],
             (1.0 / share - 1.0) / square,
         );
-        Some((increase, stated.probability()))
+        Some((increase, stated.probability(1.0)))
     }
 
     /// Takes shifts of the image from frame to frame for the cause of a large drift if no rotation explains the frames as
@@ -270,7 +270,7 @@ impl Flight<'_> {
             return Ok(solved);
         }
         *self = shifted;
-        let (clean, outliers) = self.remove_outliers()?;
+        let (clean, outliers) = self.remove_outliers(again)?;
         *removed = outliers;
         self.tune_variances(clean, SHIFT_ROUNDS)
     }

@@ -148,9 +148,11 @@ impl ConditionRows<'_> {
             let state = scene.marker_in_flight(member.marker, bent, moved_m, values);
             let at_row_m = state.carried.position_m
                 + marker_displacement(&values.moved_at_row_m, member.marker);
-            let seen = scene
+            let mut seen = scene
                 .project(&at_row_m, in_flight)
                 .ok_or_else(behind_camera_error)?;
+            seen.by_ray_field = scene.ray_modes[member.marker];
+            seen.pixel += values.pose.ray_field_px * seen.by_ray_field;
             let by_ground = seen.by_point * state.carried.by_ground;
             self.write_motion(member.marker, &by_ground);
             self.write_image(

@@ -360,34 +360,6 @@ fn corrected_dimensions_match_a_scene_built_with_them() {
 }
 
 #[test]
-fn derivatives_by_the_lens_match_differences() {
-    let scene = WingScene::new(&setup(), &orientation()).unwrap();
-    let point = Vector3::new(9.0, -1.1, 0.8);
-    let seen = scene
-        .project(&point, &scene.flight_camera(&CameraPose::default()))
-        .unwrap();
-    for (k, step) in [1.0, 1.0, 1.0, 1.0, 1e-4, 1e-4, 1e-4, 1e-5, 1e-5]
-        .into_iter()
-        .enumerate()
-    {
-        let at = |sign: f64| {
-            let mut pose = CameraPose::default();
-            pose.lens[k] = sign * step;
-            scene
-                .project(&point, &scene.flight_camera(&pose))
-                .unwrap()
-                .pixel
-        };
-        let difference = (at(1.0) - at(-1.0)) / (2.0 * step);
-        let error = (difference - seen.by_lens.column(k)).norm();
-        assert!(
-            error < 1e-6 * (1.0 + difference.norm()),
-            "{k}: {difference}"
-        );
-    }
-}
-
-#[test]
 fn twist_inboard_of_a_break_carries_the_outboard_part_along() {
     let scene = WingScene::new(&gull_wing(None), &orientation()).unwrap();
     let flat = scene.grid.bend(&Bending::UNBENT);

@@ -6,6 +6,7 @@ use nalgebra::DVector;
 
 use crate::adjust::beam::MAX_TWIST_TERMS;
 use crate::adjust::blocks::survey_block;
+use crate::adjust::causes::WidenedPriors;
 use crate::adjust::common_displacement::CommonDisplacement;
 use crate::adjust::flight::FlightUsage;
 use crate::adjust::input::{AdjustmentInput, FrameObservations};
@@ -14,7 +15,6 @@ use crate::adjust::layout::{
 };
 use crate::adjust::prior_scales::PriorScales;
 use crate::adjust::scene::WingScene;
-use crate::adjust::stated_widths::WidenedPriors;
 use crate::adjust::term::ColumnAllocator;
 use crate::adjust::terms;
 use crate::estimation::{
@@ -23,13 +23,12 @@ use crate::estimation::{
 };
 use crate::setup::Thermal;
 
-/// Observations of one frame, those in use, and the number of curvature terms.
+/// Observations of one frame, and those in use.
 #[derive(Clone)]
 pub(super) struct SingleFrame<'a> {
     pub input: AdjustmentInput<'a>,
     pub observations: FrameObservations<'a>,
     pub usage: FlightUsage,
-    pub terms: usize,
     /// Factors of the prior standard deviations of in-flight motion.
     pub prior_scales: PriorScales,
     /// Stated widths that the frame refutes.
@@ -50,8 +49,8 @@ pub(super) struct FrameProblem<'a> {
 pub(super) struct FrameStart<'a> {
     /// Leading curvature coefficient with which the shape ratios are weighted, 1/m.
     pub amplitude_per_m: f64,
-    /// Earlier solution with the same layout except for the number of curvature terms.
-    pub from: Option<(&'a ParameterLayout, &'a DVector<f64>)>,
+    /// Earlier solution with the same layout.
+    pub from: Option<&'a DVector<f64>>,
 }
 
 impl<'a> FrameProblem<'a> {
@@ -79,9 +78,13 @@ impl<'a> FrameProblem<'a> {
         let ColumnAllocator {
             missing, priors, ..
         } = columns;
-        let start = start_values_of_unknowns(&layout, missing.len(), start);
+        let first = || {
+            let mut values = DVector::zeros(missing.len());
+            values[0] = start.amplitude_per_m;
+            values
+        };
         let problem = Problem {
-            start,
+            start: start.from.map_or_else(first, DVector::clone),
             missing,
             priors,
             known: None,
@@ -121,7 +124,8 @@ fn allocate_frame_layout(
     amplitude_per_m: f64,
     columns: &mut ColumnAllocator,
 ) -> ParameterLayout {
-    let (input, curvature_terms) = (&single.input, single.terms);
+    let input = &single.input;
+    let curvature_terms = input.options.count_curvature_terms(false);
     let stayed = input.options.keeps_ground_mounting();
     let first = [
         terms::curvature_term(curvature_terms, Some(amplitude_per_m)),
@@ -183,24 +187,4 @@ fn marker_block(single: &SingleFrame, member: &mut BlockMember) -> Block {
     member.flight = flight.map(|_| 3);
     member.ground = ground.map(|_| if flight.is_some() { 5 } else { 3 });
     survey_block(input, member.marker, flight.into_iter().chain(ground))
-}
-
-fn start_values_of_unknowns(
-    layout: &ParameterLayout,
-    columns: usize,
-    start: &FrameStart,
-) -> DVector<f64> {
-    let mut values = DVector::zeros(columns);
-    values[0] = start.amplitude_per_m;
-    if let Some((from, solution)) = start.from {
-        let (old, new) = (from.curvature_terms, layout.curvature_terms);
-        let (terms, others) = (old.min(new), solution.len() - old);
-        values
-            .rows_mut(0, terms)
-            .copy_from(&solution.rows(0, terms));
-        values
-            .rows_mut(new, others)
-            .copy_from(&solution.rows(old, others));
-    }
-    values
 }

@@ -26,7 +26,10 @@ fn derivatives_match_differences() {
 fn check_derivatives(setup: Setup) {
     let orientation = orientation();
     let scene = WingScene::new(&setup, &orientation).unwrap();
-    let options = Options::default();
+    let options = Options {
+        curvature_terms: Some(5),
+        ..Options::default()
+    };
     let observation = |marker| Observation {
         marker,
         pixel: Vector2::new(1900.0, 1500.0),
@@ -44,7 +47,6 @@ fn check_derivatives(setup: Setup) {
         input,
         observations: frame_observations,
         usage: flight::FlightUsage::all_used(1, 9),
-        terms: 5,
         prior_scales: PriorScales::default(),
         widened: WidenedPriors::default(),
         common_displacement: None,

@@ -1,6 +1,6 @@
 //! Camera terms: position, rotation, interior orientation and panes.
 
-use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix2x3, Matrix3, SMatrix, Vector2, Vector3};
 
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::term::{ParameterTerm, TermEffect};
@@ -48,17 +48,13 @@ pub fn mounting_rotation_prior(input: &AdjustmentInput) -> Prior {
         .filter(|_| !input.scene.has_ground_observations());
     let own = Matrix3::identity() * (repeatability * repeatability)
         + orientation.unwrap_or_else(Matrix3::zeros);
-    let (mean, covariance) = input.options.mount_prior.unwrap_or((Vector3::zeros(), own));
-    let mean = DVector::from_column_slice(mean.as_slice());
-    Prior {
-        mean,
-        ..rotation_prior(&covariance)
-    }
+    rotation_prior(&own)
 }
 
-/// Prior of the rotation if the camera was not remounted since the ground frames: drift only.
-pub fn drift_prior(setup: &Setup) -> Prior {
-    rotation_prior(&(Matrix3::identity() * mount_drift_rad(setup).powi(2)))
+/// Prior of the rotation of a camera that is stated to have stayed since the ground frames.
+pub fn stay_prior(setup: &Setup) -> Prior {
+    let turn_rad = mount_drift_rad(setup).hypot(setup.uncertainty[Width::StayTurn]);
+    rotation_prior(&(Matrix3::identity() * turn_rad.powi(2)))
 }
 
 /// Prior of a frame's rotation about its mounting's, with this covariance.
@@ -193,13 +189,34 @@ pub fn interior_orientation(covariance: &SMatrix<f64, BROWN, BROWN>) -> Paramete
 
 /// Terms of the changes of the interior orientation in flight, without those that are fixed.
 pub fn flight_changes(uncertainty: &SetupUncertainty) -> impl Iterator<Item = ParameterTerm> {
-    let scale = Some(uncertainty[Width::FlightScale])
-        .filter(|sigma| *sigma > 0.0)
-        .map(flight_scale);
-    let point = Some(uncertainty[Width::PrincipalPoint])
-        .filter(|sigma| *sigma > 0.0)
-        .map(flight_principal_point);
-    scale.into_iter().chain(point)
+    let scale = uncertainty[Width::FlightScale];
+    let sigmas = [
+        scale,
+        ASPECT_SHARE * scale,
+        uncertainty[Width::PrincipalPoint],
+    ];
+    let terms: [fn(f64) -> ParameterTerm; 3] =
+        [flight_scale, flight_aspect, flight_principal_point];
+    let uncertain = sigmas.into_iter().zip(terms).filter(|one| one.0 > 0.0);
+    uncertain.map(|(sigma, term)| term(sigma))
+}
+
+/// Standard deviation of the ratio of height to width over that of the scale. Cold and focus do not change the ratio;
+/// refraction at a pane that is inclined by 30 degrees changes it by a quarter of the change of scale, sin^2 of the angle.
+const ASPECT_SHARE: f64 = 0.25;
+
+/// Relative change of the ratio of height to width in flight, due to an inclined window, or to resizing.
+fn flight_aspect(sigma: f64) -> ParameterTerm {
+    ParameterTerm {
+        unknown: Unknown::Aspect,
+        priors: vec![Prior::scalar(Unknown::Aspect, 0, 0.0, sigma)],
+        add_values: |x, values| values.pose.flight_aspect += x[0],
+        effect: TermEffect::Image {
+            pixel: |p, _| p.by_aspect,
+            on_ground: false,
+        },
+        ..flight_scale(sigma)
+    }
 }
 
 /// Relative change of both focal lengths in flight, due to cold, focus, or refraction at an undescribed window.
@@ -212,6 +229,26 @@ fn flight_scale(sigma: f64) -> ParameterTerm {
         add_values: |x, values| values.pose.flight_scale += x[0],
         effect: TermEffect::Image {
             pixel: |p, _| p.by_scale,
+            on_ground: false,
+        },
+    }
+}
+
+/// Smooth field of image shifts along the wing since the ground frame, whose root mean square is `sigma_px`, by equal parts of
+/// its modes, px.
+pub fn ray_field(sigma_px: f64) -> ParameterTerm {
+    let prior = |k: usize| {
+        let of_mode = (2.0 * (k / 2 + 2) as f64 + 1.0) / 3.0;
+        Prior::scalar(Unknown::RayField, k, 0.0, sigma_px * of_mode.sqrt())
+    };
+    ParameterTerm {
+        unknown: Unknown::RayField,
+        missing: "the field of rays cannot be determined; give camera.ray_field_px",
+        size: 6,
+        priors: (0..6).map(prior).collect(),
+        add_values: |x, values| values.pose.ray_field_px += Matrix2x3::from_column_slice(x),
+        effect: TermEffect::Image {
+            pixel: |p, k| Vector2::ith(k % 2, p.by_ray_field[k / 2]),
             on_ground: false,
         },
     }

@@ -6,11 +6,11 @@ use crate::adjust::beam::{
     BeamGrid, BeamSection, JOINTS, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS, RAISE_TERMS,
     SectionMotion, TORQUE_POSITIONS,
 };
+use crate::adjust::causes::axis_height_covariance;
 use crate::adjust::curve::AxisCurve;
 use crate::adjust::estimated_dimensions::dimension_sigmas;
 use crate::adjust::ground::GroundShape;
 use crate::adjust::shapes::shape_covariance;
-use crate::adjust::stated_widths::axis_height_covariance;
 use crate::adjust::term::{ParameterTerm, TermEffect};
 use crate::estimation::Prior;
 use crate::setup::{DEFAULT_SCALE_SIGMA, Setup, SetupUncertainty, Thermal};

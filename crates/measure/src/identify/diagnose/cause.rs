@@ -184,7 +184,7 @@ impl Cause {
             Self::ImageScale | Self::Flexible => {
                 setup.lens = setup
                     .lens
-                    .with_flight_change(value(0).exp_m1(), &Vector2::zeros());
+                    .with_flight_change(&Vector2::repeat(value(0).exp()), &Vector2::zeros());
                 if self == Self::Flexible {
                     setup.projection_centre_m += Vector3::new(value(1), value(2), value(3));
                 }
@@ -192,7 +192,7 @@ impl Cause {
             Self::PrincipalPoint => {
                 setup.lens = setup
                     .lens
-                    .with_flight_change(0.0, &Vector2::new(value(0), value(1)));
+                    .with_flight_change(&Vector2::repeat(1.0), &Vector2::new(value(0), value(1)));
             }
             Self::Centre(Some(axis)) => setup.projection_centre_m[axis] += value(0),
             Self::Centre(None) => {
@@ -279,11 +279,18 @@ impl CauseSize<'_> {
 
     fn camera_text(&self, cause: Cause) -> Option<String> {
         Some(match cause {
-            Cause::ImageScale | Cause::Flexible if self.in_flight => format!(
-                "the image is {} % larger than that of the ground frames: zoom, focus, stabilisation or a correction of \
-                 images has changed; use the settings of the ground frames, or take new ones",
-                self.with_sigma(0, 100.0, 2)
-            ),
+            Cause::ImageScale | Cause::Flexible if self.in_flight => {
+                let (sign, word) = if self.value(0) < 0.0 {
+                    (-100.0, "smaller")
+                } else {
+                    (100.0, "larger")
+                };
+                format!(
+                    "the image is {} % {word} than that of the ground frames: zoom, focus, stabilisation or a correction \
+                     of images has changed; use the settings of the ground frames, or take new ones",
+                    self.with_sigma(0, sign, 2)
+                )
+            }
             Cause::ImageScale | Cause::Flexible => format!(
                 "the focal length is off by {} %: camera.toml (fx, fy) is of another lens, zoom or size of image; \
                  calibrate this one",

@@ -182,20 +182,6 @@ impl<'a> Evidence<'a> {
 
     /// Solves with the parameters of a cause free, from `values` of them: Gauss-Newton steps, halved until they help.
     pub(super) fn solve(&self, cause: Option<Cause>, values: &[f64]) -> Option<CauseFit> {
-        self.solve_with(cause, values, false)
-    }
-
-    /// Solves without a cause; the derivatives are those at the start, which costs a third of the time.
-    pub(super) fn solve_quickly(&self) -> Option<CauseFit> {
-        self.solve_with(None, &[], true)
-    }
-
-    fn solve_with(
-        &self,
-        cause: Option<Cause>,
-        values: &[f64],
-        keeps_design: bool,
-    ) -> Option<CauseFit> {
         let states = self.free_states();
         let count = cause.map_or(0, Cause::parameters);
         let unknowns = states.len() + count;
@@ -224,7 +210,6 @@ impl<'a> Evidence<'a> {
         let cost =
             |r: &DVector<f64>, x: &DVector<f64>| r.norm_squared() + weights.component_mul(x).dot(x);
         let mut now = evaluate(&x)?;
-        let mut kept = None;
         for iteration in 0.. {
             let column = |k: usize| {
                 let step = if k < states.len() {
@@ -236,15 +221,8 @@ impl<'a> Evidence<'a> {
                 other[k] += step;
                 Some((&now - evaluate(&other)?) / step)
             };
-            let columns = || {
-                (0..unknowns)
-                    .map(column)
-                    .collect::<Option<Vec<DVector<f64>>>>()
-            };
-            let design = match kept.take() {
-                Some(design) => design,
-                None => DMatrix::from_columns(&columns()?),
-            };
+            let columns: Option<Vec<DVector<f64>>> = (0..unknowns).map(column).collect();
+            let design = DMatrix::from_columns(&columns?);
             let normal = design.transpose() * &design + DMatrix::from_diagonal(&weights);
             let cholesky = normal.cholesky()?;
             let mut step = cholesky.solve(&(design.transpose() * &now - weights.component_mul(&x)));
@@ -279,7 +257,6 @@ impl<'a> Evidence<'a> {
                     residuals: now,
                 });
             }
-            kept = keeps_design.then_some(design);
         }
         None
     }
@@ -321,18 +298,6 @@ impl<'a> Evidence<'a> {
         }
         sort_by_value(&mut scores, |one| -one.1);
         scores
-    }
-
-    /// Estimates a cause with one parameter in one linear step from a solution, and returns the decrease of the sum of squares.
-    pub(super) fn score_cause(&self, base: &CauseFit, cause: Cause) -> Option<f64> {
-        let by = (self.whitened(&cause.apply(&base.subject, &[cause.step()]), &base.pose)?
-            - &base.residuals)
-            / cause.step();
-        let weights = self.prior_weights(None, base.design.ncols());
-        let normal = base.design.transpose() * &base.design + DMatrix::from_diagonal(&weights);
-        let across = base.design.transpose() * &by;
-        let information = by.norm_squared() - across.dot(&normal.cholesky()?.solve(&across));
-        Some(by.dot(&base.residuals).powi(2) / information.max(f64::MIN_POSITIVE))
     }
 
     /// Returns the markers whose images have the largest whitened misclosures.

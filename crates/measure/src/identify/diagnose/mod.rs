@@ -32,8 +32,9 @@ pub use search::{OTHER_AIRCRAFT, diagnose_ground, diagnose_ground_fit};
 pub use subject::SizedShape;
 use subject::{NamedImage, Subject, size_covariance};
 
-/// Level of significance of a diagnosis: probability that a sound setup is accused.
-const ALPHA: f64 = 0.01;
+/// Levels of significance of a diagnosis on the ground and in flight, where the result of a frame that is accused is doubtful:
+/// probability that a sound setup is accused.
+const ALPHAS: (f64, f64) = (0.01, 0.001);
 /// Number of kinds of causes among which the level is shared.
 const KINDS: f64 = 12.0;
 /// Difference of twice the log evidence below which two causes explain the images equally well: odds of 20 to 1.
@@ -131,6 +132,16 @@ impl Diagnosis {
             .is_some_and(|tip| !cause::is_bent(tip.value, setup))
     }
 
+    /// Returns whether a wrong survey, mark or name of markers for which `is_used` is false explains the images best: a result
+    /// without them does not depend on it.
+    pub fn concerns_unused_markers(&self, is_used: impl Fn(usize) -> bool) -> bool {
+        match self.causes().first().map(|best| best.cause) {
+            Some(Cause::Point(marker, _) | Cause::Mark(marker)) => !is_used(marker),
+            Some(Cause::Exchange(a, b)) => !is_used(a) && !is_used(b),
+            _ => false,
+        }
+    }
+
     /// Returns the marker whose survey or manual mark is the only cause.
     pub fn wrong_marker(&self) -> Option<usize> {
         match self.causes() {
@@ -163,31 +174,6 @@ impl Diagnosis {
             format!("{named}; in addition, {}", further.text)
         }))
     }
-}
-
-/// Returns whether a scale of the image or of the survey explains a frame in flight significantly better than the setup as
-/// given; a fraction of the time of [`diagnose_observations`], which takes the same arguments.
-pub fn is_scale_off(
-    setup: &Setup,
-    orientation: &Orientation,
-    observations: &[Observation],
-    outlines: &[Option<SizedShape>],
-) -> bool {
-    let subject = Subject::of_observations(setup, observations, outlines);
-    let evidence = evidence::start_pose(&subject, Some(orientation))
-        .and_then(|pose| Evidence::new(subject.clone(), Some(orientation), (&subject, &pose)));
-    let Some((evidence, base)) =
-        evidence.and_then(|evidence| evidence.solve_quickly().map(|base| (evidence, base)))
-    else {
-        return false;
-    };
-    let factor = (base.sum_of_squares / evidence.redundancy().max(1) as f64).max(1.0);
-    [Cause::ImageScale, Cause::SurveyScale]
-        .into_iter()
-        .any(|cause| {
-            let score = evidence.score_cause(&base, cause);
-            score.is_some_and(|score| score / factor > evidence.limit(cause, ALPHA / KINDS))
-        })
 }
 
 /// Diagnoses observations of known identity: of a frame in flight with an orientation, else of the ground. `outlines`: kind
@@ -284,7 +270,7 @@ fn rank_single_causes(
     });
     Some(Diagnosis {
         variance_factor: without / freedom.max(1) as f64,
-        global_test: global_test(without, freedom, ALPHA),
+        global_test: global_test(without, freedom, ALPHAS.1),
         ranking,
         further: None,
     })
@@ -296,6 +282,10 @@ fn weigh_cause(evidence: &Evidence, cause: Cause, fit: &CauseFit, without: f64) 
     let left = fit.sum_of_squares / evidence.redundancy().saturating_sub(parameters).max(1) as f64;
     let decrease = (without - fit.sum_of_squares) / left.max(1.0);
     let rows = (evidence.redundancy() as f64).max(1.0);
+    let alpha = match evidence.orientation {
+        Some(_) => ALPHAS.1,
+        None => ALPHAS.0,
+    };
     let penalty = parameters as f64 * rows.ln() + 2.0 * (cause.alternatives(markers) as f64).ln();
     Explanation {
         cause,
@@ -309,7 +299,7 @@ fn weigh_cause(evidence: &Evidence, cause: Cause, fit: &CauseFit, without: f64) 
         ),
         camera_from_survey: fit.pose.rotation(),
         evidence: decrease - penalty,
-        is_significant: decrease > evidence.limit(cause, ALPHA / KINDS),
+        is_significant: decrease > evidence.limit(cause, alpha / KINDS),
     }
 }
 

@@ -17,9 +17,7 @@ pub fn accepted_remarks(frames: usize, mounting: usize, mount_disturbed: bool) -
 pub fn rejection_remark(is_restarted: bool, mounting: usize) -> String {
     let cause = "adjusted on its own: inconsistent with the previous frames, with or without a mount disturbance";
     match is_restarted {
-        true => {
-            format!("{cause}; all parameters are estimated again from here, as mounting {mounting}")
-        }
+        true => format!("{cause}; all is estimated again from here, as mounting {mounting}"),
         false => format!("{cause}; not used for later frames"),
     }
 }

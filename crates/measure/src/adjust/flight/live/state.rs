@@ -11,10 +11,9 @@ use super::process_model::{add_process_noise, apply_forgetting, reset_parameters
 use crate::adjust::AdjustResult;
 use crate::adjust::flight::frames::Flight;
 use crate::adjust::shapes::burning_covariance;
-use crate::adjust::terms::mounting_rotation_prior;
+use crate::adjust::terms;
 use crate::estimation::quality::chi_square_limit;
 use crate::estimation::{AttributedInformation, InformationPrior};
-use crate::setup::Width;
 
 /// Time constant of the mounting's drift, s. `mount_drift_rad` is the drift between two shots of a series, which are
 /// minutes apart: the mounting drifts by this amount in this time, and each frame deviates from its random walk by the same
@@ -208,17 +207,21 @@ impl LiveState {
         self.attempt_frame(flight, &known)
     }
 
-    /// Resets rotation and shift of the mounting to the mount's repeatability.
+    /// Resets the mounting to its priors.
     fn reset_mounting(&self, flight: &Flight, known: &mut InformationPrior) -> AdjustResult<()> {
         let own = self.model.layout.mounting;
-        let rotation = mounting_rotation_prior(&flight.input);
-        let shift = flight.input.setup.uncertainty[Width::MountShift];
-        let mut covariance = DMatrix::identity(own.count, own.count) * (shift * shift);
-        covariance
-            .view_mut((0, 0), (3, 3))
-            .copy_from(&rotation.covariance);
-        let mut mean = DVector::zeros(own.count);
-        mean.rows_mut(0, 3).copy_from(&rotation.mean);
-        reset_parameters(known, own.first, &mean, covariance)
+        let input = &flight.input;
+        let mut terms = vec![terms::mounting_rotation(input, false)];
+        terms.extend(terms::mounting_terms(input, false));
+        let mut covariance = DMatrix::zeros(own.count, own.count);
+        let mut first = 0;
+        for prior in terms.iter().flat_map(|term| &term.priors) {
+            let size = prior.covariance.shape();
+            covariance
+                .view_mut((first, first), size)
+                .copy_from(&prior.covariance);
+            first += size.0;
+        }
+        reset_parameters(known, own.first, &DVector::zeros(own.count), covariance)
     }
 }
