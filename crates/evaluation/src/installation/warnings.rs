@@ -128,8 +128,14 @@ fn find_contradictions(setup: &Setup, file: &Path) -> Vec<Fault> {
             "at most".to_owned()
         };
         let problem = format!("is {value}, but {from} {high:.2} by {by}");
-        (value < low || value > high)
-            .then(|| Fault::new(file, key, problem, "is it of another wing?"))
+        (value < low || value > high).then(|| {
+            Fault::new(
+                file,
+                key,
+                problem,
+                "is it of another wing or another flight?",
+            )
+        })
     };
     all.into_iter().filter_map(fault).collect()
 }

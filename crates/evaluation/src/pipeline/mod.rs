@@ -159,8 +159,8 @@ const MAX_SIZE_SIGMAS: f64 = 4.0;
 /// Number of removed images of a frame from which a cause is diagnosed: in sound ones 1 of 500.
 const SUSPECT_REMOVALS: usize = 2;
 
-/// Adds the cause to the reason of a doubtful or failed result. A result that its test rejects, without several
-/// images or with markers of another size than their distances predict is doubtful if a diagnosis finds a cause.
+/// Adds the cause to the reason of a doubtful or failed result. A result becomes doubtful if a diagnosis finds a cause and its
+/// test rejects it, several images were removed, or markers have another size than their distances predict.
 fn add_diagnosis(
     record: &mut ImageRecord,
     problem: Option<String>,

@@ -39,7 +39,7 @@ pub struct Parameters {
     /// Deflection model.
     #[serde(with = "super::blank_method")]
     pub method: Option<AdjustmentMethod>,
-    /// Number of curvature terms; `null`: 8.
+    /// Number of curvature terms; `null`: 10 in single frames, 8 in flights.
     pub curvature_terms: Option<usize>,
     /// Number of twist terms.
     pub twist_terms: usize,

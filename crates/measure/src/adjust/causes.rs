@@ -2,8 +2,7 @@
 //! with the larger prior standard deviation that the data ask for, or makes the result doubtful.
 //!
 //! From the prior's residual and the part of its covariance that is left follow the probability of the residual if the prior
-//! is true, and the prior that the data ask for. Scale and aspect of the image
-//! come first: one unknown that explains all markers is more probable than several.
+//! is true, and the prior that the data ask for. The most probable cause is freed first.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
@@ -31,7 +30,8 @@ pub const CAUSES: [Unknown; 15] = [
     Unknown::FlightPrincipalPoint,
     Unknown::ThermalScale,
 ];
-/// Causes in the image: they are tried before all others, and before outliers are removed.
+/// Causes in the image, which count before outliers are removed if they are more probable than all others: many outliers may
+/// be their consequence.
 const IN_IMAGE: [Unknown; 2] = [Unknown::FlightScale, Unknown::Aspect];
 
 /// Fraction of a stated variance that the data must determine for a direction to be tested: below, the linear model does not

@@ -45,8 +45,10 @@ impl Flight<'_> {
         let Some((_, mut with)) = tried.min_by(|a, b| a.0.total_cmp(&b.0)) else {
             return Ok(found);
         };
-        let rough = with.solve_with_image_causes()?;
-        match with.remove_outliers(rough) {
+        let explained = with
+            .solve_with_image_causes()
+            .and_then(|rough| with.remove_outliers(rough));
+        match explained {
             Ok(explained) if with.tested_sum.is_none() => {
                 *self = with;
                 Ok(explained)

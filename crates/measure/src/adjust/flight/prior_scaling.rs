@@ -42,7 +42,9 @@ fn parameter_evidence(value: f64, variance: f64, sigma: f64) -> VarianceEvidence
 impl SolvedFlight {
     /// Evidence for the size of the skin motion, for the prior standard deviation `sigma_m`.
     fn skin_evidence(&self, flight: &Flight, sigma_m: f64) -> VarianceEvidence {
-        let layout = &self.flight_problem.layouts[0];
+        let Some(layout) = self.flight_problem.layouts.first() else {
+            return sum_evidence(std::iter::empty());
+        };
         let on_the_wing =
             (0..flight.input.setup.markers.len()).filter(|k| !flight.input.scene.is_fixed(*k));
         let columns = on_the_wing.flat_map(|marker| layout.motions.columns(marker));
