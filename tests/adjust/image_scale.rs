@@ -263,3 +263,58 @@ fn sound_images_are_rarely_doubtful() {
     assert!(100 * doubtful <= all, "{doubtful} of {all}");
     assert!((0.5..1.4).contains(&rms(&errors)), "{}", rms(&errors));
 }
+
+/// Flights of five frames, the second of which has another scale or aspect. Counts of flights: all, those whose usable
+/// frames are beyond 2.5 sigma, and those in which a sound frame is doubtful.
+pub fn count_one_changed_frame() -> [usize; 3] {
+    let kinds = [
+        Markers::Decals,
+        Markers::Points,
+        Markers::Fixed(2),
+        Markers::Fixed(4),
+    ];
+    let mut counts = [0; 3];
+    for (k, (scale, aspect)) in CHANGES.into_iter().enumerate() {
+        let change = Change { scale, aspect };
+        for kind in draws(vec![k % kinds.len()], (0..kinds.len()).collect()) {
+            let seed = 53_000 + 100 * k as u64 + kind as u64;
+            let outcome = solved(seed, 5, kinds[kind], 31.0, (change, &|frame| frame == 1));
+            let doubtful: Vec<bool> = outcome.solutions.iter().map(is_doubtful).collect();
+            let each: Vec<f64> = outcome.errors.iter().map(|errors| rms(errors)).collect();
+            println!(
+                "{scale} {aspect}, {:?}: usable {:.2} sigma, each {each:.2?}, doubtful {doubtful:?}, {:?} {:?}",
+                kinds[kind],
+                outcome.rms(),
+                outcome
+                    .solutions
+                    .iter()
+                    .map(|s| s.global_test)
+                    .collect::<Vec<_>>(),
+                outcome
+                    .solutions
+                    .get(1)
+                    .map(|s| (&s.counted_causes, &s.doubt)),
+            );
+            counts[0] += 1;
+            counts[1] += usize::from(outcome.rms() > 2.5);
+            let sound = (0..5).filter(|frame| *frame != 1);
+            counts[2] += usize::from(
+                sound
+                    .into_iter()
+                    .any(|frame| doubtful.get(frame) != Some(&false)),
+            );
+        }
+    }
+    println!("one frame of five: {counts:?}");
+    counts
+}
+
+#[test]
+fn one_frame_of_another_scale_is_doubtful_and_not_its_flight() {
+    let [flights, beyond, lost] = count_one_changed_frame();
+    // One flight in 24, rounded up: honest errors of one flight are alike, and 1 % of them are beyond 2.5.
+    assert!(
+        beyond <= flights.div_ceil(24) && lost == 0,
+        "{beyond}, {lost} of {flights}"
+    );
+}

@@ -32,7 +32,7 @@ pub const CAUSES: [Unknown; 15] = [
 ];
 /// Causes in the image, which count before outliers are removed if they are more probable than all others: many outliers may
 /// be their consequence.
-const IN_IMAGE: [Unknown; 2] = [Unknown::FlightScale, Unknown::Aspect];
+pub const IN_IMAGE: [Unknown; 2] = [Unknown::FlightScale, Unknown::Aspect];
 
 /// Fraction of a stated variance that the data must determine for a direction to be tested: below, the linear model does not
 /// carry as far as the residual asks.
@@ -40,7 +40,7 @@ const MIN_DETERMINED: f64 = 2e-3;
 /// The same for causes in the image, in which the model is linear: 300 standard deviations, 1.5 % of aspect.
 const MIN_DETERMINED_IMAGE: f64 = 1e-5;
 /// Probability that a cause counts in a result without errors, shared by all causes.
-const CAUSES_ALPHA: f64 = 1e-3;
+pub const CAUSES_ALPHA: f64 = 1e-3;
 /// Fraction of the default below which a stated width is narrow: five times as precise as usual.
 pub const NARROW_FRACTION: f64 = 0.2;
 /// Ratio of the tip's standard deviation with the default to that with the stated width from which on a narrow width is decisive.
@@ -354,16 +354,21 @@ pub trait CauseModel: Sized {
     fn with_causes(&self, widened: WidenedPriors) -> AdjustResult<Self>;
 }
 
+/// Returns the variance factor, at least 1, if the global test of level `alpha` rejects it, otherwise 1.
+pub fn rejected_factor(omega: f64, redundancy: usize, alpha: f64) -> f64 {
+    match quality::global_test(omega, redundancy, alpha) {
+        Some(GlobalTest::Rejected) => (omega / redundancy.max(1) as f64).max(1.0),
+        _ => 1.0,
+    }
+}
+
 /// Frees the causes that a solution without outliers asks for, as long as there is a solution. If the global test of level
 /// `alpha` rejects it, their significance is relative to its variance factor. Level 0: nothing is tested.
 pub fn free_causes<M: CauseModel>(mut model: M, alpha: f64) -> M {
     for _ in 0..FREEING_PASSES {
         let (problem, fit, widened, (omega, redundancy)) = model.solved();
-        let factor = match quality::global_test(omega, redundancy, alpha) {
-            Some(GlobalTest::Rejected) => omega / redundancy.max(1) as f64,
-            _ => 1.0,
-        };
-        let asked = asked_causes((problem, fit), widened, factor.max(1.0));
+        let factor = rejected_factor(omega, redundancy, alpha);
+        let asked = asked_causes((problem, fit), widened, factor);
         if alpha <= 0.0 || !asked.differs_from(widened) {
             break;
         }

@@ -11,13 +11,14 @@
 //! | hyperparameters, assumed first and then estimated | `hyperparameters.rs`, `mountings.rs` |
 //! | observations in use | `usage.rs` |
 //! | observations, unknowns, conditions, solutions | `frames.rs`, `flight_problem.rs`, `shape.rs`, `solving.rs`, `joint.rs` |
-//! | outliers | `outliers.rs` |
+//! | outliers | `outliers.rs`, `contradicting_frames.rs` |
 //! | departure, drift, remounts and default priors, estimated from the data | `tuning.rs`, `prior_scaling.rs` |
 //! | result of a frame | `frame_solution.rs` |
 //! | live mode, frame by frame | `live.rs` |
 //! | information for later flights | `flight_information.rs` |
 //! | joint covariance of the shapes | `joint_shape.rs` |
 
+mod contradicting_frames;
 mod flight_information;
 mod flight_problem;
 mod frame_solution;
@@ -38,6 +39,7 @@ pub use flight_information::learn_from_flight;
 pub use live::LiveAdjustment;
 pub use usage::FlightUsage;
 
+use self::contradicting_frames::{LEAVING_PASSES, find_sound_frames, solve_contradicting_frame};
 use self::frames::Flight;
 use self::hyperparameters::FlightHyperparameters;
 use self::joint::JointSolution;
@@ -62,31 +64,81 @@ pub fn solve_flight(
     if frames.is_empty() {
         return Ok(vec![]);
     }
-    solve_flight_with(setup, orientation, frames, options, |_| ()).map(|(solutions, ())| solutions)
+    Ok(solve_flight_with(setup, orientation, frames, options, |_| ())?.solutions)
 }
 
-/// Adjusts all frames of a flight, at least one, and derives something else from the joint solution.
+/// Result of a flight.
+pub struct FlightResult<T> {
+    /// One result per frame.
+    pub solutions: Vec<Solution>,
+    /// Indices of the frames that were adjusted jointly.
+    pub joint_frames: Vec<usize>,
+    /// What was derived from the joint solution.
+    pub derived: T,
+}
+
+/// Adjusts all frames of a flight, at least one, and derives something else from the joint solution. Frames that contradict
+/// the others are adjusted alone.
+///
+/// # Errors
+/// Returns an error if the input is invalid or the frames do not determine a solution.
 pub fn solve_flight_with<T>(
     setup: &Setup,
     orientation: &Orientation,
     frames: &[Vec<Observation>],
     options: &Options,
     derive: impl Fn(&JointSolution) -> T,
-) -> AdjustResult<(Vec<Solution>, T)> {
+) -> AdjustResult<FlightResult<T>> {
     let scene = WingScene::new(setup, orientation)?;
-    let solve = |options: &Options| {
-        let joint = JointSolution::new(
-            AdjustmentInput {
-                setup,
-                orientation,
-                scene: &scene,
-                options,
+    let solve_some = |options: &Options, joint_frames: Vec<usize>| -> AdjustResult<_> {
+        let chosen: Vec<_> = joint_frames.iter().map(|k| frames[*k].clone()).collect();
+        let input = AdjustmentInput {
+            setup,
+            orientation,
+            scene: &scene,
+            options: &match joint_frames.len() == frames.len() {
+                true => options.clone(),
+                false => options.for_frames(&joint_frames),
             },
-            frames,
-        )?;
-        Ok((joint.frame_solutions(), derive(&joint)))
+        };
+        let joint = JointSolution::new(input, &chosen)?;
+        let left_out = joint.contradicting_frames();
+        let result = FlightResult {
+            solutions: joint.frame_solutions(),
+            derived: derive(&joint),
+            joint_frames,
+        };
+        Ok((result, left_out))
     };
-    with_prior_if_consistent(options, solve, |(solutions, _)| solutions)
+    let solve = |options: &Options| {
+        let all = solve_some(options, (0..frames.len()).collect());
+        let all = all.or_else(|error| {
+            let sound = find_sound_frames(setup, orientation, frames, options);
+            solve_some(options, sound.ok_or(error)?)
+        });
+        let (mut result, mut left_out) = all?;
+        for _ in 0..LEAVING_PASSES {
+            if left_out.is_empty() {
+                break;
+            }
+            let kept = result.joint_frames.iter().enumerate();
+            let kept = kept.filter(|(at, _)| !left_out.contains(at));
+            let Ok(without) = solve_some(options, kept.map(|(_, frame)| *frame).collect()) else {
+                break;
+            };
+            (result, left_out) = without;
+        }
+        Ok(result)
+    };
+    let mut result = with_prior_if_consistent(options, solve, |result| &mut result.solutions)?;
+    for (frame, observations) in frames.iter().enumerate() {
+        if !result.joint_frames.contains(&frame) {
+            let options = &options.for_frames(&[frame]);
+            let alone = solve_contradicting_frame(setup, orientation, observations, options);
+            result.solutions.insert(frame, alone);
+        }
+    }
+    Ok(result)
 }
 
 /// Adjusts one frame with the prior from earlier flights, as a flight of one frame, and derives something else from the

@@ -56,6 +56,8 @@ pub struct JointShape {
     /// Frames, in order, and their results.
     pub frames: Vec<FrameShape>,
     pub solutions: Vec<Solution>,
+    /// Indices of the frames that have no shape because they contradict the others, and why.
+    pub left_out: Vec<(usize, String)>,
 }
 
 /// Shape in one frame, or mean of several. Functions are those of stations, displacements and deflections of markers, coefficients of the
@@ -133,6 +135,7 @@ pub(super) fn empty_shape(outcome: &FrameOutcome, choice: &StationChoice) -> Joi
         markers,
         curvature_terms: outcome.layout.curvature_terms,
         frames: vec![],
+        left_out: vec![],
         solutions: vec![],
     }
 }

@@ -92,6 +92,16 @@ impl Options {
         self.mountings.as_deref() == Some(&[Mounting::Ground])
     }
 
+    /// Returns the options for some of the frames.
+    fn for_frames(&self, frames: &[usize]) -> Self {
+        let chosen =
+            |all: &Vec<Mounting>| frames.iter().filter_map(|k| all.get(*k)).copied().collect();
+        Self {
+            mountings: self.mountings.as_ref().map(chosen),
+            ..self.clone()
+        }
+    }
+
     /// Returns the number of curvature terms of a single frame or a flight.
     fn count_curvature_terms(&self, is_flight: bool) -> usize {
         let (least, usual) = if is_flight { (2, 8) } else { (1, 10) };

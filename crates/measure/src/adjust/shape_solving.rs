@@ -58,12 +58,19 @@ pub fn solve_flight_shape(
     options: &Options,
     stations: &StationChoice,
 ) -> AdjustResult<JointShape> {
-    let (solutions, shape) =
-        flight::solve_flight_with(setup, orientation, frames, options, |joint| {
-            joint.joint_shape(stations)
-        })?;
+    let result = flight::solve_flight_with(setup, orientation, frames, options, |joint| {
+        joint.joint_shape(stations)
+    })?;
+    let (mut solutions, mut left_out) = (vec![], vec![]);
+    for (frame, solution) in result.solutions.into_iter().enumerate() {
+        match solution.doubt {
+            Some(doubt) if !result.joint_frames.contains(&frame) => left_out.push((frame, doubt)),
+            _ => solutions.push(solution),
+        }
+    }
     Ok(JointShape {
         solutions,
-        ..shape?
+        left_out,
+        ..result.derived?
     })
 }

@@ -6,7 +6,7 @@
 use nalgebra::DMatrix;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
-use super::fit::Fit;
+use super::fit::{Fit, Gradient};
 use super::linear::inverse_spd;
 use super::problem::Problem;
 
@@ -130,4 +130,34 @@ pub fn observation_reliability(
             }
         })
         .collect()
+}
+
+/// Returns the statistic of the hypothesis that a global parameter has another value in one group alone (the w-test of a
+/// model error with several observations, Baarda 1968): standard normal if it has not. `None` if the group does not control
+/// it.
+pub fn group_bias_statistic(
+    problem: &Problem,
+    fit: &Fit,
+    group: usize,
+    column: usize,
+) -> Option<f64> {
+    let blocks = &fit.groups[group].blocks;
+    let mut functions = Gradient::empty(vec![], fit.groups[group].local.len(), 1);
+    let (mut score, mut power) = (0.0, 0.0);
+    for (index, block) in blocks.iter().enumerate() {
+        let linearised = &block.linearised;
+        let Some(at) = linearised.columns.iter().position(|other| *other == column) else {
+            continue;
+        };
+        // Change of the observations that has the same effect on the conditions.
+        let by_parameter = linearised.global.columns(at, 1).into_owned();
+        let change = linearised.observations.clone().lu().solve(&by_parameter)?;
+        let weight = inverse_spd(&problem.groups[group].blocks[index].covariance)?;
+        let weighted = weight * &change;
+        score += weighted.column(0).dot(&block.residuals);
+        power += weighted.dot(&change);
+        functions.observed.push((index, weighted));
+    }
+    let variance = power - fit.function_variances(group, &functions).first()?;
+    (variance > MIN_REDUNDANCY * power).then(|| score / variance.sqrt())
 }
