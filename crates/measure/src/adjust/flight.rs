@@ -1,6 +1,7 @@
-//! Joint adjustment of the frames of a flight (docs/adjustment.md).
+//! Adjustment of the frames of a flight, or of one frame, with the rigid-section beam (docs/adjustment.md).
 //!
-//! The frames share the marker positions on the ground, the camera and its ground rotation, one rotation per mounting and
+//! A single frame is a flight of one: its problem has the same unknowns and observations, and differs by what is known
+//! besides its images (`knowledge.rs`). The frames of a flight share the marker positions on the ground, the camera and its ground rotation, one rotation per mounting and
 //! the ratios of the curvature coefficients. Each frame has its own curvature and twist coefficients, local to its group.
 //! Until the mountings are determined, each frame may deviate from the common rotation. A frame's curvature may deviate
 //! from the shared shape by a fraction of its amplitude; that fraction is estimated from the data. Frames are eliminated
@@ -8,10 +9,11 @@
 //!
 //! | step | file |
 //! |---|---|
+//! | knowledge besides the frames' images | `knowledge.rs` |
 //! | hyperparameters, assumed first and then estimated | `hyperparameters.rs`, `mountings.rs` |
 //! | observations in use | `usage.rs` |
 //! | observations, unknowns, conditions, solutions | `frames.rs`, `flight_problem.rs`, `shape.rs`, `solving.rs`, `joint.rs` |
-//! | outliers | `outliers.rs` |
+//! | outliers, causes | `outliers.rs`, `free_causes.rs` |
 //! | departure, drift, remounts and default priors, estimated from the data | `tuning.rs`, `prior_scaling.rs` |
 //! | result of a frame | `frame_solution.rs` |
 //! | live mode, frame by frame | `live.rs` |
@@ -22,10 +24,13 @@ mod flight_information;
 mod flight_problem;
 mod frame_solution;
 mod frames;
+mod free_causes;
 mod hyperparameters;
 mod joint;
 mod joint_shape;
+mod knowledge;
 mod live;
+mod load_twist;
 mod mountings;
 mod outliers;
 mod prior_scaling;
@@ -36,16 +41,14 @@ mod usage;
 
 pub use flight_information::learn_from_flight;
 pub use live::LiveAdjustment;
-pub use usage::FlightUsage;
 
 use self::frames::Flight;
 use self::hyperparameters::FlightHyperparameters;
 use self::joint::JointSolution;
-use self::mountings::FrameMountings;
+use self::knowledge::Knowledge;
 use super::input::AdjustmentInput;
 use super::outcome::{FrameOutcome, with_prior_if_consistent};
 use super::scene::WingScene;
-use super::terms::MIN_DRIFT_RAD;
 use super::{AdjustResult, Observation, Options, Solution};
 use crate::setup::{Orientation, Setup};
 
@@ -89,28 +92,62 @@ pub fn solve_flight_with<T>(
     with_prior_if_consistent(options, solve, |(solutions, _)| solutions)
 }
 
-/// Adjusts one frame with the prior from earlier flights, as a flight of one frame, and derives something else from the
-/// outcome.
-pub fn solve_frame_with_prior<T>(
-    input: &AdjustmentInput,
-    frame: &[Observation],
-    derive: &dyn Fn(&FrameOutcome) -> T,
+/// Adjusts one frame.
+///
+/// # Errors
+/// Returns an error if the input is invalid or the observations do not determine a solution.
+pub fn solve_spatial(
+    setup: &Setup,
+    orientation: &Orientation,
+    observations: &[Observation],
+    options: &Options,
+) -> AdjustResult<Solution> {
+    solve_frame_with(setup, orientation, observations, options, |_| ())
+        .map(|(solution, ())| solution)
+}
+
+/// Adjusts one frame, with the prior from earlier flights unless variance components are estimated, and derives something
+/// else from the outcome.
+pub fn solve_frame_with<T>(
+    setup: &Setup,
+    orientation: &Orientation,
+    observations: &[Observation],
+    options: &Options,
+    derive: impl Fn(&FrameOutcome) -> T,
 ) -> AdjustResult<(Solution, T)> {
-    let frames = [frame.to_vec()];
+    let scene = WingScene::new(setup, orientation)?;
+    let frames = [observations.to_vec()];
+    let mut options = options.clone();
+    options
+        .flight_prior
+        .take_if(|_| options.variance_components);
     let solve = |options: &Options| {
-        let input = AdjustmentInput { options, ..*input };
-        let mountings = FrameMountings::for_single_frame(options.mountings.as_deref());
-        // The frame's rotation is that of its mounting, which has drifted since the ground frames if the camera was not
-        // remounted.
-        let mut hyperparameters = FlightHyperparameters::initial(&input, 1, mountings);
-        hyperparameters.drift_rad = MIN_DRIFT_RAD;
-        let joint = JointSolution::for_single_frame(Flight::new(input, &frames, hyperparameters)?)?;
-        Ok((
-            joint.first_solution(false),
-            derive(&joint.solved.frame_outcome(&joint.flight.input, 0)),
-        ))
+        let input = AdjustmentInput {
+            setup,
+            orientation,
+            scene: &scene,
+            options,
+        };
+        let knowledge = match options.flight_prior {
+            Some(_) => Knowledge::Shared,
+            None => Knowledge::Alone,
+        };
+        let hyperparameters = FlightHyperparameters::for_single_frame(&input);
+        let flight = Flight::new(input, &frames, hyperparameters, knowledge)?;
+        let mut joint = JointSolution::for_single_frame(flight)?;
+        let (variance_components, remarks) = match options.variance_components {
+            true => joint.solved.estimate_variance_components(&scene)?,
+            false => Default::default(),
+        };
+        let solution = joint.first_solution(false);
+        let solution = Solution {
+            variance_components,
+            remarks: [remarks, solution.remarks].concat(),
+            ..solution
+        };
+        Ok((solution, derive(&joint.outcome(0))))
     };
-    with_prior_if_consistent(input.options, solve, |(solution, _)| {
+    with_prior_if_consistent(&options, solve, |(solution, _)| {
         std::slice::from_mut(solution)
     })
 }
