@@ -7,8 +7,8 @@
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::beam::RAISE_TERMS;
-use super::{AdjustResult, GlobalTest, VarianceBudget, VarianceShare};
-use crate::estimation::quality::{self, chi_square_tail};
+use super::{VarianceBudget, VarianceShare};
+use crate::estimation::quality::chi_square_tail;
 use crate::estimation::{Fit, Prior, Problem};
 use crate::widths::Unknown;
 
@@ -89,6 +89,11 @@ impl WidenedPriors {
     /// Returns whether none is increased.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
+    }
+
+    /// Returns wide priors for the causes in the image if nothing is known about them.
+    pub fn widest_image() -> Self {
+        Self(IN_IMAGE.map(|cause| (cause, WIDEST)).to_vec())
     }
 
     /// Returns whether the image has another scale or aspect.
@@ -303,8 +308,6 @@ pub fn all_evidence<'a>(
     })
 }
 
-/// Largest number of solutions that free causes.
-const FREEING_PASSES: usize = 4;
 /// Fraction of the tip's variance by causes in the image from which on they are not separable from the deflection: its standard
 /// deviation is three times as large as without them.
 const MAX_IMAGE_SHARE: f64 = 0.9;
@@ -322,7 +325,7 @@ pub fn inseparable_image(widened: &WidenedPriors, budget: &VarianceBudget) -> Op
 
 /// Returns the causes that a solution asks to free: those that are free already, and the most probable new one. One residual
 /// may refute several priors; the smallest increase is the most probable. `factor`: variance factor.
-fn asked_causes(
+pub fn asked_causes(
     (problem, fit): (&Problem, &Fit),
     widened: &WidenedPriors,
     factor: f64,
@@ -341,65 +344,4 @@ fn asked_causes(
     causes.extend(new.map(|(unknown, increase, _)| (unknown, increase)));
     causes.retain(|(_, increase)| *increase > 0.0);
     WidenedPriors(causes)
-}
-
-/// Solution with causes.
-pub trait CauseModel: Sized {
-    /// Returns problem, fit, free causes, and the sum of squares of the global test with its redundancy.
-    fn solved(&self) -> (&Problem, &Fit, &WidenedPriors, (f64, usize));
-    /// Solves with other causes free, and finds the outliers again.
-    ///
-    /// # Errors
-    /// Returns an error if there is no solution.
-    fn with_causes(&self, widened: WidenedPriors) -> AdjustResult<Self>;
-}
-
-/// Returns the variance factor, at least 1, if the global test of level `alpha` rejects it, otherwise 1.
-pub fn rejected_factor(omega: f64, redundancy: usize, alpha: f64) -> f64 {
-    match quality::global_test(omega, redundancy, alpha) {
-        Some(GlobalTest::Rejected) => (omega / redundancy.max(1) as f64).max(1.0),
-        _ => 1.0,
-    }
-}
-
-/// Frees the causes that a solution without outliers asks for, as long as there is a solution. If the global test of level
-/// `alpha` rejects it, their significance is relative to its variance factor. Level 0: nothing is tested.
-pub fn free_causes<M: CauseModel>(mut model: M, alpha: f64) -> M {
-    for _ in 0..FREEING_PASSES {
-        let (problem, fit, widened, (omega, redundancy)) = model.solved();
-        let factor = rejected_factor(omega, redundancy, alpha);
-        let asked = asked_causes((problem, fit), widened, factor);
-        if alpha <= 0.0 || !asked.differs_from(widened) {
-            break;
-        }
-        let Ok(wider) = model.with_causes(asked) else {
-            break;
-        };
-        model = wider;
-    }
-    model
-}
-
-/// Solves with all observations, and again with the causes in the image that they ask for: outliers may be consequences. Without
-/// a solution, these may be the reason. Level 0: nothing is tested.
-///
-/// # Errors
-/// Returns an error if there is no solution.
-pub fn solve_with_image_causes<S>(
-    alpha: f64,
-    mut solve: impl FnMut(WidenedPriors, Option<&S>) -> AdjustResult<S>,
-    parts: impl Fn(&S) -> (&Problem, &Fit),
-) -> AdjustResult<S> {
-    let solved = match solve(WidenedPriors::default(), None) {
-        Err(_) if alpha > 0.0 => {
-            let widest = IN_IMAGE.map(|cause| (cause, WIDEST));
-            return solve(WidenedPriors(widest.to_vec()), None);
-        }
-        solved => solved?,
-    };
-    let asked = asked_causes(parts(&solved), &WidenedPriors::default(), 1.0);
-    match alpha > 0.0 && asked.has_image_cause() {
-        true => solve(asked, Some(&solved)),
-        false => Ok(solved),
-    }
 }

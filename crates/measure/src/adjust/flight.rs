@@ -1,6 +1,7 @@
-//! Joint adjustment of the frames of a flight (docs/adjustment.md).
+//! Adjustment of the frames of a flight, or of one frame, with the rigid-section beam (docs/adjustment.md).
 //!
-//! The frames share the marker positions on the ground, the camera and its ground rotation, one rotation per mounting and
+//! A single frame is a flight of one: its problem has the same unknowns and observations, and differs by what is known
+//! besides its images (`knowledge.rs`). The frames of a flight share the marker positions on the ground, the camera and its ground rotation, one rotation per mounting and
 //! the ratios of the curvature coefficients. Each frame has its own curvature and twist coefficients, local to its group.
 //! Until the mountings are determined, each frame may deviate from the common rotation. A frame's curvature may deviate
 //! from the shared shape by a fraction of its amplitude; that fraction is estimated from the data. Frames are eliminated
@@ -8,10 +9,12 @@
 //!
 //! | step | file |
 //! |---|---|
+//! | knowledge besides the frames' images | `knowledge.rs` |
 //! | hyperparameters, assumed first and then estimated | `hyperparameters.rs`, `mountings.rs` |
 //! | observations in use | `usage.rs` |
 //! | observations, unknowns, conditions, solutions | `frames.rs`, `flight_problem.rs`, `shape.rs`, `solving.rs`, `joint.rs` |
-//! | outliers | `outliers.rs`, `contradicting_frames.rs` |
+//! | outliers, causes | `outliers.rs`, `free_causes.rs` |
+//! | a frame alone, frames that contradict the others | `single_frame.rs`, `contradicting_frames.rs` |
 //! | departure, drift, remounts and default priors, estimated from the data | `tuning.rs`, `prior_scaling.rs` |
 //! | result of a frame | `frame_solution.rs` |
 //! | live mode, frame by frame | `live.rs` |
@@ -23,31 +26,31 @@ mod flight_information;
 mod flight_problem;
 mod frame_solution;
 mod frames;
+mod free_causes;
 mod hyperparameters;
 mod joint;
 mod joint_shape;
+mod knowledge;
 mod live;
+mod load_twist;
 mod mountings;
 mod outliers;
 mod prior_scaling;
 mod shape;
+mod single_frame;
 mod solving;
 mod tuning;
 mod usage;
 
 pub use flight_information::learn_from_flight;
 pub use live::LiveAdjustment;
-pub use usage::FlightUsage;
+pub use single_frame::{solve_frame_with, solve_spatial};
 
 use self::contradicting_frames::{LEAVING_PASSES, find_sound_frames, solve_contradicting_frame};
-use self::frames::Flight;
-use self::hyperparameters::FlightHyperparameters;
 use self::joint::JointSolution;
-use self::mountings::FrameMountings;
 use super::input::AdjustmentInput;
-use super::outcome::{FrameOutcome, with_prior_if_consistent};
+use super::outcome::with_prior_if_consistent;
 use super::scene::WingScene;
-use super::terms::MIN_DRIFT_RAD;
 use super::{AdjustResult, Observation, Options, Solution};
 use crate::setup::{Orientation, Setup};
 
@@ -139,32 +142,6 @@ pub fn solve_flight_with<T>(
         }
     }
     Ok(result)
-}
-
-/// Adjusts one frame with the prior from earlier flights, as a flight of one frame, and derives something else from the
-/// outcome.
-pub fn solve_frame_with_prior<T>(
-    input: &AdjustmentInput,
-    frame: &[Observation],
-    derive: &dyn Fn(&FrameOutcome) -> T,
-) -> AdjustResult<(Solution, T)> {
-    let frames = [frame.to_vec()];
-    let solve = |options: &Options| {
-        let input = AdjustmentInput { options, ..*input };
-        let mountings = FrameMountings::for_single_frame(options.mountings.as_deref());
-        // The frame's rotation is that of its mounting, which has drifted since the ground frames if the camera was not
-        // remounted.
-        let mut hyperparameters = FlightHyperparameters::initial(&input, 1, mountings);
-        hyperparameters.drift_rad = MIN_DRIFT_RAD;
-        let joint = JointSolution::for_single_frame(Flight::new(input, &frames, hyperparameters)?)?;
-        Ok((
-            joint.first_solution(false),
-            derive(&joint.solved.frame_outcome(&joint.flight.input, 0)),
-        ))
-    };
-    with_prior_if_consistent(input.options, solve, |(solution, _)| {
-        std::slice::from_mut(solution)
-    })
 }
 
 #[cfg(test)]

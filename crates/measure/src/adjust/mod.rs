@@ -28,20 +28,18 @@ mod shape_mean;
 mod shape_solving;
 mod shapes;
 mod snooping;
-mod spatial;
 mod term;
 mod terms;
 mod values;
 
 pub use super::estimation::{GlobalTest, SigmaKind, VarianceComponent};
 pub use super::observation::{Estimate, Observation};
-pub use flight::{LiveAdjustment, learn_from_flight, solve_flight};
+pub use flight::{LiveAdjustment, learn_from_flight, solve_flight, solve_spatial};
 pub use joint_shape::{
     FrameShape, JointShape, STATION_FUNCTIONS, StationChoice, principal_sources,
 };
 pub use profile::solve_profile;
 pub use shape_solving::{solve_flight_shape, solve_frame_shape};
-pub use spatial::solve_spatial;
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -87,11 +85,6 @@ pub struct Options {
 }
 
 impl Options {
-    /// Returns whether the single frame was taken without a remount since the ground frames.
-    fn keeps_ground_mounting(&self) -> bool {
-        self.mountings.as_deref() == Some(&[Mounting::Ground])
-    }
-
     /// Returns the options for some of the frames.
     fn for_frames(&self, frames: &[usize]) -> Self {
         let chosen =

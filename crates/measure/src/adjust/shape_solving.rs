@@ -7,7 +7,6 @@ use super::joint_shape::{
     FrameShape, JointShape, ShapeFunctions, StationChoice, empty_shape, reduce_factors,
 };
 use super::outcome::FrameOutcome;
-use super::spatial::solve_spatial_with;
 use super::{AdjustResult, Observation, Options};
 use crate::estimation::symmetric_root;
 use crate::setup::{Orientation, Setup};
@@ -40,7 +39,8 @@ pub fn solve_frame_shape(
         });
         shape
     };
-    let (solution, shape) = solve_spatial_with(setup, orientation, observations, options, &derive)?;
+    let (solution, shape) =
+        flight::solve_frame_with(setup, orientation, observations, options, derive)?;
     Ok(JointShape {
         solutions: vec![solution],
         ..shape

@@ -2,7 +2,7 @@
 
 use super::input::AdjustmentInput;
 use super::layout::BlockMember;
-use super::{AdjustResult, GlobalTest, Options};
+use super::{GlobalTest, Options};
 use crate::estimation::quality::{self, Reliability};
 use crate::estimation::{Fit, Problem};
 use crate::setup::Setup;
@@ -18,8 +18,6 @@ const GROSS_ERROR_LIMITS: (f64, f64) = (5.0, 0.05);
 const MANY_MARKERS: usize = 3;
 /// Largest number of fixed targets among which an outlier cannot be identified.
 const FEW_FIXED_TARGETS: usize = 4;
-/// Number of a frame's observations per permitted removal.
-const OBSERVATIONS_PER_REMOVAL: usize = 3;
 
 /// Sum of squares and its redundancy, the input of a global test.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,92 +113,6 @@ impl Suspect {
             ),
         }
     }
-}
-
-/// Model from which data snooping removes observations one by one.
-pub trait SnoopingModel: Clone {
-    /// Model with its solution.
-    type SolvedModel;
-
-    /// Returns the frame's group of a solution.
-    fn solved_group<'s>(&'s self, solved: &'s Self::SolvedModel) -> SolvedGroup<'s>;
-
-    /// Sets whether the suspect observation is used.
-    fn set_used(&mut self, suspect: &Suspect, used: bool);
-
-    /// Returns whether the observations in use determine a solution with redundancy.
-    fn is_sufficient(&self, last: &Self::SolvedModel) -> bool;
-
-    /// Solves with the observations in use, starting from an earlier solution.
-    fn solve_from(&self, before: Option<&Self::SolvedModel>) -> AdjustResult<Self::SolvedModel>;
-}
-
-/// Result of data snooping.
-pub struct SnoopingResult<M: SnoopingModel> {
-    /// Model with the remaining observations.
-    pub model: M,
-    /// Solution of the model.
-    pub solved: M::SolvedModel,
-    /// Removed observations.
-    pub removed: Vec<Suspect>,
-    /// Sum of squares for the global test before anything but gross errors was removed; set if so much was removed that the
-    /// remaining observations cannot be tested on their own.
-    pub tested_sum: Option<ResidualSum>,
-}
-
-/// Removes outliers one by one, the worst first, at most one of three of the frame's `observations`. An early suspect may be
-/// a consequence of a later one, so each is tested again without all the others.
-///
-/// # Errors
-/// Returns an error if the reduced problem has no solution.
-pub fn snoop_one_by_one<M: SnoopingModel>(
-    mut model: M,
-    mut solved: M::SolvedModel,
-    observations: usize,
-) -> AdjustResult<SnoopingResult<M>> {
-    let mut removed: Vec<Suspect> = vec![];
-    let mut with_all = ResidualSum::from_fit(model.solved_group(&solved).fit);
-    while removed.len() < observations / OBSERVATIONS_PER_REMOVAL {
-        let Some(suspect) = model.solved_group(&solved).worst_suspect() else {
-            break;
-        };
-        let mut without = model.clone();
-        without.set_used(&suspect, false);
-        if !without.is_sufficient(&solved) {
-            break;
-        }
-        solved = without.solve_from(Some(&solved))?;
-        model = without;
-        removed.push(suspect);
-        if removed.iter().all(Suspect::is_gross) {
-            with_all = ResidualSum::from_fit(model.solved_group(&solved).fit);
-        }
-    }
-    if removed.len() < 2 {
-        return Ok(SnoopingResult {
-            model,
-            solved,
-            removed,
-            tested_sum: None,
-        });
-    }
-    let mut out = vec![];
-    for suspect in removed {
-        let mut with = model.clone();
-        with.set_used(&suspect, true);
-        match with.solve_from(Some(&solved)) {
-            Ok(again) if with.solved_group(&again).worst_suspect().is_none() => {
-                (model, solved) = (with, again)
-            }
-            _ => out.push(suspect),
-        }
-    }
-    Ok(SnoopingResult {
-        model,
-        solved,
-        tested_sum: with_all.if_many_removed(out.iter()),
-        removed: out,
-    })
 }
 
 /// A group of a solved problem: a frame, or survey and ground frame.

@@ -12,9 +12,7 @@ mod camera;
 mod motion;
 mod wing;
 
-pub use camera::{
-    MIN_DRIFT_RAD, mount_drift_rad, mount_repeatability_rad, mounting_rotation_prior,
-};
+pub use camera::{mount_drift_rad, mount_repeatability_rad, mounting_rotation_prior};
 pub use motion::{common_displacement, flight_terms, frame_terms, row_terms};
 pub use wing::{curvature_term, twist_term};
 

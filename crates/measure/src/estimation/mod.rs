@@ -49,7 +49,7 @@ pub use problem::{
     Block, BlockPoint, Group, GroupPoint, InformationPrior, Linearised, Prior, PriorName, Problem,
 };
 pub use quality::{GlobalTest, SigmaKind};
-pub use solve::{Minimum, SolveOptions, find_minimum, solve, solve_groups};
+pub use solve::{SolveOptions, solve, solve_groups};
 pub use variance_budget::{
     AttributedInformation, NamedObservations, SourceNames, VarianceContribution, VarianceSources,
 };

@@ -52,6 +52,14 @@ pub fn global_test(omega: f64, redundancy: usize, alpha: f64) -> Option<GlobalTe
     })
 }
 
+/// Returns the variance factor, at least 1, if the global test of level `alpha` rejects it, otherwise 1.
+pub fn rejected_factor(omega: f64, redundancy: usize, alpha: f64) -> f64 {
+    match global_test(omega, redundancy, alpha) {
+        Some(GlobalTest::Rejected) => (omega / redundancy.max(1) as f64).max(1.0),
+        _ => 1.0,
+    }
+}
+
 /// Returns the limit that a chi-square variable of `freedom` degrees of freedom exceeds with probability `alpha`; infinite
 /// without degrees of freedom.
 pub fn chi_square_limit(freedom: f64, alpha: f64) -> f64 {

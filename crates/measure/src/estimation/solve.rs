@@ -72,36 +72,6 @@ pub struct SolveOptions {
     pub residuals: Vec<Vec<DVector<f64>>>,
 }
 
-/// Minimum of a problem, without covariances.
-pub struct Minimum {
-    system: NormalEquations,
-    state: EstimationState,
-    iterations: usize,
-    /// Half the second derivative, if it differs from the normal matrix.
-    second: Option<DMatrix<f64>>,
-}
-
-impl Minimum {
-    /// Global parameters.
-    pub fn global(&self) -> &DVector<f64> {
-        &self.state.global
-    }
-
-    /// Residuals by group and block.
-    pub fn residuals(&self) -> &[Vec<DVector<f64>>] {
-        &self.state.residuals
-    }
-
-    /// Computes the covariances.
-    ///
-    /// # Errors
-    /// Returns an error if the problem is singular.
-    pub fn into_fit(self, problem: &Problem) -> EstimationResult<Fit> {
-        self.system
-            .into_fit(problem, self.state, self.iterations, self.second)
-    }
-}
-
 /// Minimises a problem whose blocks share work: `linearise` returns all blocks of a group. The list that it gets may
 /// contain the blocks of another point, with equal columns and sizes, to be overwritten.
 ///
@@ -112,18 +82,6 @@ pub fn solve_groups(
     options: &SolveOptions,
     linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> EstimationResult<()>,
 ) -> EstimationResult<Fit> {
-    find_minimum(problem, options, linearise)?.into_fit(problem)
-}
-
-/// Minimises a problem like [`solve_groups`], without the covariances.
-///
-/// # Errors
-/// Returns an error if [`solve`] would.
-pub fn find_minimum(
-    problem: &Problem,
-    options: &SolveOptions,
-    linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> EstimationResult<()>,
-) -> EstimationResult<Minimum> {
     let mut solver = GaussNewton::new(problem, options, linearise)?;
     for iteration in 1..=MAX_ITERATIONS {
         if solver.iterate(iteration)? {
@@ -132,12 +90,9 @@ pub fn find_minimum(
             } else {
                 solver.corrected_hessian()?
             };
-            return Ok(Minimum {
-                system: solver.system,
-                state: solver.state,
-                iterations: iteration,
-                second,
-            });
+            return solver
+                .system
+                .into_fit(problem, solver.state, iteration, second);
         }
     }
     Err(EstimationError::NoConvergence {

@@ -1,10 +1,10 @@
 //! Frames that contradict the others of their flight: they are left out of the joint adjustment, adjusted alone, and doubtful.
 
 use super::joint::JointSolution;
+use super::single_frame::solve_frame_with;
 use super::solving::SolvedFlight;
-use crate::adjust::causes::{CAUSES_ALPHA, IN_IMAGE, rejected_factor};
+use crate::adjust::causes::{CAUSES_ALPHA, IN_IMAGE};
 use crate::adjust::snooping::{ResidualSum, SuspectTarget};
-use crate::adjust::spatial::solve_spatial_with;
 use crate::adjust::{MarkerSolution, Observation, Options, Solution};
 use crate::estimation::{Prior, quality};
 use crate::setup::{Orientation, Setup};
@@ -42,7 +42,7 @@ impl JointSolution<'_> {
         let problem = &flight_problem.problem;
         let alpha = self.flight.input.options.global_alpha;
         let (omega, redundancy) = ResidualSum::tested(*tested_sum, fit);
-        let factor = rejected_factor(omega, redundancy, alpha);
+        let factor = quality::rejected_factor(omega, redundancy, alpha);
         let of_image = |prior: &&Prior| {
             IN_IMAGE
                 .iter()
@@ -99,7 +99,7 @@ pub fn find_sound_frames(
 ) -> Option<Vec<usize>> {
     let is_sound = |frame: &usize| {
         let options = options.for_frames(&[*frame]);
-        solve_spatial_with(setup, orientation, &frames[*frame], &options, &|_| ())
+        solve_frame_with(setup, orientation, &frames[*frame], &options, |_| ())
             .is_ok_and(|(solution, ())| solution.counted_causes.is_empty())
     };
     let sound: Vec<usize> = (0..frames.len()).filter(is_sound).collect();
@@ -113,7 +113,7 @@ pub fn solve_contradicting_frame(
     observations: &[Observation],
     options: &Options,
 ) -> Solution {
-    let alone = solve_spatial_with(setup, orientation, observations, options, &|_| ());
+    let alone = solve_frame_with(setup, orientation, observations, options, |_| ());
     let contradicts = "the frame contradicts the other frames of its flight";
     match alone {
         Ok((solution, ())) => {

@@ -1,11 +1,13 @@
 //! A flight prepared for the estimation engine: shared unknowns, one group per frame, and survey and ground frame as the
-//! last group.
+//! last group. A frame alone has its survey and ground frame in its own group, so that each marker's position on the ground
+//! is an observation and not an unknown.
 
 use std::sync::Arc;
 
 use nalgebra::{DVector, Matrix3};
 
 use super::frames::Flight;
+use super::knowledge::{EarlierFrames, Knowledge};
 use super::shape::{ShapeColumns, SharedShape};
 use crate::adjust::beam::{Bending, MAX_TWIST_TERMS};
 use crate::adjust::budget::BlockMembers;
@@ -36,15 +38,15 @@ pub struct FlightProblem {
     pub ground_members: Vec<BlockMember>,
     /// Problem for the estimation engine.
     pub problem: Problem,
-    /// Shape of the curvature that the frames share.
-    pub shape: SharedShape,
+    /// Shape of the curvature that the frames share; `None`: a frame alone.
+    pub shape: Option<SharedShape>,
     /// Flight-invariant parameters with their columns.
     pub invariant: Vec<(InvariantParameter, usize)>,
     /// Nominal values of all global parameters.
     pub nominal: DVector<f64>,
     /// Column of the common displacement.
     pub displacement_column: Option<usize>,
-    /// Column layout of survey and ground frame; `None` if a prior holds them.
+    /// Column layout of the last group; `None` if there are only frames.
     pub ground: Option<ParameterLayout>,
 }
 
@@ -73,29 +75,26 @@ impl MountingTerms {
     }
 }
 
-/// Covariance of a frame's rotation about its mounting's. The mount's repeatability, common to these frames, counts once
-/// and not once per frame.
-fn frame_rotation_covariance(flight: &Flight) -> Matrix3<f64> {
-    match flight.hyperparameters.mountings.are_assigned() {
-        false => terms::mounting_rotation_prior(&flight.input)
-            .covariance
-            .fixed_view::<3, 3>(0, 0)
-            .into_owned(),
-        true => flight
-            .hyperparameters
-            .drift_covariance(&flight.input.scene.camera_from_wing),
+/// Covariance of a frame's rotation about its mounting's; `None` without a drift. The mount's repeatability, common to these
+/// frames, counts once and not once per frame.
+fn frame_rotation_covariance(flight: &Flight) -> Option<Matrix3<f64>> {
+    let hyperparameters = &flight.hyperparameters;
+    match hyperparameters.mountings.are_assigned() {
+        false => Some(
+            terms::mounting_rotation_prior(&flight.input)
+                .covariance
+                .fixed_view::<3, 3>(0, 0)
+                .into_owned(),
+        ),
+        true => (hyperparameters.drift_rad > 0.0)
+            .then(|| hyperparameters.drift_covariance(&flight.input.scene.camera_from_wing)),
     }
 }
 
-/// Derivatives of a frame's marker positions with respect to the estimated dimensions, if other frames help to determine
-/// its twist; see
+/// Derivatives of a frame's marker positions with respect to the estimated dimensions; see
 /// [`FlightHyperparameters::smoothed_bending`](super::hyperparameters::FlightHyperparameters::smoothed_bending).
-fn dimension_derivatives(
-    flight: &Flight,
-    frame: usize,
-    scale: f64,
-) -> Option<DimensionDerivatives> {
-    let smoothed = flight.hyperparameters.smoothed_bending(frame)?;
+fn dimension_derivatives(flight: &Flight, frame: usize, scale: f64) -> DimensionDerivatives {
+    let smoothed = flight.hyperparameters.smoothed_bending(frame);
     let (curvature_per_m, twist_rad) = (&smoothed.curvature_per_m[..], &smoothed.twist_rad[..]);
     let bending = Bending {
         curvature_per_m,
@@ -103,7 +102,7 @@ fn dimension_derivatives(
         scale,
         ..Bending::UNBENT
     };
-    Some(flight.input.scene.dimension_derivatives(&bending))
+    flight.input.scene.dimension_derivatives(&bending)
 }
 
 /// Unknowns of a flight, with their columns.
@@ -112,9 +111,11 @@ struct FlightUnknowns {
     shared: SharedTerms,
     displacement_column: Option<usize>,
     head: usize,
-    shape: ShapeColumns,
+    shape: Option<ShapeColumns>,
     mountings: Vec<MountingTerms>,
-    survey: usize,
+    /// First column of the markers' positions and motions.
+    markers: usize,
+    positions: GroundPositions,
     motions: Arc<MarkerMotions>,
     curvature_terms: usize,
 }
@@ -122,10 +123,11 @@ struct FlightUnknowns {
 impl FlightUnknowns {
     fn allocate(flight: &Flight) -> Self {
         let (input, mountings) = (&flight.input, &flight.hyperparameters.mountings);
-        let curvature_terms = input.options.count_curvature_terms(true);
+        let is_alone = flight.knowledge.is_none();
+        let curvature_terms = input.options.count_curvature_terms(!is_alone);
         let mut columns = ColumnAllocator::global(&flight.widened);
         let mut shared = terms::allocate_shared_terms(input, &mut columns);
-        let common = columns.allocate_terms(terms::flight_terms(input));
+        let common = columns.allocate_terms(terms::flight_terms(input, is_alone));
         shared.placed.extend(common);
         let displacement = flight.common_displacement.as_ref().map(|displacement| {
             let first = columns.missing.len();
@@ -137,12 +139,19 @@ impl FlightUnknowns {
         let head = columns.missing.len();
         let constant_m = input.setup.uncertainty[Width::ConstantBend];
         let constant_per_m = constant_m / input.scene.ground.axis.length_m.powi(2);
-        let shape = ShapeColumns::allocate(&mut columns, curvature_terms, constant_per_m);
+        let shape = (!is_alone)
+            .then(|| ShapeColumns::allocate(&mut columns, curvature_terms, constant_per_m));
         let allocate = |mounting| {
             MountingTerms::allocate(input, mountings.is_ground_mounting(mounting), &mut columns)
         };
         let mountings = (0..mountings.count()).map(allocate).collect();
-        let survey = columns.allocate(3 * input.setup.markers.len(), MISSING_GROUND);
+        let markers = columns.missing.len();
+        let positions = if is_alone {
+            GroundPositions::Observed
+        } else {
+            let count = 3 * input.setup.markers.len();
+            GroundPositions::Global(columns.allocate(count, MISSING_GROUND))
+        };
         let motions = Arc::new(MarkerMotions::allocate(
             input,
             &flight.prior_scales,
@@ -155,47 +164,46 @@ impl FlightUnknowns {
             head,
             shape,
             mountings,
-            survey,
+            markers,
+            positions,
             motions,
             curvature_terms,
         }
     }
 
-    /// Terms of one frame: coefficients of curvature and twist, its rotation about its mounting's, and its displacements.
-    fn frame_terms(&self, flight: &Flight, frame: usize) -> Vec<PlacedTerm> {
-        let input = &flight.input;
-        let own = [
-            terms::curvature_term(self.curvature_terms, None),
-            terms::twist_term(input.options.twist_terms.min(MAX_TWIST_TERMS)),
-            terms::frame_rotation(&frame_rotation_covariance(flight)),
-        ];
-        let others = terms::frame_terms(input, &flight.frames[frame], &flight.prior_scales, true);
-        ColumnAllocator::local().allocate_terms(own.into_iter().chain(others))
-    }
-
+    /// Layout of one frame: its own coefficients of curvature and twist, its rotation about its mounting's and its
+    /// displacements, and the unknowns that it shares.
     fn frame_layout(&self, flight: &Flight, frame: usize) -> ParameterLayout {
-        let mounting = &self.mountings[flight.hyperparameters.mountings.mounting_of_frame(frame)];
-        let own = self.frame_terms(flight, frame);
-        let [curvature, twist, rotation] = [0, 1, 2].map(|k| &own[k]);
-        let expected_scale = flight
-            .input
-            .setup
-            .thermal
-            .as_ref()
-            .map_or(1.0, Thermal::scale);
+        let (input, hyperparameters) = (&flight.input, &flight.hyperparameters);
+        let is_alone = flight.knowledge.is_none();
+        let mounting = &self.mountings[hyperparameters.mountings.mounting_of_frame(frame)];
+        let amplitude_per_m = is_alone.then_some(hyperparameters.amplitudes_per_m[frame]);
+        let mut columns = ColumnAllocator::local();
+        let mut own = columns.allocate_terms([
+            terms::curvature_term(self.curvature_terms, amplitude_per_m),
+            terms::twist_term(input.options.twist_terms.min(MAX_TWIST_TERMS)),
+        ]);
+        let rotation = frame_rotation_covariance(flight);
+        let rotation =
+            columns.allocate_terms(rotation.iter().map(|known| terms::frame_rotation(known)));
+        let (seen, scales) = (&flight.frames[frame], &flight.prior_scales);
+        own.extend(rotation.iter().cloned());
+        own.extend(columns.allocate_terms(terms::frame_terms(input, seen, scales, is_alone)));
+        let expected_scale = input.setup.thermal.as_ref().map_or(1.0, Thermal::scale);
         ParameterLayout {
             terms: [&own[..], &mounting.placed, &self.shared.placed].concat(),
-            curvature: curvature.scope,
-            curvature_terms: curvature.term.size,
-            twist: twist.scope,
-            twist_terms: twist.term.size,
-            rotation: vec![
-                rotation.scope,
-                ParameterScope::Global(mounting.columns.first),
-            ],
+            curvature: own[0].scope,
+            curvature_terms: own[0].term.size,
+            twist: own[1].scope,
+            twist_terms: own[1].term.size,
+            rotation: rotation
+                .iter()
+                .map(|placed| placed.scope)
+                .chain([ParameterScope::Global(mounting.columns.first)])
+                .collect(),
             axis_height: self.shared.axis_height,
             expected_scale,
-            ground_positions: GroundPositions::Global(self.survey),
+            ground_positions: self.positions,
             motions: self.motions.clone(),
             dimension_derivatives: dimension_derivatives(flight, frame, expected_scale),
             root: self.shared.root.clone(),
@@ -227,15 +235,15 @@ impl FlightUnknowns {
                 add(term.unknown, None, *first, term.size);
             }
         }
-        add(
-            Unknown::Shape,
-            None,
-            self.shape.ratios,
-            self.shape.changes - self.shape.ratios,
-        );
+        if let Some(shape) = self.shape {
+            let ratios = shape.ratio_columns();
+            add(Unknown::Shape, None, ratios.start, ratios.len());
+        }
         for (marker, surveyed) in input.setup.markers.iter().enumerate() {
             let moves = self.motions.columns(marker);
-            add(Unknown::Survey, Some(marker), self.survey + 3 * marker, 3);
+            if let GroundPositions::Global(first) = self.positions {
+                add(Unknown::Survey, Some(marker), first + 3 * marker, 3);
+            }
             let motion = if surveyed.fixed {
                 Unknown::FixedTargetMotion
             } else {
@@ -249,11 +257,15 @@ impl FlightUnknowns {
     /// Nominal values of the global parameters.
     fn nominal_values(&self, input: &AdjustmentInput) -> DVector<f64> {
         let mut nominal = DVector::zeros(self.columns.missing.len());
-        self.shape.set_start(&mut nominal);
-        for (k, station) in input.scene.ground.stations.iter().enumerate() {
-            nominal
-                .rows_mut(self.survey + 3 * k, 3)
-                .copy_from(&station.surveyed_m);
+        if let Some(shape) = self.shape {
+            shape.set_start(&mut nominal);
+        }
+        if let GroundPositions::Global(first) = self.positions {
+            for (k, station) in input.scene.ground.stations.iter().enumerate() {
+                nominal
+                    .rows_mut(first + 3 * k, 3)
+                    .copy_from(&station.surveyed_m);
+            }
         }
         nominal
     }
@@ -262,7 +274,7 @@ impl FlightUnknowns {
     fn start_values(&self, flight: &Flight, from: Option<&Fit>) -> DVector<f64> {
         let mut start = self.nominal_values(&flight.input);
         let Some(fit) = from else { return start };
-        let (shared, surveyed) = (self.shape.end_column(), start.len() - self.survey);
+        let (shared, of_markers) = (self.mountings[0].columns.first, start.len() - self.markers);
         start
             .rows_mut(0, shared)
             .copy_from(&fit.global.rows(0, shared));
@@ -273,8 +285,8 @@ impl FlightUnknowns {
                 .rows_mut(columns.first, known)
                 .copy_from(&mean.rows(0, known));
         }
-        let old = fit.global.rows(fit.global.len() - surveyed, surveyed);
-        start.rows_mut(self.survey, surveyed).copy_from(&old);
+        let old = fit.global.rows(fit.global.len() - of_markers, of_markers);
+        start.rows_mut(self.markers, of_markers).copy_from(&old);
         start
     }
 }
@@ -282,6 +294,9 @@ impl FlightUnknowns {
 impl FlightProblem {
     /// Prepares a flight, starting from an earlier solution if there is one.
     pub fn new(flight: &Flight, from: Option<&Fit>) -> Self {
+        if let Knowledge::After(earlier) = flight.knowledge {
+            return Self::after_frames(flight, earlier, from);
+        }
         let unknowns = FlightUnknowns::allocate(flight);
         let layouts: Vec<_> = (0..flight.frames.len())
             .map(|f| unknowns.frame_layout(flight, f))
@@ -291,8 +306,12 @@ impl FlightProblem {
             .enumerate()
             .map(|(frame, layout)| flight.frame_group(frame, layout, from));
         let (mut groups, members): (Vec<_>, Vec<_>) = frames.unzip();
-        let (ground, ground_members) = flight.ground_group();
-        groups.push(ground);
+        let mut ground_members = vec![];
+        if unknowns.positions != GroundPositions::Observed {
+            let (ground, of_markers) = flight.ground_group();
+            groups.push(ground);
+            ground_members = of_markers;
+        }
         let start = unknowns.start_values(flight, from);
         let (invariant, nominal) = (
             unknowns.invariant_parameters(&flight.input),
@@ -304,12 +323,9 @@ impl FlightProblem {
         );
         let known = prior.and_then(|prior| prior.information_prior(&invariant, &nominal));
         let axis = &flight.input.scene.ground.axis;
-        let shape = SharedShape::new(
-            unknowns.shape,
-            &flight.hyperparameters,
-            axis,
-            from.is_none(),
-        );
+        let shape = unknowns.shape.map(|columns| {
+            SharedShape::new(columns, &flight.hyperparameters, axis, from.is_none())
+        });
         let ColumnAllocator {
             missing, priors, ..
         } = unknowns.columns;
@@ -320,7 +336,10 @@ impl FlightProblem {
             known,
             groups,
         };
-        let ground = layouts.first().map(ParameterLayout::ground_layout);
+        let ground = match unknowns.positions {
+            GroundPositions::Observed => None,
+            GroundPositions::Global(_) => layouts.first().map(ParameterLayout::ground_layout),
+        };
         Self {
             layouts,
             members,
@@ -334,6 +353,36 @@ impl FlightProblem {
         }
     }
 
+    /// Prepares a frame with the state after earlier frames, whose columns it has.
+    fn after_frames(flight: &Flight, earlier: &EarlierFrames, from: Option<&Fit>) -> Self {
+        let local = from.map_or(earlier.local, |fit| &fit.groups[0].local);
+        let curvature_per_m = &local.as_slice()[..earlier.layout.curvature_terms];
+        let layout =
+            earlier
+                .twist
+                .fix_derivatives(flight.input.scene, &earlier.layout, curvature_per_m);
+        let (mut group, members) = flight.frame_group(0, &layout, None);
+        group.local.copy_from(local);
+        let problem = Problem {
+            start: from.map_or(&earlier.known.mean, |fit| &fit.global).clone(),
+            missing: earlier.model.missing.clone(),
+            priors: vec![],
+            known: Some(earlier.known.clone()),
+            groups: vec![group],
+        };
+        Self {
+            layouts: vec![layout],
+            members: vec![members],
+            ground_members: vec![],
+            problem,
+            shape: earlier.model.shape.clone(),
+            invariant: vec![],
+            nominal: DVector::zeros(0),
+            displacement_column: None,
+            ground: None,
+        }
+    }
+
     /// Members of the blocks.
     pub fn block_members(&self) -> BlockMembers<'_> {
         BlockMembers {
@@ -342,7 +391,11 @@ impl FlightProblem {
         }
     }
 
-    fn linearise(
+    /// Linearises all blocks of a group at a point.
+    ///
+    /// # Errors
+    /// Returns an error if a marker is behind the camera.
+    pub fn linearise(
         &self,
         scene: &WingScene,
         at: &GroupPoint,
@@ -356,14 +409,13 @@ impl FlightProblem {
             (None, None) => return Ok(()),
         };
         layout.linearise(scene, members, at, blocks)?;
-        let Some(departure) = at.observed.last() else {
+        let Some((shape, departure)) = self.shape.as_ref().zip(at.observed.last()) else {
             return Ok(());
         };
         if blocks.len() == members.len() {
-            blocks.push(self.shape.empty_conditions(layout));
+            blocks.push(shape.empty_conditions(layout));
         }
-        self.shape
-            .linearise(layout, at, departure, &mut blocks[members.len()]);
+        shape.linearise(layout, at, departure, &mut blocks[members.len()]);
         Ok(())
     }
 

@@ -3,27 +3,31 @@
 use nalgebra::DVector;
 
 use super::hyperparameters::{FlightHyperparameters, frame_rotation_column};
+use super::knowledge::Knowledge;
 use super::shape::SharedShape;
-use super::usage::FlightUsage;
+use super::usage::{FlightUsage, RemovedObservation};
 use crate::adjust::blocks::{image_block, survey_block};
 use crate::adjust::causes::WidenedPriors;
 use crate::adjust::common_displacement::{CommonDisplacement, candidate_displacements};
 use crate::adjust::input::{
     AdjustmentInput, FrameObservations, count_wing_markers, order_by_marker,
 };
-use crate::adjust::layout::{BlockMember, ParameterLayout};
+use crate::adjust::layout::{BlockMember, GroundPositions, ParameterLayout};
 use crate::adjust::prior_scales::PriorScales;
 use crate::adjust::snooping::ResidualSum;
 use crate::adjust::{AdjustError, AdjustResult, Observation};
-use crate::estimation::{Fit, Group};
+use crate::estimation::{Block, Fit, Group};
 
-/// Minimum number of wing markers in one frame.
-pub const MIN_MARKERS: usize = 4;
+/// Minimum number of wing markers in a frame that shares its shape with others.
+const MIN_MARKERS: usize = 4;
+/// Minimum number of wing markers in a frame alone.
+const MIN_MARKERS_ALONE: usize = 6;
 
 /// Frames of a flight with the state of their adjustment.
 #[derive(Clone)]
 pub struct Flight<'a> {
     pub input: AdjustmentInput<'a>,
+    pub knowledge: Knowledge<'a>,
     /// Observations of each frame.
     pub frames: Vec<FrameObservations<'a>>,
     /// Observations in use.
@@ -50,19 +54,22 @@ impl<'a> Flight<'a> {
         input: AdjustmentInput<'a>,
         observations: &'a [Vec<Observation>],
         hyperparameters: FlightHyperparameters<'a>,
+        knowledge: Knowledge<'a>,
     ) -> AdjustResult<Self> {
         let setup = input.setup;
+        let needed = if knowledge.is_none() {
+            MIN_MARKERS_ALONE
+        } else {
+            MIN_MARKERS
+        };
         let frames = observations
             .iter()
             .map(|o| order_by_marker(setup, o))
             .collect::<Result<Vec<_>, _>>()?;
         for frame in &frames {
             let found = count_wing_markers(setup, frame);
-            if found < MIN_MARKERS {
-                return Err(AdjustError::TooFewMarkers {
-                    found,
-                    needed: MIN_MARKERS,
-                });
+            if found < needed {
+                return Err(AdjustError::TooFewMarkers { found, needed });
             }
         }
         if !hyperparameters.mountings.match_frame_count(frames.len()) {
@@ -73,6 +80,7 @@ impl<'a> Flight<'a> {
         let usage = FlightUsage::all_used(frames.len(), setup.markers.len());
         Ok(Self {
             input,
+            knowledge,
             frames,
             usage,
             hyperparameters,
@@ -91,7 +99,29 @@ impl<'a> Flight<'a> {
         candidate_displacements(&self.input, &frame_observations)
     }
 
-    /// Builds the group of one frame: its images and, last, the condition that ties its curvature to the shared shape.
+    /// Returns whether a frame without an observation has enough markers left, one more than the least if it shares its
+    /// shape: a suspect needs others that contradict it.
+    pub fn is_sufficient_without(&self, removed: &RemovedObservation) -> bool {
+        let Some(frame) = self.frames.get(removed.group) else {
+            return true;
+        };
+        let needed = if self.knowledge.is_none() {
+            MIN_MARKERS_ALONE
+        } else {
+            MIN_MARKERS + 1
+        };
+        let mut usage = self.usage.clone();
+        usage.remove(removed);
+        let left: Vec<_> = frame
+            .iter()
+            .zip(&usage.frames[removed.group])
+            .map(|(seen, used)| seen.filter(|_| *used))
+            .collect();
+        count_wing_markers(self.input.setup, &left) >= needed
+    }
+
+    /// Builds the group of one frame: its images, with the survey and ground frame if these are observations of the frame,
+    /// and last, the condition that ties its curvature to the shared shape if there is one.
     pub fn frame_group(
         &self,
         frame: usize,
@@ -101,7 +131,12 @@ impl<'a> Flight<'a> {
         let mut members = vec![];
         let mut blocks = vec![];
         for (marker, seen) in self.frames[frame].iter().enumerate() {
-            if let Some(seen) = seen.filter(|_| self.usage.frames[frame][marker]) {
+            let seen = seen.filter(|_| self.usage.frames[frame][marker]);
+            if layout.ground_positions == GroundPositions::Observed {
+                let (block, member) = self.survey_block(marker, seen);
+                members.push(member);
+                blocks.push(block);
+            } else if let Some(seen) = seen {
                 members.push(BlockMember {
                     marker,
                     flight: Some(0),
@@ -110,12 +145,15 @@ impl<'a> Flight<'a> {
                 blocks.push(image_block(seen));
             }
         }
-        blocks.push(SharedShape::departure_block(
-            layout.curvature_terms,
-            &self.hyperparameters,
-            frame,
-        ));
+        if !self.knowledge.is_none() {
+            blocks.push(SharedShape::departure_block(
+                layout.curvature_terms,
+                &self.hyperparameters,
+                frame,
+            ));
+        }
         let mut local = DVector::zeros(layout.local);
+        local[0] = self.hyperparameters.amplitudes_per_m[frame];
         if let Some(fit) = from {
             local.copy_from(&fit.groups[frame].local);
             if let Some(first) = frame_rotation_column(layout) {
@@ -134,22 +172,25 @@ impl<'a> Flight<'a> {
         )
     }
 
+    /// Builds a marker's block of survey, image in flight if it belongs to the block, and image in the ground frame.
+    fn survey_block(&self, marker: usize, seen: Option<&Observation>) -> (Block, BlockMember) {
+        let ground = self.input.scene.ground_observations[marker]
+            .as_ref()
+            .filter(|_| self.usage.ground[marker]);
+        let member = BlockMember {
+            marker,
+            flight: seen.map(|_| 3),
+            ground: ground.map(|_| if seen.is_some() { 5 } else { 3 }),
+        };
+        (
+            survey_block(&self.input, marker, seen.into_iter().chain(ground)),
+            member,
+        )
+    }
+
     /// Builds the group of survey and ground frame.
     pub fn ground_group(&self) -> (Group, Vec<BlockMember>) {
-        let one = |marker: usize| {
-            let observation = self.input.scene.ground_observations[marker]
-                .as_ref()
-                .filter(|_| self.usage.ground[marker]);
-            let member = BlockMember {
-                marker,
-                flight: None,
-                ground: observation.map(|_| 3),
-            };
-            (
-                survey_block(&self.input, marker, observation.into_iter()),
-                member,
-            )
-        };
+        let one = |marker| self.survey_block(marker, None);
         let (blocks, members) = (0..self.input.setup.markers.len()).map(one).unzip();
         (
             Group {

@@ -42,12 +42,21 @@ pub struct FlightHyperparameters<'a> {
     bendings: Vec<FrameBending>,
 }
 
-/// Bending and twist of a frame; empty before the first solution.
-#[derive(Clone, Debug, Default)]
+/// Bending and twist of a frame; before the first solution those of a typical one.
+#[derive(Clone, Debug)]
 pub struct FrameBending {
     pub curvature_per_m: Vec<f64>,
     /// Coefficients of the twist basis, rad.
     pub twist_rad: Vec<f64>,
+}
+
+impl FrameBending {
+    fn typical() -> Self {
+        Self {
+            curvature_per_m: vec![TYPICAL_CURVATURE_PER_M],
+            twist_rad: vec![],
+        }
+    }
 }
 
 impl<'a> FlightHyperparameters<'a> {
@@ -62,7 +71,16 @@ impl<'a> FlightHyperparameters<'a> {
             pitch_drift_increase: 0.0,
             sags: false,
             mounting_values: vec![DVector::zeros(3); frames],
-            bendings: vec![FrameBending::default(); frames],
+            bendings: vec![FrameBending::typical(); frames],
+        }
+    }
+
+    /// Values of a single frame, which has the rotation of its mounting.
+    pub fn for_single_frame(input: &AdjustmentInput<'a>) -> Self {
+        let mountings = FrameMountings::for_single_frame(input.options.mountings.as_deref());
+        Self {
+            drift_rad: 0.0,
+            ..Self::initial(input, 1, mountings)
         }
     }
 
@@ -90,14 +108,11 @@ impl<'a> FlightHyperparameters<'a> {
         };
     }
 
-    /// Bending of a frame, with the twist that all frames together show at its amplitude; `None` before the first solution
-    /// and for a single frame. Derivatives with respect to the estimated dimensions depend on the twist. With each frame's
-    /// own twist, its noise would be counted as information if there are many frames.
-    pub fn smoothed_bending(&self, frame: usize) -> Option<FrameBending> {
-        let bending = self
-            .bendings
-            .get(frame)
-            .filter(|bending| self.bendings.len() > 1 && !bending.twist_rad.is_empty())?;
+    /// Bending of a frame, with the twist that all frames together show at its amplitude. Derivatives with respect to the
+    /// estimated dimensions, which hardly change in a solution, depend on the twist. With each frame's own twist, its noise
+    /// would be counted as information if there are many frames.
+    pub fn smoothed_bending(&self, frame: usize) -> FrameBending {
+        let bending = &self.bendings[frame];
         let at = self.amplitudes_per_m[frame];
         let one = |k: usize| {
             let all = self.amplitudes_per_m.iter().zip(&self.bendings);
@@ -107,10 +122,10 @@ impl<'a> FlightHyperparameters<'a> {
             )
         };
         let twist_rad = (0..bending.twist_rad.len()).map(one).collect();
-        Some(FrameBending {
+        FrameBending {
             twist_rad,
             ..bending.clone()
-        })
+        }
     }
 
     /// Mean of a mounting's unknowns over its frames.

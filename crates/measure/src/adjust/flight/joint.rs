@@ -2,12 +2,14 @@
 
 use super::frame_solution::{flight_remarks, frame_solution, prior_remarks, with_flight_sources};
 use super::frames::Flight;
+use super::free_causes::free_causes;
 use super::hyperparameters::FlightHyperparameters;
+use super::knowledge::Knowledge;
 use super::mountings::FrameMountings;
 use super::solving::SolvedFlight;
 use super::usage::RemovedObservation;
-use crate::adjust::causes::free_causes;
 use crate::adjust::input::AdjustmentInput;
+use crate::adjust::outcome::FrameOutcome;
 use crate::adjust::{AdjustResult, Observation, Solution};
 
 /// Number of rounds in which departure and drift settle after the mountings are determined.
@@ -29,17 +31,13 @@ impl<'a> JointSolution<'a> {
     /// Returns an error if the flight has no solution.
     pub fn new(input: AdjustmentInput<'a>, frames: &'a [Vec<Observation>]) -> AdjustResult<Self> {
         let mountings = FrameMountings::undetermined(input.options.mountings.as_deref());
-        let mut flight = Flight::new(
-            input,
-            frames,
-            FlightHyperparameters::initial(&input, frames.len(), mountings),
-        )?;
-        let (solved, removed) = flight.remove_or_explain_outliers()?;
+        let hyperparameters = FlightHyperparameters::initial(&input, frames.len(), mountings);
+        let flight = Flight::new(input, frames, hyperparameters, Knowledge::Shared)?;
+        let (mut flight, solved, removed) = flight.remove_or_explain_outliers()?;
         let solved = flight.tune_variances(solved, 1)?;
         flight.find_mountings(&solved);
         let solved = flight.solve_rough(Some(&solved.fit))?;
-        let (mut flight, solved, mut removed) =
-            free_causes((flight, solved, removed), input.options.global_alpha);
+        let (mut flight, solved, mut removed) = free_causes((flight, solved, removed));
         let solved = flight.readmit_observations(solved, &mut removed)?;
         let rough = flight.tune_variances(solved, DEPARTURE_ROUNDS)?;
         let rough = flight.explain_by_image_shifts(rough, &mut removed)?;
@@ -56,16 +54,22 @@ impl<'a> JointSolution<'a> {
     /// # Errors
     /// Returns an error if the frame has no solution.
     pub fn for_single_frame(mut flight: Flight<'a>) -> AdjustResult<Self> {
-        let (solved, removed) = flight.remove_or_explain_outliers()?;
-        let alpha = flight.input.options.global_alpha;
-        let (mut flight, solved, mut removed) = free_causes((flight, solved, removed), alpha);
-        let rough = flight.readmit_observations(solved, &mut removed)?;
+        let all = flight.clone();
+        let rough = flight.solve_with_image_causes()?;
+        let (solved, removed) = flight.remove_outliers(rough)?;
+        let found = free_causes((flight, solved, removed));
+        let (flight, rough, removed) = all.explain_many_outliers(found);
         let solved = flight.solve_converged(&rough.fit)?;
         Ok(Self {
             flight,
             solved,
             removed,
         })
+    }
+
+    /// Evaluates a frame's part of the solution.
+    pub fn outcome(&self, frame: usize) -> FrameOutcome<'_> {
+        self.solved.frame_outcome(&self.flight.input, frame)
     }
 
     /// Results of all frames.

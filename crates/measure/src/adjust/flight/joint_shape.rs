@@ -8,15 +8,10 @@ use crate::adjust::flight_prior::{InvariantParameter, RepeatingParameters};
 use crate::adjust::joint_shape::{
     FrameShape, JointShape, ShapeFunctions, StationChoice, empty_shape, reduce_factors,
 };
-use crate::adjust::outcome::FrameOutcome;
 use crate::adjust::{AdjustError, AdjustResult};
 use crate::estimation::{Prior, symmetric_root};
 
 impl JointSolution<'_> {
-    fn outcome(&self, frame: usize) -> FrameOutcome<'_> {
-        self.solved.frame_outcome(&self.flight.input, frame)
-    }
-
     /// Shape of the flight, without the frames' results.
     pub fn joint_shape(&self, stations: &StationChoice) -> AdjustResult<JointShape> {
         let fit = &self.solved.fit;

@@ -10,7 +10,6 @@
 mod attempt;
 mod departure;
 mod initial_state;
-mod load_twist;
 mod process_model;
 mod remarks;
 mod state;
@@ -23,6 +22,7 @@ use self::state::{LiveState, LiveStep};
 use super::frame_solution::{frame_solution, with_flight_sources};
 use super::frames::Flight;
 use super::hyperparameters::FlightHyperparameters;
+use super::knowledge::Knowledge;
 use super::mountings::FrameMountings;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::scene::WingScene;
@@ -140,7 +140,7 @@ impl LiveAdjustment {
         }
         let departure = after.map_or_else(ShapeDeparture::initial, |state| state.departure);
         departure.apply_to(&mut hyperparameters);
-        Flight::new(input, frames, hyperparameters)
+        Flight::new(input, frames, hyperparameters, Knowledge::Shared)
     }
 
     fn adjust_frame_with_state(

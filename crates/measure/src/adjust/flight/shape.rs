@@ -98,14 +98,14 @@ impl ShapeColumns {
         }
     }
 
+    /// Columns of the ratios.
+    pub fn ratio_columns(&self) -> std::ops::Range<usize> {
+        self.ratios..self.changes
+    }
+
     /// Sets the start value of the vertical load's fraction.
     pub fn set_start(&self, global: &mut DVector<f64>) {
         global[self.vertical_load] = VERTICAL_LOAD_FRACTION;
-    }
-
-    /// Column after the last one of the shape.
-    pub fn end_column(&self) -> usize {
-        self.vertical_load + 1
     }
 }
 

@@ -2,13 +2,18 @@
 
 use super::flight_problem::FlightProblem;
 use super::frames::Flight;
-use super::usage::RemovedObservation;
-use crate::adjust::AdjustResult;
-use crate::adjust::causes::{CauseModel, WidenedPriors};
+use super::knowledge::Knowledge;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::outcome::FrameOutcome;
+use crate::adjust::scene::WingScene;
 use crate::adjust::snooping::{ResidualSum, SolvedGroup};
-use crate::estimation::{Fit, Problem, SolveOptions};
+use crate::adjust::{AdjustResult, VarianceComponent};
+use crate::estimation::{Fit, SolveOptions, VarianceGroup, variance_components};
+
+/// Maximum number of passes for the amplitude with which the shape of a frame alone is weighted.
+const AMPLITUDE_PASSES: usize = 3;
+/// Change of the logarithm of the amplitude below which it has settled.
+const AMPLITUDE_SETTLED: f64 = 0.05;
 
 /// Flight problem with its solution.
 pub struct SolvedFlight {
@@ -54,18 +59,54 @@ impl SolvedFlight {
         )
         .judged_before_removal(self.tested_sum)
     }
+
+    /// Estimates variance components of images and survey of a frame alone, with remarks; updates the solution.
+    ///
+    /// # Errors
+    /// Returns an error if the problem with other variances has no solution.
+    pub fn estimate_variance_components(
+        &mut self,
+        scene: &WingScene,
+    ) -> AdjustResult<(Vec<VarianceComponent>, Vec<String>)> {
+        let flight_problem = &self.flight_problem;
+        let mut problem = flight_problem.problem.clone();
+        let blocks = &flight_problem.problem.groups[0].blocks;
+        let image = |_: usize, block: usize| (3..blocks[block].observed.len()).collect();
+        let survey = |_: usize, _: usize| vec![0, 1, 2];
+        let group = |name, members| VarianceGroup { name, members };
+        let groups = [group("image", &image as _), group("survey", &survey)];
+        let found = variance_components(&mut problem, &groups, |at, blocks| {
+            flight_problem.linearise(scene, at, blocks)
+        })?;
+        (self.fit, self.flight_problem.problem) = (found.fit, problem);
+        Ok((found.components, found.remarks))
+    }
 }
 
 impl Flight<'_> {
-    /// Computes a rough solution, accurate enough for the decisions based on it, and updates the hyperparameters from it.
+    /// Computes a rough solution, accurate enough for the decisions based on it, and updates the hyperparameters from it;
+    /// those after earlier frames follow from these. For a frame alone there are several passes, in which the amplitude
+    /// settles with which the prior of its shape is weighted.
     ///
     /// # Errors
     /// Returns an error if the flight has no solution.
     pub fn solve_rough(&mut self, from: Option<&Fit>) -> AdjustResult<SolvedFlight> {
-        let solved = self.solve_from(from, true)?;
-        for (frame, layout) in solved.flight_problem.layouts.iter().enumerate() {
-            self.hyperparameters
-                .update_from_frame(frame, layout, &solved.fit);
+        let mut solved = self.solve_from(from, true)?;
+        if let Knowledge::After(_) = self.knowledge {
+            return Ok(solved);
+        }
+        for pass in 1.. {
+            let weighted = self.hyperparameters.amplitudes_per_m[0];
+            for (frame, layout) in solved.flight_problem.layouts.iter().enumerate() {
+                self.hyperparameters
+                    .update_from_frame(frame, layout, &solved.fit);
+            }
+            let found = self.hyperparameters.amplitudes_per_m[0];
+            let has_settled = (found / weighted).ln().abs() < AMPLITUDE_SETTLED;
+            if !self.knowledge.is_none() || has_settled || pass == AMPLITUDE_PASSES {
+                break;
+            }
+            solved = self.solve_from(Some(&solved.fit), true)?;
         }
         Ok(solved)
     }
@@ -90,29 +131,5 @@ impl Flight<'_> {
             fit,
             tested_sum: self.tested_sum,
         })
-    }
-}
-
-/// A flight with its rough solution, and the observations that were removed.
-pub type RoughFlight<'a> = (Flight<'a>, SolvedFlight, Vec<RemovedObservation>);
-
-impl CauseModel for RoughFlight<'_> {
-    fn solved(&self) -> (&Problem, &Fit, &WidenedPriors, (f64, usize)) {
-        let (flight, solved, _) = self;
-        let sum = ResidualSum::tested(solved.tested_sum, &solved.fit);
-        let problem = &solved.flight_problem.problem;
-        (problem, &solved.fit, &flight.widened, sum)
-    }
-
-    fn with_causes(&self, widened: WidenedPriors) -> AdjustResult<Self> {
-        let mut flight = Flight {
-            widened,
-            ..self.0.clone()
-        };
-        flight.usage.reset_except(&[]);
-        let rough = flight.solve_rough(None)?;
-        let (found, outliers) = flight.remove_outliers(rough)?;
-        flight.solve_converged(&found.fit)?;
-        Ok((flight, found, outliers))
     }
 }

@@ -35,16 +35,17 @@ impl FlightUsage {
         removed.iter().for_each(|removed| self.remove(removed));
     }
 
-    /// Removes an observation: a wrong image from its frame, a wrong surveyed position with its marker from all frames.
+    /// Removes an observation: a wrong image, or with a wrong surveyed position all images of its marker.
     pub fn remove(&mut self, RemovedObservation { group, suspect }: &RemovedObservation) {
-        match self.frames.get_mut(*group) {
-            Some(frame) => frame[suspect.marker] = false,
-            None => self.ground[suspect.marker] = false,
+        let (marker, target) = (suspect.marker, suspect.target);
+        if target != SuspectTarget::Flight {
+            self.ground[marker] = false;
         }
-        if suspect.target == SuspectTarget::Survey {
-            self.frames
-                .iter_mut()
-                .for_each(|frame| frame[suspect.marker] = false);
+        for (index, frame) in self.frames.iter_mut().enumerate() {
+            if target == SuspectTarget::Survey || target == SuspectTarget::Flight && index == *group
+            {
+                frame[marker] = false;
+            }
         }
     }
 }

@@ -10,7 +10,7 @@ use crate::setup::{Setup, SetupUncertainty};
 use crate::widths::{Unknown, Width};
 
 /// Smallest drift of a mounting, rad (0.001 px at 8000 px); a prior needs a positive standard deviation.
-pub const MIN_DRIFT_RAD: f64 = 1e-7;
+const MIN_DRIFT_RAD: f64 = 1e-7;
 /// Smallest repeatability of a mounting, px; a prior needs a positive standard deviation.
 const MIN_REPEATABILITY_PX: f64 = 1e-3;
 /// Smallest standard deviation of the panes' shift, m (0.001 px at 8 m), for a regular prior.

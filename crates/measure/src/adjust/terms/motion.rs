@@ -330,7 +330,17 @@ fn camera_shake(scene: &WingScene, times_s: &[f64], vibration: Vibration) -> Opt
 
 /// Components of in-plane bending and control-surface torque, as fractions of the prior standard deviation: shared by all
 /// frames of a flight, and independent per frame. Within a flight they differ only by gusts, flaps and turns.
-const FLIGHT_AND_FRAME_SIGMA: (f64, f64) = (0.9, 0.436);
+const FLIGHT_AND_FRAME_SIGMA: [f64; 2] = [0.9, 0.436];
+/// The same for a frame alone.
+const ALONE_SIGMA: [f64; 2] = [1.0, 0.0];
+
+fn component_sigmas(is_alone: bool) -> [f64; 2] {
+    if is_alone {
+        ALONE_SIGMA
+    } else {
+        FLIGHT_AND_FRAME_SIGMA
+    }
+}
 
 fn in_plane_and_torque_terms(input: &AdjustmentInput, share: f64) -> Vec<ParameterTerm> {
     let priors = &input.setup.uncertainty;
@@ -340,32 +350,24 @@ fn in_plane_and_torque_terms(input: &AdjustmentInput, share: f64) -> Vec<Paramet
         .collect()
 }
 
-/// Terms that all frames share. `share`: fraction of the prior standard deviation of in-plane bending and torque.
-fn shared_terms(input: &AdjustmentInput, share: f64) -> Vec<ParameterTerm> {
-    let skin = skin_bulges(input.scene, input.setup.uncertainty[Width::SkinMotion]);
-    in_plane_and_torque_terms(input, share)
-        .into_iter()
-        .chain(skin)
-        .collect()
-}
-
 /// Terms that the frames of a flight share: skin bulges and the common component of in-plane bending and torque.
-pub fn flight_terms(input: &AdjustmentInput) -> Vec<ParameterTerm> {
-    shared_terms(input, FLIGHT_AND_FRAME_SIGMA.0)
+pub fn flight_terms(input: &AdjustmentInput, is_alone: bool) -> Vec<ParameterTerm> {
+    let mut terms = in_plane_and_torque_terms(input, component_sigmas(is_alone)[0]);
+    terms.extend(skin_bulges(
+        input.scene,
+        input.setup.uncertainty[Width::SkinMotion],
+    ));
+    terms
 }
 
-/// Terms of a single frame in addition to bending, twist and rotation. `in_flight`: the flight also has [`flight_terms`].
+/// Terms of a frame in addition to bending, twist and rotation.
 pub fn frame_terms(
     input: &AdjustmentInput,
     frame_observations: &FrameObservations,
     scales: &PriorScales,
-    in_flight: bool,
+    is_alone: bool,
 ) -> Vec<ParameterTerm> {
-    let mut terms = if in_flight {
-        in_plane_and_torque_terms(input, FLIGHT_AND_FRAME_SIGMA.1)
-    } else {
-        shared_terms(input, 1.0)
-    };
+    let mut terms = in_plane_and_torque_terms(input, component_sigmas(is_alone)[1]);
     terms.extend(moving_parts(input.scene, &input.setup.markers));
     terms.extend(row_terms(input, frame_observations, scales));
     terms.extend(image_shift(

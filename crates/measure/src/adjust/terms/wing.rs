@@ -46,14 +46,14 @@ fn bending_motions(curve: &AxisCurve, function: usize) -> Vec<SectionMotion> {
     curve.bent.iter().map(motion).collect()
 }
 
-/// Compliances `FIRST`, ... with these standard deviations.
-fn compliance_term<const FIRST: usize>(unknown: Unknown, sigmas: &[f64]) -> ParameterTerm {
-    let prior = |(k, sigma): (usize, &f64)| Prior::scalar(unknown, k, 0.0, *sigma);
+/// Compliances `FIRST`, ... with these means and standard deviations.
+fn compliance_term<const FIRST: usize>(unknown: Unknown, known: &[(f64, f64)]) -> ParameterTerm {
+    let prior = |(k, (mean, sigma)): (usize, &(f64, f64))| Prior::scalar(unknown, k, *mean, *sigma);
     ParameterTerm {
         unknown,
         missing: "what root and joints give with the load cannot be determined; give wing.root_flexibility_sigma_m",
-        size: sigmas.len(),
-        priors: sigmas.iter().enumerate().map(prior).collect(),
+        size: known.len(),
+        priors: known.iter().enumerate().map(prior).collect(),
         add_values: |x, values| {
             values
                 .compliances
@@ -69,6 +69,9 @@ fn compliance_term<const FIRST: usize>(unknown: Unknown, sigmas: &[f64]) -> Para
     }
 }
 
+/// Mean of the root's flexibility over its standard deviation: a root gives with the load and never against it, and the mean of
+/// the positive half of a normal distribution is 0.8 of its root mean square.
+const ROOT_MEAN: f64 = 0.8;
 /// Standard deviation of the place of the pivot about which the root rotates, from the root, as a fraction of the length: half
 /// the width of a fuselage.
 const PIVOT_SIGMA: f64 = 0.06;
@@ -82,13 +85,17 @@ pub fn compliance_terms(
 ) -> impl Iterator<Item = ParameterTerm> {
     let root_m = Some(uncertainty[Width::RootFlexibility]).filter(|sigma_m| *sigma_m > 0.0);
     root_m.into_iter().flat_map(move |root_m| {
+        let pivot = (0.0, PIVOT_SIGMA * length_m * root_m);
         let root = compliance_term::<0>(
             Unknown::RootFlexibility,
-            &[root_m, PIVOT_SIGMA * length_m * root_m],
+            &[(ROOT_MEAN * root_m, root_m), pivot],
         );
         [
             root,
-            compliance_term::<2>(Unknown::Joints, &[JOINT_RATIO * root_m; JOINTS.len()]),
+            compliance_term::<2>(
+                Unknown::Joints,
+                &[(0.0, JOINT_RATIO * root_m); JOINTS.len()],
+            ),
         ]
     })
 }

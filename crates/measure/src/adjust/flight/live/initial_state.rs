@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use super::attempt::LiveModel;
 use super::departure::ShapeDeparture;
-use super::load_twist::LoadTwist;
 use super::state::LiveState;
 use crate::adjust::budget;
 use crate::adjust::flight::frames::Flight;
 use crate::adjust::flight::joint::JointSolution;
+use crate::adjust::flight::knowledge::LiveModel;
+use crate::adjust::flight::load_twist::LoadTwist;
 use crate::adjust::flight::solving::SolvedFlight;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::outcome::with_prior_if_consistent;
@@ -76,9 +76,9 @@ fn initial_state_from_flight(flight: Flight) -> AdjustResult<InitialState> {
             missing: flight_problem.problem.missing,
             // A gust adds lift to a weight that stays. Twice the load halves the part of all fuel in it, of which the prior
             // of burning has a random part.
-            shape: flight_problem
-                .shape
-                .with_amplitude_range(MEAN_SQUARE_BURNT.sqrt() * amplitude_per_m),
+            shape: flight_problem.shape.map(|shape| {
+                shape.with_amplitude_range(MEAN_SQUARE_BURNT.sqrt() * amplitude_per_m)
+            }),
             wrong,
         },
         attributed: Arc::new(attributed),
@@ -107,10 +107,11 @@ fn retained_information(
         ..
     }: &SolvedFlight,
 ) -> AttributedInformation {
-    let (layout, shape) = (&flight_problem.layouts[0], flight_problem.shape.columns);
+    let layout = &flight_problem.layouts[0];
     let rotation = layout.mounting.first..layout.mounting.first + 3;
-    let of_shape = shape.ratios..shape.changes;
-    let invariant = |column: usize| !rotation.contains(&column) && !of_shape.contains(&column);
+    let shape = flight_problem.shape.as_ref();
+    let ratios = shape.map_or(0..0, |shape| shape.columns.ratio_columns());
+    let invariant = |column: usize| !rotation.contains(&column) && !ratios.contains(&column);
     budget::attribute_information(
         flight_problem.block_members(),
         &flight_problem.problem,

@@ -4,12 +4,13 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::attempt::{DISTURBANCE_ALPHA, FrameAttempt, LiveModel};
+use super::attempt::{DISTURBANCE_ALPHA, FrameAttempt};
 use super::departure::ShapeDeparture;
-use super::load_twist::LoadTwist;
 use super::process_model::{add_process_noise, apply_forgetting, reset_parameters};
 use crate::adjust::AdjustResult;
 use crate::adjust::flight::frames::Flight;
+use crate::adjust::flight::knowledge::{EarlierFrames, LiveModel};
+use crate::adjust::flight::load_twist::LoadTwist;
 use crate::adjust::shapes::burning_covariance;
 use crate::adjust::terms;
 use crate::estimation::quality::chi_square_limit;
@@ -106,13 +107,23 @@ impl LiveState {
         })
     }
 
-    /// Prepares the adjustment of the next frame with the prior `known`, from this state's parameters.
+    /// Adjusts the next frame with the prior `known`, from this state's parameters.
     fn attempt_frame(
         &self,
         flight: &Flight,
         known: &InformationPrior,
     ) -> AdjustResult<FrameAttempt> {
-        FrameAttempt::new(&self.model, (&self.local, &self.twist), flight, known)
+        let earlier = EarlierFrames {
+            model: &self.model,
+            layout: self
+                .model
+                .layout
+                .with_row_times(&flight.input, &flight.frames[0]),
+            local: &self.local,
+            twist: &self.twist,
+            known,
+        };
+        FrameAttempt::new(flight, &earlier)
     }
 
     /// Variance factor after a frame; `None`: the frame could not be solved.
@@ -173,7 +184,9 @@ impl LiveState {
         elapsed_s: f64,
     ) -> AdjustResult<InformationPrior> {
         let terms = self.model.layout.curvature_terms;
-        let n = terms.saturating_sub(1);
+        let shape = self.model.shape.as_ref();
+        let ratios = shape.map_or(0..0, |shape| shape.columns.ratio_columns());
+        let n = ratios.len();
         let drift = flight
             .hyperparameters
             .drift_covariance(&flight.input.scene.camera_from_wing);
@@ -184,11 +197,8 @@ impl LiveState {
         noise
             .view_mut((3, 3), (n, n))
             .copy_from(&(burning_covariance(terms) * (elapsed_s / FUEL_BURN_TIME_S)));
-        let (mounting, ratios) = (
-            self.model.layout.mounting.first,
-            self.model.shape.columns.ratios,
-        );
-        let columns: Vec<_> = (mounting..mounting + 3).chain(ratios..ratios + n).collect();
+        let mounting = self.model.layout.mounting.first;
+        let columns: Vec<_> = (mounting..mounting + 3).chain(ratios).collect();
         let mut known = self.known.clone();
         add_process_noise(&mut known, &columns, noise.clone())?;
         add_process_noise(base, &columns, noise)?;
