@@ -133,9 +133,9 @@ SOURCES = {
     "accuracy": test("adjust", "spatial::", "flight::"),
     "window": test("adjust", "window"),
     "camera": test("adjust", "shifted_by_a_remount", "fixed_targets_determine", "mounting_known_to_be"),
-    "coverage": test("adjust", "coverage", "plan"),
+    "coverage": test("adjust", "coverage::"),
     "identification": test("adjust", "identification::"),
-    "live": test("adjust", "live::"),
+    "live": test("adjust", "live::deflections", "live::a_mount_disturbance", "live::a_wrong_image", "live::the_last_of"),
     "dimensions": test("adjust", "configured_uncertainties", "mountings::", "long_flights"),
     "publication": test("adjust", "profile_figures::"),
 }
