@@ -136,7 +136,7 @@ SOURCES = {
     "coverage": test("adjust", "coverage::"),
     "identification": test("adjust", "identification::"),
     "live": test("adjust", "live::deflections", "live::a_mount_disturbance", "live::a_wrong_image", "live::the_last_of"),
-    "dimensions": test("adjust", "configured_uncertainties", "mountings::", "long_flights"),
+    "dimensions": test("adjust", "uncertainties_are_in_the_sigma_of_a_frame", "deflections_keep_their_sigma", "in_400_frames"),
     "publication": test("adjust", "profile_figures::"),
 }
 NUMBER = r"(-?[\d.]+)"
