@@ -101,6 +101,7 @@ build-board: dependencies
 	cp $(BOARD)/release/wingd $(BOARD)/wingd
 
 bench: build
+	@sh packaging/dependencies.sh python3-venv
 	sh benches/run.sh
 
 # Node 18, playwright-core in PLAYWRIGHT and a Chromium (CHROMIUM, /usr/bin/chromium). LOOK=folder keeps pictures of each state.
@@ -133,8 +134,9 @@ docs: $(MDBOOK)
 	$(MDBOOK) build docs
 	@echo target/book/index.html
 
-# Ten minutes on an idle machine. The peers of the times: benches/run.sh.
+# Builds the tests and benches, then runs them. The peers of the times: benches/peers.sh.
 docs-figures: $(PROGRAM)
+	@sh packaging/dependencies.sh python3-venv
 	WINGD=$(WINGD) python3 tests/validation/figures.py $(OPTIONS)
 
 $(MDBOOK):

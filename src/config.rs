@@ -45,7 +45,7 @@ pub struct Config {
 pub struct SolveConfig {
     /// `spatial` (default) or `profile`.
     pub method: SolveMethod,
-    /// Number of curvature terms, 1 to 10; 8 if absent.
+    /// Number of curvature terms, 1 to 10; absent: 10, live 8.
     pub curvature_terms: Option<usize>,
     /// Maximum time for a frame; one that takes longer is recorded as failed.
     #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]

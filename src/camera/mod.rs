@@ -95,7 +95,7 @@ pub trait Camera: Send {
     fn shoot(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError>;
     /// Returns the next frame of a stream that runs until the next shot of a series or `close`: newly exposed, without the
     /// overhead of a shot.
-    fn live(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
+    fn next_live_frame(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
         self.shoot(deadline)
     }
     /// Returns whether the camera keeps no copies: the next frame may be requested before the last one is durable.

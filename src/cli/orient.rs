@@ -71,7 +71,7 @@ pub(super) fn run(args: &OrientArgs) -> Result<Completion, Failure> {
     let is_bent = found
         .as_ref()
         .map_or(fit.is_bent(), |found| found.is_bent_on_ground(setup));
-    // The diagnosis allows for the calibration's covariance and the stated bend.
+    // The diagnosis allows for the calibration's covariance and `bend_sigma_m`.
     let fits = found
         .as_ref()
         .is_some_and(|found| found.global_test == Some(GlobalTest::Passed));

@@ -151,7 +151,11 @@ fn tables_that_are_not_canonical_are_refused_with_the_cause() {
             78,
             "column sigma_mach: is a standard deviation that is not read",
         ),
-        (minutes("UTC,mach", "0.78"), 78, "in other case"),
+        (
+            minutes("UTC,mach", "0.78"),
+            78,
+            "has capital letters in the header",
+        ),
         (minutes("time,mach", "0.78"), 78, "column utc: is missing"),
         (minutes("utc,phase", "climb"), 78, "has no quantity"),
         (

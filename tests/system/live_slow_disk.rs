@@ -38,7 +38,7 @@ impl Camera for CopyingCamera {
         self.note(CameraCall::Shot);
         self.replay.shoot(deadline)
     }
-    fn live(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
+    fn next_live_frame(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
         self.note(CameraCall::Live);
         self.replay.shoot(deadline)
     }

@@ -89,7 +89,9 @@ fn a_wing_without_decals_is_measured_by_its_points() {
     ]);
     assert_ne!(status, Some(0));
     assert!(
-        text.contains("needs 4 decals or marked points, not 0 and 0: mark points"),
+        text.contains(
+            "needs 4 decals and marked points together, but there are 0 and 0: mark points"
+        ),
         "{text}"
     );
     assert!(!text.contains("aircraft"), "{text}");

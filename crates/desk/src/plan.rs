@@ -21,7 +21,7 @@ pub fn plan_failure(error: impl std::fmt::Display) -> Failure {
     Failure::Failed(format!("no plan: {error}"))
 }
 
-/// Predicted precision of several frames adjusted together, or of frames with the prior from earlier flights.
+/// Predicted precision of several frames adjusted jointly, or of frames with the prior from earlier flights.
 #[derive(Serialize)]
 pub struct FlightPrecision {
     /// Number of flights of the prior; `None` without a prior.
@@ -139,7 +139,7 @@ fn setup_without_markers(draft: &LayoutDraft) -> Setup {
 /// Distance from the camera to the bending root, as in the template of `wingd init`.
 const DEFAULT_ROOT_OFFSET_M: f64 = 0.6;
 
-/// Returns the setup of a drafted wing with the values that are known: of its layout, those that the user stated.
+/// Returns the setup of a drafted wing with the values that are known: of its layout, those that the user gave.
 pub fn drafted_facts(layout: &Setup, side: Option<WingSide>) -> Setup {
     Setup {
         configured_side: side,

@@ -161,7 +161,7 @@ pub const MAX_BREAKS: usize = 3;
 pub struct WingBreak {
     /// Span from the projection centre, m.
     pub span_m: f64,
-    /// Change of the sweep outboard of it, positive aft, rad; `None`: not stated.
+    /// Change of the sweep outboard of it, positive aft, rad; `None`: not configured.
     pub sweep_rad: Option<f64>,
 }
 
@@ -271,7 +271,7 @@ pub struct Setup {
     pub configured_side: Option<WingSide>,
     /// Span from the projection centre to the start of the bending, m.
     pub root_offset_m: f64,
-    /// Stated breaks of the bending axis; the survey finds further ones of the dihedral.
+    /// Configured breaks of the bending axis; the survey finds further ones of the dihedral.
     pub breaks: Vec<WingBreak>,
     /// Z of the bending axis in the wing frame, m; the markers' mean if not given.
     pub axis_chord_offset_m: Option<f64>,
@@ -337,7 +337,7 @@ impl Setup {
         }
     }
 
-    /// Returns the stated changes of the sweep: span from the projection centre, m, and angle towards Z of the wing frame, rad.
+    /// Returns the configured changes of the sweep: span from the projection centre, m, and angle towards Z of the wing frame, rad.
     pub fn sweeps(&self) -> impl Iterator<Item = (f64, f64)> {
         let aft = self.aft_sign();
         self.breaks
@@ -345,7 +345,7 @@ impl Setup {
             .filter_map(move |one| Some((one.span_m, aft * one.sweep_rad?)))
     }
 
-    /// Returns the distance of the swept axis at a span from that inboard of all stated breaks, along Z of the wing frame, m.
+    /// Returns the distance of the swept axis at a span from that inboard of all configured breaks, along Z of the wing frame, m.
     pub fn swept_m(&self, span_m: f64) -> f64 {
         self.sweeps()
             .map(|(from_m, sweep_rad)| sweep_rad.tan() * (span_m - from_m).max(0.0))

@@ -58,7 +58,7 @@ unknowns! {
     Vertical = "vertical of the survey", "vertical" lasting;
     SkinMotion = "motion of the skin", "skin" lasting;
     SkinBulges = "bulges of the skin", "skin";
-    FixedTargetMotion = "motion of the fixed marks", "fixed targets" lasting;
+    FixedTargetMotion = "motion of the fixed targets", "fixed targets" lasting;
     MovingPart = "moving part", "moving parts";
     CommonDisplacement = "common cause", "common cause";
     RootRotation = "rotation of the root", "root motion";

@@ -393,7 +393,7 @@ impl Camera for V4lCamera {
         self.take_or_close_if_gone(|camera| camera.take_shot(&deadline))
     }
 
-    fn live(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
+    fn next_live_frame(&mut self, deadline: Duration) -> Result<CameraFrame, CameraError> {
         let deadline = Deadline::new(deadline);
         self.take_or_close_if_gone(|camera| camera.take_live_frame(&deadline))
     }

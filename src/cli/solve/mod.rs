@@ -73,7 +73,7 @@ pub struct SolveArgs {
     /// Kind of standard deviations [default: posterior if the global test rejects]
     #[arg(long, value_enum)]
     sigma: Option<SigmaName>,
-    /// Number of curvature terms, 1 to 10 [default: 8]
+    /// Number of curvature terms, 1 to 10 [default: 10, jointly 8]
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=10))]
     curvature_terms: Option<u8>,
     /// Estimate variance components of image and survey

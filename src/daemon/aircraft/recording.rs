@@ -109,13 +109,13 @@ impl LineRecorder {
             Err(_) => self.shared.update(|status| status.lost += count),
         }
         self.waiting.clear();
-        let lost = self.recent_losses();
+        let lost = self.count_losses();
         self.shared
             .set_fault(stored.err().or_else(|| statistics.fault(lost)));
     }
 
-    /// Returns the number of lines that were lost lately.
-    fn recent_losses(&mut self) -> u64 {
+    /// Counts lost lines; 0 after [`LOSS_REPORT`] without a loss.
+    fn count_losses(&mut self) -> u64 {
         let (lost, now) = (self.shared.update(|status| status.lost), Instant::now());
         let new = lost - std::mem::replace(&mut self.lost, lost);
         if now >= self.recent.1 {

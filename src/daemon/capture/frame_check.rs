@@ -29,8 +29,8 @@ impl FrameChecker {
         }
     }
 
-    /// Adapts the history to a camera that was opened.
-    pub fn follow_camera(&mut self, info: &CameraInfo) {
+    /// Limits the history to the loop of a camera that repeats its frames.
+    pub fn limit_to_loop(&mut self, info: &CameraInfo) {
         self.freshness.limit_to_loop(info.repeats_after);
     }
 

@@ -142,7 +142,7 @@ impl Capture {
             camera.open().map(|info| (info, camera.is_stream()))
         });
         let (info, is_stream) = opened??;
-        self.checker.follow_camera(&info);
+        self.checker.limit_to_loop(&info);
         for warning in &info.warnings {
             tracing::warn!(camera = info.name, warning);
         }
@@ -187,7 +187,7 @@ impl Capture {
             "the frame",
             move |camera| match mode {
                 CaptureMode::Shot => camera.shoot(deadline),
-                CaptureMode::Stream => camera.live(deadline),
+                CaptureMode::Stream => camera.next_live_frame(deadline),
             },
         )?;
         if matches!(

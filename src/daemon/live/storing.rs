@@ -34,8 +34,8 @@ struct SolverRows {
 }
 
 impl SolverRows {
-    /// Adapts the layout to results of one solver; returns it unless none of them has had numbers yet.
-    fn adapt(&mut self, waiting: &[WaitingResult]) -> Option<&RowLayout> {
+    /// Returns the layout for results of one solver; `None` while none of them has had numbers.
+    fn layout_for(&mut self, waiting: &[WaitingResult]) -> Option<&RowLayout> {
         let solver = &waiting.first()?.solver;
         if self
             .solver
@@ -87,14 +87,14 @@ impl LiveResultWriter {
     }
 
     /// Stores the waiting results of the first solver; if that fails, up to [`MAX_WAITING`] are kept for the next attempt.
-    /// Returns whether others of another solver wait.
+    /// Returns whether results of another solver wait.
     fn flush(&self, rows: &mut SolverRows, waiting: &mut Vec<WaitingResult>) -> bool {
         let same = waiting
             .chunk_by(|a, b| Arc::ptr_eq(&a.solver, &b.solver))
             .next()
             .unwrap_or_default();
         let (count, more) = (same.len(), same.len() < waiting.len());
-        let stored = match rows.adapt(same) {
+        let stored = match rows.layout_for(same) {
             Some(layout) => self.store_rows(layout, same),
             // No further result of this solver can give the layout.
             None => more.then_some(0),

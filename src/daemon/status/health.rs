@@ -229,7 +229,7 @@ fn add_share_reasons(recent: &RecentShares, kind: &str, reasons: &mut HealthReas
     let unsolved = recent.solved.map_or(0.0, |share| 1.0 - share);
     if unsolved > UNSOLVED_LIMITS.0 {
         let reason = format!(
-            "{} of the last {results} {kind} have no numbers; check light, dirt and the camera's direction",
+            "{} of the last {results} {kind} have no numbers; check light, contamination and the camera's direction",
             count(Some(unsolved))
         );
         reasons.add(

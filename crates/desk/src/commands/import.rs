@@ -173,7 +173,7 @@ pub(super) fn run(args: &ImportArgs) -> TaskResult<Completion> {
     Ok(Completion::from_success(card.refused.is_empty()))
 }
 
-/// Checks that a stated error of the clock is not one of images in an unknown zone, whose times may be wrong by hours.
+/// Checks that `--clock-sigma` is not given for images in an unknown zone, whose times may be wrong by hours.
 fn check_zone_known(args: &ImportArgs, card: &ImageCollection) -> TaskResult<()> {
     let without = card.series.iter().flatten().filter(|p| p.zoneless).count();
     if without == 0 || args.zone.is_some() || args.clock_sigma.is_none() {

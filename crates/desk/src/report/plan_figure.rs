@@ -55,7 +55,7 @@ pub fn plan_svg(plan: &InstallationPlan) -> String {
             }],
         ),
         (
-            "Size of one pixel on the skin, on ground",
+            "Size of one pixel on the skin, on the ground",
             "footprint / mm",
             vec![
                 PanelCurve {

@@ -108,7 +108,7 @@ fn take_listed_times(
         };
         if let Some(other) = used.insert(line, picture.name.clone()) {
             let problem = format!("names two images, {other} and {}", picture.name);
-            return Err(fault(line, problem, "write the folder with the name"));
+            return Err(fault(line, problem, "write each name with its folder"));
         }
         picture.set_time(time.timestamp(Offset::UTC), Some(&time), TimeSource::List);
     }
@@ -130,7 +130,7 @@ fn take_listed_times(
     let other = (lines > used.len()).then(|| {
         (
             format!("{} lines of {name} name no image", lines - used.len()),
-            "check the names if they should".to_owned(),
+            "check these names".to_owned(),
         )
     });
     Ok(missing.into_iter().chain(other).collect())
@@ -204,7 +204,7 @@ fn take_name_times(pictures: &mut [DatedImage], dating: &DatingOptions) -> Optio
     }
     Some((
         what,
-        "give --times FILE.csv (image,utc) if these are others".into(),
+        "if these times are wrong, give --times FILE.csv (image,utc)".into(),
     ))
 }
 

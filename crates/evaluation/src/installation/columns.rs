@@ -50,7 +50,7 @@ pub(super) fn find_columns<const N: usize>(
     let otherwise = |name: &str| cells.iter().any(|h| h.eq_ignore_ascii_case(name));
     let remedy = format!("the header must have {}", needed.join(","));
     if !missing.is_empty() && missing.iter().all(|name| otherwise(name)) {
-        let problem = format!("has the header {} in other case", cells.join(","));
+        let problem = format!("has capital letters in the header {}", cells.join(","));
         reader.fault(
             file,
             &place,

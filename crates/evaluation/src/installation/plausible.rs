@@ -234,7 +234,7 @@ fn check_skew(reader: &mut Reader, file: &Path, setup: &Setup) {
     }
 }
 
-/// Line of the markers as seen from above, against the stated span.
+/// Line of the markers as seen from above, against the configured span.
 pub(super) struct SpanSkew {
     /// Direction of the line, outboard.
     outboard: Vector2<f64>,
@@ -333,10 +333,10 @@ fn check_root(reader: &mut Reader, file: &Path, setup: &Setup) {
     }
 }
 
-/// Least number of markers on each side of a stated break, which determine the slope there.
+/// Least number of markers on each side of a configured break, which determine the slope there.
 const MARKERS_BESIDE_BREAK: usize = 2;
 
-/// Checks that markers determine the slope on both sides of each stated break, and that a stated sweep has a side and lies
+/// Checks that markers determine the slope on both sides of each configured break, and that a configured sweep has a side and lies
 /// outboard of the root.
 fn check_breaks(reader: &mut Reader, file: &Path, setup: &Setup) {
     let (wing, most) = (setup.wing_markers(), MAX_BREAKS);

@@ -115,9 +115,9 @@ pub enum IdentifyError {
         "only {found} markers found, at least {needed} are needed; check exposure and focus of the frame"
     )]
     TooFew { found: usize, needed: usize },
-    /// A survey of points that are not marked: nothing finds them in a ground frame.
+    /// Too few points are marked: nothing else finds them.
     #[error(
-        "an orientation needs {needed} decals or marked points, not {decals} and {marked}: mark points in a ground frame with `wingd mark --ground`, and name the file of the marks with --observations"
+        "an orientation needs {needed} decals and marked points together, but there are {decals} and {marked}: mark points in a ground frame with `wingd mark --ground`, and name the file of the marks with --observations"
     )]
     Unmarked {
         decals: usize,

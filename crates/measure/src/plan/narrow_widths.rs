@@ -13,7 +13,7 @@ pub struct NarrowWidth {
     pub key: String,
     /// Unit of the key; empty for a ratio.
     pub unit: &'static str,
-    /// Stated and default value, in the unit of the key.
+    /// Configured and default value, in the unit of the key.
     pub values: [f64; 2],
     /// Predicted standard deviation of the tip deflection in a single frame with each, m.
     pub tip_sigmas_m: [f64; 2],

@@ -283,9 +283,8 @@ fn propose_more_frames(campaign: &Campaign, _: &PlanOptions) -> Option<(String, 
     } else {
         2 * campaign.frames
     };
-    let remedy = format!(
-        "adjust {frames} frames of a flight together, with deflections from small to large"
-    );
+    let remedy =
+        format!("adjust {frames} frames of a flight jointly, with deflections from small to large");
     Some((
         remedy,
         Campaign {

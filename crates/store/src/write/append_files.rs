@@ -23,7 +23,8 @@ impl Store {
         let Some(flight) = self.current_flight() else {
             return Ok(false);
         };
-        self.add_aircraft_lines_to(&flight, source, lines)
+        self.add_aircraft_lines_to(&flight, source, lines)?;
+        Ok(true)
     }
 
     /// Records lines durably with a given flight.
@@ -32,14 +33,13 @@ impl Store {
         flight: &str,
         source: &Value,
         lines: &[AircraftLine],
-    ) -> StoreResult<bool> {
+    ) -> StoreResult<()> {
         self.refuse_below_reserve()?;
         let head = AircraftHead {
             flight: flight.to_owned(),
             source: source.clone(),
         };
-        self.append_lines(&self.aircraft, flight, &head, lines)?;
-        Ok(true)
+        self.append_lines(&self.aircraft, flight, &head, lines)
     }
 
     /// Closes the open file with aircraft data, so that the flight's sums cover it.

@@ -39,11 +39,11 @@ pub struct PlanArgs {
     installation: Option<PathBuf>,
     #[command(flatten)]
     draft: draft::DraftArgs,
-    /// Also predict N frames of a flight, adjusted together
+    /// Also predict N frames of a flight, adjusted jointly
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=500))]
     frames: Option<u16>,
-    /// Required standard deviation of the tip deflection, for example 5mm: prints whether the plan meets it, the variance
-    /// budget, and possible improvements
+    /// Required standard deviation of the tip deflection, for example 5mm: prints whether the plan meets it, the
+    /// uncertainty budget, and possible improvements
     #[arg(long, value_name = "LENGTH", value_parser = requirement::parse_length)]
     want: Option<f64>,
     /// Write the layout (with --want the proposed one): installation.toml, camera.toml, a survey.csv to be replaced by the
