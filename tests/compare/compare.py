@@ -158,7 +158,7 @@ def all_sets(old, cache, shared, quick, only):
     for folder in sorted(p.parent for p in cache.glob("cabin*/truth.json")):
         out.append(with_truth(folder, folder.name, "cabin"))
     for folder in sorted(p for p in shared.glob("photos/*") if p.is_dir()):
-        images = sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGES)
+        images = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in IMAGES)
         out.append(Set(folder.name, "photographs", images[::6] if quick and len(images) > 12 else images))
     for name, options in rendered_options().items():
         if only and name not in only or not only and quick and name not in QUICK:

@@ -184,8 +184,7 @@ impl FlightUnknowns {
             terms::twist_term(input.options.twist_terms.min(MAX_TWIST_TERMS)),
         ]);
         let rotation = frame_rotation_covariance(flight);
-        let rotation =
-            columns.allocate_terms(rotation.iter().map(|known| terms::frame_rotation(known)));
+        let rotation = columns.allocate_terms(rotation.iter().map(terms::frame_rotation));
         let (seen, scales) = (&flight.frames[frame], &flight.prior_scales);
         own.extend(rotation.iter().cloned());
         own.extend(columns.allocate_terms(terms::frame_terms(input, seen, scales, is_alone)));
