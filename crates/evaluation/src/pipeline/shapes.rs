@@ -45,17 +45,11 @@ pub fn solve_shapes(
         let used: Vec<usize> = used.into_iter().map(|(k, _)| k).collect();
         let shapes = match catch_shape(solve) {
             Ok(shape) => {
-                let left_out = shape.left_out.iter();
-                failed.extend(left_out.map(|(at, doubt)| (used[*at], Some(doubt.clone().into()))));
-                let joint = used.into_iter().enumerate();
-                let is_joint = |at: usize| shape.left_out.iter().all(|(other, _)| *other != at);
-                vec![SolvedShape {
-                    frames: joint
-                        .filter(|(at, _)| is_joint(*at))
-                        .map(|(_, k)| k)
-                        .collect(),
-                    shape,
-                }]
+                let mut frames = used;
+                for (at, doubt) in shape.left_out.iter().rev() {
+                    failed.push((frames.remove(*at), Some(doubt.clone().into())));
+                }
+                vec![SolvedShape { shape, frames }]
             }
             Err(reason) => {
                 failed.extend(used.into_iter().map(|k| (k, Some(reason.clone()))));
