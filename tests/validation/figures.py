@@ -162,6 +162,11 @@ def bench_row(name, form):
     return ("benches", f"^{escaped}: #$[\\s\\S]*?^{escaped} over opencv: #", form)
 
 
+def digits(value, count):
+    """A number with some significant digits, without an exponent."""
+    return f"{float(f'{value:.{count}g}'):g}"
+
+
 def accuracy_row(line):
     pattern = f"^{line}: horizontal # mm, vertical # mm.*normalised (?:deflection )?#"
     return ("accuracy", pattern, "{:.1f} mm | {:.1f} mm | {:.2f}")
@@ -265,8 +270,8 @@ FIGURES = {
         "{:.0f} of 147 correct survey points and {:.0f} of {:,.0f} correct images",
     ),
     **{f"slope-{s}": ("publication", f"^slope {s}: bias # mm", "{:.1f}") for s in ("0.03", "0.06", "0.0875")},
-    **{f"bench-{k}": bench_row(line, "{:.2g} ms | {:.2g}") for k, line in FRAME_BENCHES.items()},
-    **{f"bench-{k}": bench_row(line, lambda ms, _: f"{float(f'{ms:.3g}'):g} ms") for k, line in ADJUST_BENCHES.items()},
+    **{f"bench-{k}": bench_row(line, lambda ms, times: f"{digits(ms, 2)} ms | {digits(times, 2)}") for k, line in FRAME_BENCHES.items()},
+    **{f"bench-{k}": bench_row(line, lambda ms, _: f"{digits(ms, 3)} ms") for k, line in ADJUST_BENCHES.items()},
     "live-results": ("recorder", "^results +# a second; # without numbers", "{:.1f}; {:.0f}"),
     "live-latency": ("recorder", "^latency +median # ms, 95 % # ms", "{:.0f} ms; {:.0f} ms"),
     "live-skipped": ("recorder", "^skipped +#", "{:.0f}"),
