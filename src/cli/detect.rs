@@ -2,14 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use image::RgbImage;
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use nalgebra::Matrix2;
 use serde_json::{Map, Value, json};
 
 use wingd_base::failure::{Completion, Failure, TaskResult};
 use wingd_base::output::{print_json, print_line};
-use wingd_evaluation::figures::overlay;
+use wingd_evaluation::figures::picture;
 use wingd_evaluation::inputs::batch;
 use wingd_evaluation::inputs::default_paths::load_installation;
 use wingd_evaluation::installation::Installation;
@@ -28,13 +26,13 @@ pub struct DetectArgs {
     /// Installation: identifies the markers and corrects the perspective bias of circles
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
-    /// Write each image with outlines, ids and error ellipses to DIR, at most 2000 px wide
+    /// Write each image with outlines, ids and error ellipses to DIR, as SVG
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
     /// Print one JSON object per image
     #[arg(long)]
     json: bool,
-    /// With --json or --overlay: include the rejected candidates, with the reason
+    /// With --json or --overlay: include the reasons of the rejected candidates
     #[arg(long)]
     rejected: bool,
     /// Show all columns of the tables [default: those that fit 80 characters]
@@ -119,29 +117,27 @@ fn process_image(
     };
     if let (Some(raster), Some(directory)) = (&raster, &args.overlay) {
         let ids = marker_ids(&processed, installation);
-        let drawn = overlay::draw_overlay(raster, &processed.detections, &ids, args.rejected);
-        let written = write_overlay(&drawn, directory, &processed.image);
+        let drawn = picture::overlay_svg(raster, &processed.detections, &ids, args.rejected);
+        let written = match drawn {
+            Some(drawn) => write_overlay(&drawn, directory, &processed.image),
+            None => Err("the image is too large for an overlay; omit --overlay".into()),
+        };
         processed.failure = processed.failure.or(written.err());
     }
     processed
 }
 
-fn write_overlay(picture: &RgbImage, directory: &Path, image: &str) -> Result<(), Reason> {
+fn write_overlay(drawn: &str, directory: &Path, image: &str) -> Result<(), Reason> {
     // Names of images from several folders contain their folder.
     let name = image.trim_start_matches('/').replace('/', "_");
-    let file = directory.join(Path::new(&name).with_extension("png"));
-    let mut png = vec![];
-    let encoder =
-        PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive);
-    let drawn = picture.write_with_encoder(encoder);
-    let written = drawn.and_then(|()| Ok(std::fs::write(&file, png)?));
-    let text = |e: &image::ImageError| {
+    let file = directory.join(Path::new(&name).with_extension("svg"));
+    let text = |e: &std::io::Error| {
         format!(
             "{} cannot be written ({e}); free space, or name another DIR",
             file.display()
         )
     };
-    written.map_err(|e| Reason::new(text(&e), e))
+    std::fs::write(&file, drawn).map_err(|e| Reason::new(text(&e), e))
 }
 
 /// Returns the survey id of each detection.

@@ -73,100 +73,6 @@ fn the_json_contains_a_finite_positive_prediction_for_every_marker_and_along_the
     );
 }
 
-/// Names, texts and attributes of a drawing; fails if tags do not match.
-fn tags(svg: &str) -> (Vec<String>, Vec<String>, Vec<(String, String)>) {
-    let (mut names, mut texts, mut attributes) = (vec![], vec![], vec![]);
-    let mut open: Vec<String> = vec![];
-    let mut rest = svg;
-    while let Some(start) = rest.find('<') {
-        texts.push(rest[..start].to_owned());
-        let end = start + rest[start..].find('>').expect("a tag ends");
-        let tag = &rest[start + 1..end];
-        rest = &rest[end + 1..];
-        if let Some(name) = tag.strip_prefix('/') {
-            assert_eq!(open.pop().as_deref(), Some(name));
-            continue;
-        }
-        let body = tag.trim_end_matches('/');
-        let name = body.split_whitespace().next().unwrap().to_owned();
-        let mut quoted = body[name.len()..].split('"');
-        while let (Some(key), Some(value)) = (quoted.next(), quoted.next()) {
-            attributes.push((
-                key.trim().trim_end_matches('=').to_owned(),
-                value.to_owned(),
-            ));
-        }
-        if !tag.ends_with('/') {
-            open.push(name.clone());
-        }
-        names.push(name);
-    }
-    assert!(open.is_empty(), "left open: {open:?}");
-    (names, texts, attributes)
-}
-
-#[test]
-fn the_figure_is_a_well_formed_drawing_with_labels_and_finite_positions() {
-    let directory = installation("");
-    let file = directory.path().join("plan.svg");
-    stdout(&[
-        "plan",
-        "--installation",
-        directory.path().to_str().unwrap(),
-        "--figure",
-        file.to_str().unwrap(),
-    ]);
-    let svg = std::fs::read_to_string(&file).unwrap();
-    let (names, texts, attributes) = tags(&svg);
-    assert_eq!(names[0], "svg");
-    for label in [
-        "deflection / mm",
-        "twist / deg",
-        "footprint / mm",
-        "span, outboard from the camera / m",
-        "M01",
-        "M21",
-    ] {
-        assert!(texts.iter().any(|t| t.trim() == label), "no \"{label}\"");
-    }
-    let view = attributes.iter().find(|(key, _)| key == "viewBox").unwrap();
-    let size: Vec<f64> = view.1.split(' ').map(|v| v.parse().unwrap()).collect();
-    for (key, limit) in [
-        ("x", 2),
-        ("x1", 2),
-        ("x2", 2),
-        ("y", 3),
-        ("y1", 3),
-        ("y2", 3),
-    ] {
-        for (_, value) in attributes.iter().filter(|(k, _)| k == key) {
-            let at: f64 = value.parse().unwrap_or_else(|_| panic!("{key}={value}"));
-            assert!(
-                at.is_finite() && at >= 0.0 && at <= size[limit],
-                "{key}={value}"
-            );
-        }
-    }
-    let curves: Vec<_> = attributes
-        .iter()
-        .filter(|(key, _)| key == "d" || key == "points")
-        .collect();
-    assert!(curves.len() >= 4, "{} curves", curves.len());
-    for (_, places) in curves {
-        assert!(
-            !places.contains("NaN") && !places.contains("inf"),
-            "{places}"
-        );
-        assert!(
-            places
-                .split(|c: char| !c.is_ascii_digit() && c != '.')
-                .filter(|n| !n.is_empty())
-                .count()
-                > 20
-        );
-    }
-}
-
 #[test]
 fn an_additional_marker_reduces_the_standard_deviations() {
     let place = |text: &str, id: &str| -> Vec<f64> {
@@ -287,40 +193,23 @@ fn planned_standard_deviations_are_those_of_the_adjustment() {
     );
 }
 
-/// Less visibility reduces no standard deviation, and more information increases none.
+/// Additional knowledge increases no standard deviation.
 #[test]
-fn an_invisible_marker_improves_nothing() {
+fn a_known_source_makes_the_tip_more_precise() {
     for id in ["dev", "demo"] {
-        let plan = stdout(&[
-            "plan",
-            "--installation",
-            fixture(id).join("installation").to_str().unwrap(),
-            "--json",
-        ]);
-        let plan: Value = serde_json::from_str(&plan).unwrap();
-        let whole = number(&plan["prediction"]["expected"]["sigma_tip_deflection_m"]);
-        let changes = plan["prediction"]["changes"].as_array().unwrap();
-        let without = changes.iter().filter(|c| !c["without"].is_null());
-        let mut compared = 0;
-        for change in without {
-            let Some(left) = change["expected"]["sigma_tip_deflection_m"].as_f64() else {
-                continue;
-            };
-            // The same linearisation: only the remainder of the iterations differs.
-            assert!(
-                left > (1.0 - 1e-6) * whole,
-                "{id}: without {}: {left} {whole}",
-                change["without"]
-            );
-            compared += 1;
-        }
-        assert!(compared > 15, "{compared}");
-        // Additional knowledge increases no standard deviation.
-        let known = plan["prediction"]["terms_known"].as_array().unwrap();
+        let plan = plan(&fixture(id).join("installation"), &[]);
+        let tip = &plan["prediction"]["tip"];
+        let keys = ["deflection_m", "deflection_ground_m", "deflection_root_m"];
+        let reported = keys.iter().filter_map(|key| tip[key].as_f64());
+        let reported = reported.fold(f64::INFINITY, f64::min);
+        let budget = plan["prediction"]["budget"].as_array().unwrap();
+        let known = budget
+            .iter()
+            .filter_map(|one| one["sigma_if_known_m"].as_f64());
+        let known: Vec<f64> = known.collect();
         assert!(known.len() > 5, "{known:?}");
-        for term in known {
-            let left = number(&term["expected"]["sigma_tip_deflection_m"]);
-            assert!(left < (1.0 + 1e-6) * whole, "{id}: {term}: {left} {whole}");
+        for left in known {
+            assert!(left < (1.0 + 1e-6) * reported, "{id}: {left} {reported}");
         }
     }
 }
@@ -433,10 +322,6 @@ fn a_requirement_is_answered_for_a_wing_without_an_installation() {
     let ratio = number(&again["flight"]["expected"]["sigma_tip_deflection_m"])
         / number(&easy["sigma_tip_deflection_m"]);
     assert!((0.98..1.02).contains(&ratio), "{ratio}");
-    let svg = std::fs::read_to_string(layout.join("layout.svg")).unwrap();
-    let (names, texts, _) = tags(&svg);
-    assert_eq!(names[0], "svg");
-    assert!(svg.contains("mm\"") && texts.iter().any(|t| t == "M20") && !svg.contains("NaN"));
 }
 
 /// Main dimensions of a wing of 28 m with a lens of 16 mm.
@@ -483,24 +368,8 @@ fn a_layout_that_cannot_be_measured_is_refused_in_the_first_line() {
         "{}",
         answer["obstacle"]
     );
-    let variants = answer["variants"].as_array().unwrap();
-    let usable = |v: &&Value| v["sigma_tip_deflection_m"].as_f64().is_some();
-    assert!(
-        variants
-            .iter()
-            .filter(usable)
-            .all(|v| number(&v["height_m"]) > 0.5),
-        "{variants:?}"
-    );
-    assert!(
-        variants.iter().any(|v| usable(&v)),
-        "a higher camera is proposed: {variants:?}"
-    );
     let sound = stdout(&wing_of_28_m("2.2", "4", &["--want", "1m"]));
-    assert!(
-        sound.starts_with("YES: ") && sound.contains("Most precise: "),
-        "{sound}"
-    );
+    assert!(sound.starts_with("YES: "), "{sound}");
     assert!(stdout(&wing_of_28_m("2.2", "4", &[])).starts_with("Tip deflection: "));
 }
 

@@ -195,6 +195,7 @@ pub fn calibration_report(
 ) -> CalibrationReport {
     let c = &calibration.covariance;
     let used = calibration.view_rms_px.iter().flatten().count();
+    let stretch = calibration.stretch.filter(|s| s.prior_sigma.is_some());
     CalibrationReport {
         rms_px: calibration.rms_px,
         images_used: used,
@@ -210,10 +211,8 @@ pub fn calibration_report(
             .collect(),
         board_bow_m: calibration.bow.map(|b| b.value_m),
         board_bow_sigma_m: calibration.bow.map(|b| b.sigma_m),
-        board_stretch: calibration
-            .stretch
-            .filter(|s| s.prior_sigma.is_some())
-            .map(|s| [s.value, s.sigma]),
+        board_stretch: stretch.map(|s| s.value),
+        board_stretch_sigma: stretch.map(|s| s.sigma),
         sigma: std::array::from_fn(|k| (!calibration.fixed[k]).then(|| c[(k, k)].max(0.0).sqrt())),
         halves_px: calibration
             .halves

@@ -5,7 +5,6 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use crate::report::layout_figure;
 use wingd_base::failure::{CHECK_WRITE_ACCESS, Failure, TaskResult};
 use wingd_evaluation::installation;
 use wingd_evaluation::installation::{DEFAULT_CENTRE_SIGMA_M, Installation};
@@ -14,7 +13,7 @@ use wingd_measure::plan::LayoutDraft;
 use wingd_measure::plan::LayoutPrecision;
 use wingd_measure::plan::PlanOptions;
 use wingd_measure::setup::SetupUncertainty;
-use wingd_measure::setup::{Orientation, Setup, WingSide};
+use wingd_measure::setup::{Setup, WingSide};
 
 /// Creates the failure of a plan.
 pub fn plan_failure(error: impl std::fmt::Display) -> Failure {
@@ -151,17 +150,11 @@ pub fn drafted_facts(layout: &Setup, side: Option<WingSide>) -> Setup {
 }
 
 /// Writes a layout: `installation.toml`, in which values of the plan that are not `facts` are comments, `camera.toml`,
-/// `survey.csv` to be replaced by the true survey, and the drawing.
+/// and `survey.csv` to be replaced by the true survey.
 ///
 /// # Errors
 /// Returns an error if a file cannot be written.
-pub fn write_layout(
-    folder: &Path,
-    setup: &Setup,
-    facts: &Setup,
-    attitude: &Orientation,
-    tip_deflection_m: f64,
-) -> TaskResult<()> {
+pub fn write_layout(folder: &Path, setup: &Setup, facts: &Setup) -> TaskResult<()> {
     let fixed = if setup.markers.iter().any(|m| m.fixed) {
         "# F01 and so on: near these directions from the lens, as far as something rigid to the cabin is in view and sharp\n\
          # (wing-body fairing, root fillet; not pylon or nacelle), without those for which there is no place.\n"
@@ -176,13 +169,7 @@ pub fn write_layout(
             "# A template: glue the markers near these positions, then replace the numbers by those of the total station.\n{fixed}"
         ),
     ];
-    write_setup(folder, setup, Some(facts), heads)?;
-    let drawing = folder.join("layout.svg");
-    std::fs::write(
-        &drawing,
-        layout_figure::layout_svg(setup, attitude, tip_deflection_m),
-    )
-    .map_err(|error| Failure::from_write_error(&drawing, &error, CHECK_WRITE_ACCESS))
+    write_setup(folder, setup, Some(facts), heads)
 }
 
 fn write_setup(

@@ -13,11 +13,11 @@ mod resolution;
 mod terms;
 mod view;
 
-pub use draft::{DraftVariant, LayoutDraft, best_layout, even_layout, predict_variants};
+pub use draft::{LayoutDraft, best_layout, even_layout};
 pub use narrow_widths::{NarrowWidth, find_narrow_widths};
 pub use optics::{Optics, OpticsPlan};
 pub use precision::{LayoutPrecision, MarkerSigma, TipSigma};
-pub use prediction::{AlternativeLayout, LayoutChange, LayoutPrediction};
+pub use prediction::{AlternativeLayout, LayoutPrediction};
 pub use requirement::{
     Remedy, Requirement, RequirementResult, VarianceFraction, assumed_attitude, check_requirement,
     predict_precision,
@@ -114,7 +114,7 @@ pub struct InstallationPlan {
     pub span: Vec<SpanPlan>,
     /// Depth of field and diffraction, if data of the lens are given.
     pub optics: Option<OpticsPlan>,
-    /// Predicted uncertainty, and the effect of one marker more or fewer.
+    /// Predicted uncertainty.
     pub prediction: Option<LayoutPrediction>,
     /// Remarks for the user.
     pub remarks: Vec<String>,

@@ -25,7 +25,7 @@ commands! {
     /// Predict resolution and standard deviations
     Plan(plan::PlanArgs) => plan::run, Prepare [
         "wingd plan --reach 33 --height 2.5 --chord 4 --focal 12 --sensor 4000x3000x1.54 --markers 20 --fixed 2 --frames 10 --want 5mm",
-        "wingd plan --installation installation --tip-deflection 2.5 --figure plan.svg",
+        "wingd plan --installation installation --tip-deflection 2.5",
     ];
     /// Import the images of a camera's card into a store
     Import(import::ImportArgs) => import::run, Evaluate [

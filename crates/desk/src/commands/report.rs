@@ -14,7 +14,7 @@ use wingd_evaluation::record::variant_name;
 use wingd_evaluation::results::source;
 use wingd_evaluation::results::source::ResultChoice;
 use wingd_evaluation::results::summary::SeriesSummary;
-use wingd_evaluation::results::{overview, summary, table};
+use wingd_evaluation::results::{ReportData, overview, summary, table};
 use wingd_store::RealDisk;
 
 /// Write a flight's figures and tables as one HTML file.
@@ -45,7 +45,7 @@ pub struct ReportArgs {
     #[arg(long)]
     wide: bool,
     /// Print one JSON object per series instead of the table
-    #[arg(long, conflicts_with = "all_flights")]
+    #[arg(long)]
     json: bool,
     /// File for the page
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
@@ -68,23 +68,28 @@ pub(super) fn run(args: &ReportArgs) -> TaskResult<Completion> {
     print_notes(data.warnings.iter().chain(&data.notes));
     let page = run_long_task("writing the report", || html::report_page(&data));
     write_output(&args.output, page, OTHER_OUTPUT)?;
-    let summaries = summary::summarise_series(&data.series);
     if args.json {
-        summaries
-            .iter()
-            .map(series_json)
-            .try_for_each(|line| print_json(&line))?;
+        print_series_json(&data)?;
     } else {
+        let summaries = summary::summarise_series(&data.series);
         print_line(table::series_text(&summaries, args.wide).trim_end())?;
         print_line(&format!("\nReport: {}", args.output.display()))?;
     }
     Ok(Completion::from_success(data.notes.is_empty()))
 }
 
-fn series_json(series: &SeriesSummary) -> Value {
+fn print_series_json(data: &ReportData) -> TaskResult<()> {
+    let summaries = summary::summarise_series(&data.series);
+    let lines = data.series.iter().zip(&summaries);
+    lines
+        .map(|(series, summary)| series_json(&series.flight, summary))
+        .try_for_each(|line| print_json(&line))
+}
+
+fn series_json(flight: &str, series: &SeriesSummary) -> Value {
     let mean = series.tip_deflection_m;
     json!({
-        "series": series.name, "start": series.begun.as_ref().map(|begun| begun.utc),
+        "flight": flight, "series": series.name, "start": series.begun.as_ref().map(|begun| begun.utc),
         "frames": series.shots, "solved": series.solved,
         "reference": variant_name(series.reference),
         "tip_deflection_m": mean.map(|mean| mean.value),
@@ -110,11 +115,23 @@ fn report_all_flights(args: &ReportArgs) -> TaskResult<Completion> {
     let all = read.collect::<Result<Vec<_>, _>>()?;
     print_notes(all.iter().flat_map(|f| f.warning.iter().chain(&f.notes)));
     write_output(&args.output, html::flights_page(&all), OTHER_OUTPUT)?;
-    print_line(&format!(
-        "Report of {}: {}",
-        count_text(all.len(), "flight"),
-        args.output.display()
-    ))?;
+    if args.json {
+        for flight in &flights {
+            let choice = ResultChoice::for_flight(&flight.id);
+            print_series_json(&source::read_flight_with_pictures(
+                &args.store,
+                choice,
+                None,
+                0,
+            )?)?;
+        }
+    } else {
+        print_line(&format!(
+            "Report of {}: {}",
+            count_text(all.len(), "flight"),
+            args.output.display()
+        ))?;
+    }
     Ok(Completion::from_success(
         all.iter().all(|f| f.notes.is_empty()),
     ))

@@ -8,8 +8,6 @@ pub mod calibration;
 mod figures;
 mod flights;
 mod frames;
-pub mod layout_figure;
-pub mod plan_figure;
 mod tables;
 mod views;
 

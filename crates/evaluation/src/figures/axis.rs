@@ -40,29 +40,6 @@ impl Axis {
         )
     }
 
-    /// Covers `low` to `high`, extended to the next ticks.
-    pub fn from_range(low: f64, high: f64, step: f64, label: &str) -> Self {
-        let (low, high) = ((low / step).floor() * step, (high / step).ceil() * step);
-        let high = if high > low { high } else { low + step };
-        Self {
-            low,
-            high,
-            step,
-            label: label.to_owned(),
-            turned: false,
-            clock: None,
-        }
-    }
-
-    /// Covers exactly `low` to `high`, with ticks at the multiples of a step, for the sides of an image.
-    pub fn from_exact_range(low: f64, high: f64, step: f64, label: &str) -> Self {
-        Self {
-            low,
-            high: if high > low { high } else { low + step },
-            ..Self::from_range(low, high, step, label)
-        }
-    }
-
     /// Covers hours since `zero`, with times of day (UTC) at the ticks; numbers of series if `zero` is unknown.
     pub fn from_hours(hours: impl Iterator<Item = f64>, zero: Option<jiff::Timestamp>) -> Self {
         let Some(clock) = zero else {
@@ -108,11 +85,6 @@ impl Axis {
             turned: !self.turned,
             ..self
         }
-    }
-
-    /// Returns the length in the unit of the data.
-    pub fn length(&self) -> f64 {
-        self.high - self.low
     }
 
     /// Returns the lower and the upper end.
@@ -258,14 +230,6 @@ mod tests {
         assert_eq!(axis.range(), (0.0, 3.0));
         let texts: Vec<String> = axis.ticks().into_iter().map(|t| t.1).collect();
         assert_eq!(texts, ["0.0", "0.5", "1.0", "1.5", "2.0", "2.5", "3.0"]);
-    }
-
-    #[test]
-    fn an_images_axis_ends_where_the_image_does() {
-        let axis = Axis::from_exact_range(0.0, 960.0, 200.0, "v / px").reversed();
-        assert_eq!(axis.range(), (-960.0, 0.0));
-        let texts: Vec<String> = axis.ticks().into_iter().map(|t| t.1).collect();
-        assert_eq!(texts, ["800", "600", "400", "200", "0"]);
     }
 
     #[test]

@@ -7,7 +7,6 @@
 use maud::{Markup, PreEscaped, html};
 use serde::Serialize;
 
-use super::super::number::format_fixed;
 use super::plot::{Axis, draw_ticks};
 
 /// Figure of tracks over a common abscissa.
@@ -68,13 +67,12 @@ pub enum TrackStyle {
 impl Figure {
     /// Draws the figure, with a legend if it has several tracks.
     pub fn draw(&self) -> Markup {
-        let percent = |share: f64| format!("{}%", format_fixed(Some(100.0 * share), 3));
         let ((left, right), (bottom, top)) = (self.x.range(), self.y.range());
         html! {
             div.plot {
                 svg.figure role="img" aria-label=(self.name) style=(format!("--height:{}px", self.height))
                     data-x=(self.x.to_json()) data-y=(self.y.to_json()) {
-                    (draw_ticks(&self.x, &self.y, percent, percent))
+                    (draw_ticks(&self.x, &self.y))
                     svg.area width="100%" height="100%" preserveAspectRatio="none" overflow="visible"
                         viewBox=(format!("{left:?} {:?} {:?} {:?}", -top, right - left, top - bottom)) {
                         g transform="scale(1 -1)" {

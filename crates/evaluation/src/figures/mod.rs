@@ -3,7 +3,6 @@
 pub mod axis;
 pub mod figure;
 pub mod labels;
-pub mod overlay;
 pub mod picture;
 pub mod plot;
 

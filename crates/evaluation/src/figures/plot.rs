@@ -1,86 +1,30 @@
-//! Axes and curves as SVG, at fixed places of a drawing.
+//! Ticks of axes, names of objects and colours, as SVG.
 
-use maud::{Markup, PreEscaped, html};
+use maud::{Markup, html};
 use nalgebra::{Vector2, vector};
 
 use super::super::number::format_fixed;
 pub use super::axis::{Axis, round_step};
 use crate::figures::labels::{LabelArea, LabelLayout, leader_line};
 
-/// Rectangle of the drawing with two axes.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Plot {
-    /// Left, top, width and height of the plotting area.
-    pub area: [f64; 4],
-    /// Horizontal axis.
-    pub x: Axis,
-    /// Vertical axis.
-    pub y: Axis,
-}
-
-impl Plot {
-    /// Maps a data point to the drawing; y increases upwards in the data, downwards in the drawing.
-    pub fn point_at(&self, x: f64, y: f64) -> (f64, f64) {
-        let [left, top, width, height] = self.area;
-        (
-            left + self.x.fraction(x) * width,
-            top + height - self.y.fraction(y) * height,
-        )
-    }
-
-    /// Draws grid, ticks and labels.
-    pub fn frame(&self) -> Markup {
-        let [left, top, width, height] = self.area;
-        let (across, down) = (
-            |share: f64| px(left + share * width),
-            |share: f64| px(top + share * height),
-        );
-        html! {
-            (draw_ticks(&self.x, &self.y, across, down))
-            rect.frame x=(px(left)) y=(px(top)) width=(px(width)) height=(px(height)) {}
-            text.label x=(across(0.5)) y=(down(1.0)) dy="34" text-anchor="middle" { (self.x.label()) }
-            @let (lx, ly) = (px(left - 46.0), down(0.5));
-            text.label x=(lx) y=(ly) text-anchor="middle" transform=(format!("rotate(-90 {lx} {ly})")) { (self.y.label()) }
-        }
-    }
-
-    /// Draws a line through (x, y); points that are not finite are skipped.
-    pub fn line(&self, points: &[(f64, f64)], colour: &str, dashed: bool) -> Markup {
-        let finite = points
-            .iter()
-            .filter(|(x, y)| x.is_finite() && y.is_finite());
-        let text = finite.map(|(x, y)| {
-            let (x, y) = self.point_at(*x, *y);
-            format!("{},{}", px(x), px(y))
-        });
-        let points = text.collect::<Vec<_>>().join(" ");
-        html! { polyline.curve points=(points) stroke=(colour) stroke-dasharray=[dashed.then_some("5 4")] {} }
-    }
-}
-
-/// Draws grid lines and tick texts. `across` and `down` return the coordinates of a fraction of width and height, from the
-/// top left.
-pub fn draw_ticks(
-    x: &Axis,
-    y: &Axis,
-    across: impl Fn(f64) -> String,
-    down: impl Fn(f64) -> String,
-) -> Markup {
+/// Draws grid lines and tick texts at fractions of the width and the height.
+pub fn draw_ticks(x: &Axis, y: &Axis) -> Markup {
+    let at_share = |share: f64| format!("{}%", format_fixed(Some(100.0 * share), 3));
     html! {
         g {
             @for (k, (v, text)) in x.ticks().into_iter().enumerate() {
-                @let at = across(x.fraction(v));
+                @let at = at_share(x.fraction(v));
                 g.odd[k % 2 == 1] {
-                    line.grid x1=(at) y1=(down(0.0)) x2=(at) y2=(down(1.0)) {}
-                    text.tick x=(at) y=(down(1.0)) dy="16" text-anchor="middle" { (text) }
+                    line.grid x1=(at) y1="0%" x2=(at) y2="100%" {}
+                    text.tick x=(at) y="100%" dy="16" text-anchor="middle" { (text) }
                 }
             }
         }
         g {
             @for (v, text) in y.ticks() {
-                @let at = down(1.0 - y.fraction(v));
-                line.grid x1=(across(0.0)) y1=(at) x2=(across(1.0)) y2=(at) {}
-                text.tick x=(across(0.0)) y=(at) dx="-7" dy="3.5" text-anchor="end" { (text) }
+                @let at = at_share(1.0 - y.fraction(v));
+                line.grid x1="0%" y1=(at) x2="100%" y2=(at) {}
+                text.tick x="0%" y=(at) dx="-7" dy="3.5" text-anchor="end" { (text) }
             }
         }
     }
@@ -130,15 +74,6 @@ pub fn draw_names(spots: &[NamedSpot], bounds: [f64; 4], letter: f64, plate: f64
     }
 }
 
-/// Builds a drawing that scales with the page.
-pub fn svg_drawing(width: f64, height: f64, name: &str, content: &Markup) -> Markup {
-    html! {
-        svg viewBox=(format!("0 0 {} {}", px(width), px(height))) role="img" aria-label=(name) {
-            (PreEscaped(&content.0))
-        }
-    }
-}
-
 /// Formats a length of the drawing with one decimal.
 pub fn px(value: f64) -> String {
     format_fixed(Some(value.clamp(-1e6, 1e6)), 1)
@@ -170,23 +105,6 @@ pub fn series_colour(index: usize, count: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn data_go_to_the_corners() {
-        let unit = || Axis::from_values([0.0, 1.0].into_iter(), "");
-        let plot = Plot {
-            area: [10.0, 20.0, 100.0, 50.0],
-            x: unit(),
-            y: unit(),
-        };
-        assert_eq!(plot.point_at(0.0, 0.0), (10.0, 70.0));
-        assert_eq!(plot.point_at(1.0, 1.0), (110.0, 20.0));
-        let line = plot.line(&[(0.0, 0.0), (f64::NAN, 1.0), (1.0, 1.0)], "#000", false);
-        assert!(
-            line.into_string()
-                .contains("points=\"10.0,70.0 110.0,20.0\"")
-        );
-    }
 
     #[test]
     fn colours_contrast() {

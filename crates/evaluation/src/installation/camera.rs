@@ -1,10 +1,10 @@
 //! `camera.toml`: interior orientation.
 
-use std::fmt::Write as _;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use nalgebra::SMatrix;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 
 use super::Reader;
 use wingd_base::fault::Fault;
@@ -12,9 +12,10 @@ use wingd_base::pending_file::write_atomically;
 use wingd_base::text::printable_path;
 use wingd_measure::geometry::Lens;
 
-#[derive(Deserialize)]
+/// Keys of a camera file; `C` is the table of the calibration.
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct LensTable {
+struct LensTable<C> {
     width: i64,
     height: i64,
     fx: f64,
@@ -31,14 +32,18 @@ struct LensTable {
     p1: f64,
     #[serde(default)]
     p2: f64,
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "is_zero")]
     k4: f64,
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "is_zero")]
     k5: f64,
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "is_zero")]
     k6: f64,
     covariance: Option<Vec<Vec<f64>>>,
-    calibration: Option<CalibrationTable>,
+    calibration: Option<C>,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// Keys of `[calibration]` that are read.
@@ -78,15 +83,22 @@ pub struct CalibrationReport {
     /// Bow of the board along its rows and its columns, m.
     pub board_bow_m: [f64; 2],
     pub board_bow_sigma_m: [f64; 2],
-    /// Relative stretch of the board across its rows compared with along them, and its standard deviation; none if the
-    /// board is taken as described.
-    pub board_stretch: Option<[f64; 2]>,
+    /// Relative stretch of the board across its rows compared with along them; none if the board is taken as described.
+    pub board_stretch: Option<f64>,
+    pub board_stretch_sigma: Option<f64>,
     /// Difference at 15 m between calibrations from two halves of the images, and its prediction, px.
     pub halves_px: Option<[f64; 2]>,
-    /// Standard deviations in the order fx fy cx cy k1 k2 k3 p1 p2; none for a fixed parameter.
-    pub sigma: [Option<f64>; 9],
     /// Covariance, 9 x 9, in the order of `sigma`.
     pub covariance: Vec<Vec<f64>>,
+    /// Standard deviations in the order fx fy cx cy k1 k2 k3 p1 p2; none for a fixed parameter. Written by name.
+    #[serde(serialize_with = "by_name")]
+    pub sigma: [Option<f64>; 9],
+}
+
+fn by_name<S: Serializer>(sigma: &[Option<f64>; 9], serializer: S) -> Result<S::Ok, S::Error> {
+    let named = Lens::PARAMETERS.iter().zip(sigma);
+    let known: BTreeMap<_, _> = named.filter_map(|(name, s)| Some((name, (*s)?))).collect();
+    known.serialize(serializer)
 }
 
 const MAX_SIDE: i64 = 100_000;
@@ -110,7 +122,7 @@ pub(crate) fn read_camera(reader: &mut Reader, name: impl AsRef<Path>) -> Option
         reader.fault(&file, "file", "is not a camera.toml", remedy);
         return None;
     }
-    let table: LensTable = reader.parse_toml(&file, &text)?;
+    let table: LensTable<CalibrationTable> = reader.parse_toml(&file, &text)?;
     let before = reader.faults.len();
     for (key, side) in [("width", table.width), ("height", table.height)] {
         if !(1..=MAX_SIDE).contains(&side) {
@@ -226,57 +238,25 @@ pub fn write_camera(
     lens: &Lens,
     report: Option<&CalibrationReport>,
 ) -> std::io::Result<()> {
-    let mut text = format!("width = {}\nheight = {}\n", lens.width, lens.height);
-    for (name, value) in Lens::PARAMETERS.iter().zip(&lens.parameters()) {
-        let _ = writeln!(text, "{name} = {value:?}");
-    }
-    if lens.denominator != [0.0; 3] {
-        let [k4, k5, k6] = lens.denominator;
-        let _ = writeln!(text, "k4 = {k4:?}\nk5 = {k5:?}\nk6 = {k6:?}");
-    }
-    if let Some(r) = report {
-        let _ = writeln!(
-            text,
-            "\n[calibration]\nrms_px = {:?}\nimages_used = {}",
-            r.rms_px, r.images_used
-        );
-        let _ = writeln!(
-            text,
-            "images_rejected = {}\nobservations = {}",
-            r.images_rejected, r.observations
-        );
-        let _ = writeln!(
-            text,
-            "verdict = {:?}\nprojection_sigma_px = {:?}",
-            r.verdict, r.projection_sigma_px
-        );
-        if let Some(reason) = &r.accepted {
-            let _ = writeln!(text, "accepted = {}", toml::Value::from(reason.as_str()));
-        }
-        let _ = writeln!(
-            text,
-            "board_bow_m = {:?}\nboard_bow_sigma_m = {:?}",
-            r.board_bow_m, r.board_bow_sigma_m
-        );
-        if let Some([stretch, sigma]) = r.board_stretch {
-            let _ = writeln!(
-                text,
-                "board_stretch = {stretch:?}\nboard_stretch_sigma = {sigma:?}"
-            );
-        }
-        if let Some(halves) = r.halves_px {
-            let _ = writeln!(text, "halves_px = {halves:?}");
-        }
-        let sigma: Vec<String> = Lens::PARAMETERS
-            .iter()
-            .zip(r.sigma)
-            .filter_map(|(n, s)| Some(format!("{n} = {:?}", s?)))
-            .collect();
-        let _ = writeln!(text, "sigma = {{ {} }}\ncovariance = [", sigma.join(", "));
-        for row in &r.covariance {
-            let _ = writeln!(text, "  {row:?},");
-        }
-        text.push_str("]\n");
-    }
+    let [k4, k5, k6] = lens.denominator;
+    let table = LensTable {
+        width: lens.width.into(),
+        height: lens.height.into(),
+        fx: lens.fx,
+        fy: lens.fy,
+        cx: lens.cx,
+        cy: lens.cy,
+        k1: lens.k1,
+        k2: lens.k2,
+        k3: lens.k3,
+        p1: lens.p1,
+        p2: lens.p2,
+        k4,
+        k5,
+        k6,
+        covariance: None,
+        calibration: report,
+    };
+    let text = toml::to_string(&table).map_err(std::io::Error::other)?;
     write_atomically(file, &text)
 }

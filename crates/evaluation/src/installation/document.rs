@@ -8,7 +8,7 @@ use super::plausible::SpanSkew;
 use super::structure::{self, Structure};
 use super::tables::{self, BreakTable, InstallationDocument, OpticsTable, VibrationTable};
 use super::ties::CadModel;
-use super::{INSTALLATION_FILE, Reader, camera, plausible, survey, ties, window};
+use super::{INSTALLATION_FILE, Reader, camera, plausible, ranges, survey, ties, window};
 use wingd_measure::setup::Width;
 use wingd_measure::setup::{
     DEFAULT_REPEATABILITY_PX, Setup, SkinHeight, SurveyMarker, Thermal, TorsionPair, WingBreak,
@@ -45,11 +45,11 @@ pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
         .as_ref()
         .and_then(|cad| ties::read_cad(reader, cad));
     let before = reader.faults.len();
-    check_numbers(reader, &file, &document);
+    check_numbers(reader, &file, &text, &document);
     let in_range = reader.faults.len() == before;
     let torsion = resolve_torsion_pairs(reader, &file, &document, markers.as_deref());
     let window = window::read_window(reader, &file, document.window.as_ref());
-    let structure = structure::read_structure(reader, &file, document.structure.as_ref());
+    let structure = structure::read_structure(reader, document.structure.as_ref());
     let skin = document.wing.skin_height_m.as_ref();
     let camera = lens?;
     let mut setup = Setup {
@@ -245,138 +245,10 @@ const CENTRE_KEY: &str = "camera.projection_centre_m";
 const SPAN_KEY: &str = "wing.span_direction";
 const ROOT_KEY: &str = "wing.root_offset_m";
 
-fn check_numbers(reader: &mut Reader, file: &Path, document: &InstallationDocument) {
+fn check_numbers(reader: &mut Reader, file: &Path, text: &str, document: &InstallationDocument) {
     let blanks = check_blanks(reader, file, document);
-    let (camera, wing) = (&document.camera, &document.wing);
-    let mut check = |key: &str, value: f64, range, unit| {
-        if !blanks.contains(&key) {
-            reader.check_range(file, key, value, range, unit);
-        }
-    };
-    check(ROOT_KEY, wing.root_offset_m, -50.0..=50.0, "m");
-    camera
-        .projection_centre_m
-        .into_iter()
-        .for_each(|v| check(CENTRE_KEY, v, -1e6..=1e6, "m"));
-    for (width, value) in document.widths() {
-        let row = width.row();
-        check(
-            &format!("{}.{}", row.section, row.key),
-            value,
-            0.0..=row.max,
-            row.unit.name,
-        );
-    }
-    for mode in wing.vibration.iter().flatten() {
-        check(
-            "wing.vibration.frequency_hz",
-            mode.frequency_hz,
-            0.0..=1000.0,
-            "Hz",
-        );
-        check(
-            "wing.vibration.amplitude_m",
-            mode.amplitude_m,
-            0.0..=5.0,
-            "m",
-        );
-    }
-    let breaks = || wing.breaks.iter().flatten();
-    breaks().for_each(|one| check("wing.breaks.span_m", one.span_m, -50.0..=200.0, "m"));
-    breaks()
-        .filter_map(|one| one.sweep_deg)
-        .for_each(|v| check("wing.breaks.sweep_deg", v, -30.0..=30.0, "degrees"));
-    if let Some(skin) = &wing.skin_height_m {
-        check("wing.skin_height_m.root", skin.root, -5.0..=5.0, "m");
-        check("wing.skin_height_m.tip", skin.tip, -5.0..=5.0, "m");
-        check(
-            "wing.skin_height_m.tip_span_m",
-            skin.tip_span_m,
-            0.1..=200.0,
-            "m",
-        );
-    }
-    if let Some(thermal) = &document.thermal {
-        check(
-            "thermal.expansion_per_k",
-            thermal.expansion_per_k,
-            -1e-3..=1e-3,
-            "1/K",
-        );
-        check(
-            "thermal.ground_temperature_c",
-            thermal.ground_temperature_c,
-            -100.0..=100.0,
-            "C",
-        );
-        check(
-            "thermal.flight_temperature_c",
-            thermal.flight_temperature_c,
-            -100.0..=100.0,
-            "C",
-        );
-    }
-    if let Some(optics) = &camera.optics {
-        check(
-            "camera.optics.focal_length_mm",
-            optics.focal_length_mm,
-            0.1..=5000.0,
-            "mm",
-        );
-        check("camera.optics.f_number", optics.f_number, 0.5..=128.0, "");
-        check(
-            "camera.optics.pixel_pitch_um",
-            optics.pixel_pitch_um,
-            0.1..=100.0,
-            "um",
-        );
-    }
-    let thermal =
-        |key: fn(&tables::ThermalTable) -> Option<f64>| document.thermal.as_ref().and_then(key);
-    let optional = [
-        (
-            "camera.projection_centre_sigma_m",
-            camera.projection_centre_sigma_m,
-            0.0..=1.0,
-            "m",
-        ),
-        (
-            "camera.mount_repeatability_px",
-            camera.mount_repeatability_px,
-            0.0..=1000.0,
-            "px",
-        ),
-        (
-            "wing.axis_chord_offset_m",
-            wing.axis_chord_offset_m,
-            -20.0..=20.0,
-            "m",
-        ),
-        ("thermal.sigma_k", thermal(|t| t.sigma_k), 0.0..=100.0, "K"),
-        (
-            "thermal.expansion_sigma_per_k",
-            thermal(|t| t.expansion_sigma_per_k),
-            0.0..=1e-3,
-            "1/K",
-        ),
-        (
-            "thermal.flight_temperature_sigma_k",
-            thermal(|t| t.flight_temperature_sigma_k),
-            0.0..=100.0,
-            "K",
-        ),
-        (
-            "camera.optics.circle_of_confusion_um",
-            camera.optics.and_then(|o| o.circle_of_confusion_um),
-            0.1..=1000.0,
-            "um",
-        ),
-    ];
-    for (key, value, range, unit) in optional {
-        value
-            .into_iter()
-            .for_each(|value| check(key, value, range.clone(), unit));
-    }
+    let wing = &document.wing;
+    ranges::check_ranges(reader, file, text, &blanks);
     if wing.vibration.is_some() && document.configured_width(Width::Readout) == Some(0.0) {
         let remedy =
             "delete it, or give the time from an image's first row to its last as camera.readout_s";

@@ -32,6 +32,7 @@ mod mountings;
 mod observations;
 mod orientation;
 mod plausible;
+mod ranges;
 mod reader;
 mod rows;
 mod section;

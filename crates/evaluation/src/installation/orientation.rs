@@ -1,14 +1,12 @@
 //! `orientation.toml`: the camera's attitude, written by `wingd orient`.
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
-
 use std::path::Path;
 
 use image::codecs::png::{PngDecoder, PngEncoder};
 use image::{DynamicImage, ExtendedColorType, ImageDecoder as _, ImageEncoder as _};
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 use super::{Installation, ORIENTATION_FILE, Reader};
@@ -19,32 +17,57 @@ use wingd_measure::points::TEMPLATE_SIDE_PX;
 use wingd_measure::raster::Raster;
 use wingd_measure::setup::{Orientation, PointTemplate, Shape, SurveyMarker};
 
-#[derive(Deserialize)]
+/// Keys of `orientation.toml`. Those that no command reads are for people.
+#[derive(Serialize, Deserialize)]
 struct OrientationTable {
     camera_from_survey: [[f64; 3]; 3],
+    /// Of a small rotation about the camera's axes.
+    #[serde(skip_deserializing)]
+    sigma_mrad: Option<[f64; 3]>,
     covariance_rad2: Option<[[f64; 3]; 3]>,
+    #[serde(skip_deserializing)]
+    variance_factor: f64,
+    #[serde(skip_deserializing)]
+    redundancy: usize,
     /// Reason for accepting an orientation that its test refuses.
     accepted: Option<String>,
-    #[serde(default)]
-    ground: Vec<GroundEntry>,
-    /// Markers that were not used, with the reason.
-    #[serde(default)]
-    unused: Vec<UnusedMarker>,
-    /// Points whose templates are in [`TEMPLATES_FILE`], from top to bottom.
-    #[serde(default)]
-    point: Vec<PointEntry>,
     /// File name -> SHA-256 of camera, survey and templates.
     #[serde(default)]
     made_with: BTreeMap<String, String>,
+    #[serde(skip_deserializing)]
+    image: Vec<ImageEntry>,
+    /// Markers that were not used, with the reason.
+    #[serde(default)]
+    unused: Vec<UnusedMarker>,
+    #[serde(default)]
+    ground: Vec<GroundEntry>,
+    /// Points whose templates are in [`TEMPLATES_FILE`], from top to bottom.
+    #[serde(default)]
+    point: Vec<PointEntry>,
 }
 
-#[derive(Deserialize)]
+#[derive(Serialize)]
+struct ImageEntry {
+    name: String,
+    sha256: String,
+    /// Observed less computed place of each marker.
+    residuals: Vec<ResidualEntry>,
+}
+
+#[derive(Serialize)]
+struct ResidualEntry {
+    id: String,
+    u_px: f64,
+    v_px: f64,
+}
+
+#[derive(Serialize, Deserialize)]
 struct UnusedMarker {
     id: String,
     reason: String,
 }
 
-#[derive(Deserialize)]
+#[derive(Serialize, Deserialize)]
 struct GroundEntry {
     id: String,
     u_px: f64,
@@ -52,7 +75,8 @@ struct GroundEntry {
     covariance_px2: [f64; 3],
 }
 
-#[derive(Deserialize)]
+/// Origin of a template in the ground frame, and place of the point.
+#[derive(Serialize, Deserialize)]
 struct PointEntry {
     id: String,
     left_px: usize,
@@ -214,27 +238,6 @@ fn write_templates(
     Ok(hex::encode(Sha256::digest(&png)))
 }
 
-/// Writes the entries of the templates.
-fn write_points(text: &mut String, installation: &Installation, templates: &[PointTemplate]) {
-    if templates.is_empty() {
-        return;
-    }
-    let _ = writeln!(
-        text,
-        "\n# Templates of points, in the order of {TEMPLATES_FILE}: origin in the ground frame, and place, px"
-    );
-    for template in templates {
-        let id = quoted_id(installation, template.marker);
-        let ([left, top], place) = (template.origin_px, template.place_px);
-        let _ = writeln!(
-            text,
-            "[[point]]\nid = {}\nleft_px = {left}\ntop_px = {top}",
-            id
-        );
-        let _ = writeln!(text, "u_px = {:.5}\nv_px = {:.5}\n", place.x, place.y);
-    }
-}
-
 /// Checks that camera and survey are those that the attitude was computed with.
 fn check_sources(reader: &mut Reader, file: &Path, made_with: &BTreeMap<String, String>) {
     for (name, digest) in made_with {
@@ -300,96 +303,75 @@ pub fn write_orientation(
     images: &[(String, String)],
     accepted: Option<&str>,
 ) -> std::io::Result<()> {
-    let m = fit.orientation.camera_from_survey.matrix();
-    let mut text =
-        String::from("# Attitude of the camera on the ground, written by `wingd orient`.\n");
-    let _ = writeln!(text, "camera_from_survey = {}", format_rows(m));
-    if let Some(c) = &fit.orientation.covariance_rad2 {
-        let sigma: Vec<String> = (0..3)
-            .map(|k| format!("{:?}", 1e3 * c[(k, k)].sqrt()))
-            .collect();
-        let _ = writeln!(text, "# small rotation about the camera's x, y, z axes");
-        let _ = writeln!(
-            text,
-            "sigma_mrad = [{}]\ncovariance_rad2 = {}",
-            sigma.join(", "),
-            format_rows(c)
-        );
+    let Orientation {
+        camera_from_survey,
+        covariance_rad2,
+        ground,
+        templates,
+    } = &fit.orientation;
+    let id = |marker: usize| {
+        let marker = installation.setup.markers.get(marker);
+        marker.map_or(String::new(), |m| m.id.clone())
+    };
+    let sources = installation.digests.iter();
+    let sources = sources.filter(|(name, _)| installation.sources.contains(name));
+    let mut made_with: BTreeMap<_, _> = sources.cloned().collect();
+    if !templates.is_empty() {
+        let digest = write_templates(installation, templates)?;
+        made_with.insert(TEMPLATES_FILE.to_owned(), digest);
     }
-    let _ = writeln!(
-        text,
-        "variance_factor = {:?}\nredundancy = {}",
-        fit.variance_factor, fit.redundancy
-    );
-    if let Some(reason) = accepted {
-        let _ = writeln!(text, "accepted = {}", toml::Value::from(reason));
-    }
-    text.push_str("\n# SHA-256 of the files it was computed with: another camera or survey needs another orientation\n[made_with]\n");
-    for (name, digest) in installation
-        .digests
-        .iter()
-        .filter(|(name, _)| installation.sources.contains(name))
-    {
-        let _ = writeln!(text, "{} = \"{digest}\"", toml::Value::from(name.as_str()));
-    }
-    if !fit.orientation.templates.is_empty() {
-        let digest = write_templates(installation, &fit.orientation.templates)?;
-        let _ = writeln!(text, "\"{TEMPLATES_FILE}\" = \"{digest}\"");
-    }
-    for (k, (name, digest)) in images.iter().enumerate() {
-        let _ = writeln!(
-            text,
-            "\n[[image]]\nname = {}\nsha256 = \"{digest}\"",
-            toml::Value::from(name.as_str())
-        );
-        let _ = writeln!(
-            text,
-            "# marker, residual u, v (observed - computed), px\nresiduals = ["
-        );
-        for (_, marker, r) in fit.residuals.iter().filter(|(frame, _, _)| *frame == k) {
-            let id = quoted_id(installation, *marker);
-            let _ = writeln!(
-                text,
-                "  {{ id = {}, u_px = {:.4}, v_px = {:.4} }},",
-                id, r.x, r.y
-            );
+    let residual = |(_, marker, r): &(usize, usize, Vector2<f64>)| ResidualEntry {
+        id: id(*marker),
+        u_px: r.x,
+        v_px: r.y,
+    };
+    let image = |(k, (name, sha256)): (usize, &(String, String))| {
+        let own = fit.residuals.iter().filter(|(frame, ..)| *frame == k);
+        ImageEntry {
+            name: name.clone(),
+            sha256: sha256.clone(),
+            residuals: own.map(residual).collect(),
         }
-        text.push_str("]\n");
-    }
-    for (marker, reason) in fit.unused_markers(&installation.setup) {
-        let id = quoted_id(installation, marker);
-        let reason = toml::Value::from(reason);
-        let _ = writeln!(text, "\n[[unused]]\nid = {id}\nreason = {reason}");
-    }
-    write_ground(&mut text, installation, &fit.orientation.ground);
-    write_points(&mut text, installation, &fit.orientation.templates);
-    write_atomically(&installation.directory.join(ORIENTATION_FILE), &text)
+    };
+    let unused = fit.unused_markers(&installation.setup).into_iter();
+    let unused = unused.map(|(marker, reason)| UnusedMarker {
+        id: id(marker),
+        reason,
+    });
+    let ground = ground.iter().map(|o| GroundEntry {
+        id: id(o.marker),
+        u_px: o.pixel.x,
+        v_px: o.pixel.y,
+        covariance_px2: [(0, 0), (0, 1), (1, 1)].map(|k| o.covariance_px2[k]),
+    });
+    let point = templates.iter().map(|t| PointEntry {
+        id: id(t.marker),
+        left_px: t.origin_px[0],
+        top_px: t.origin_px[1],
+        u_px: t.place_px.x,
+        v_px: t.place_px.y,
+    });
+    let table = OrientationTable {
+        camera_from_survey: rows_from_matrix(camera_from_survey.matrix()),
+        sigma_mrad: covariance_rad2.map(|c| c.diagonal().map(|v| 1e3 * v.sqrt()).into()),
+        covariance_rad2: covariance_rad2.as_ref().map(rows_from_matrix),
+        variance_factor: fit.variance_factor,
+        redundancy: fit.redundancy,
+        accepted: accepted.map(str::to_owned),
+        made_with,
+        image: images.iter().enumerate().map(image).collect(),
+        unused: unused.collect(),
+        ground: ground.collect(),
+        point: point.collect(),
+    };
+    let text = toml::to_string(&table).map_err(std::io::Error::other)?;
+    let head = "# Attitude of the camera on the ground, written by `wingd orient`.\n";
+    write_atomically(
+        &installation.directory.join(ORIENTATION_FILE),
+        &format!("{head}{text}"),
+    )
 }
 
-/// Writes the ground-frame observations, which the adjustment of flights refers to.
-fn write_ground(text: &mut String, installation: &Installation, ground: &[Observation]) {
-    for s in ground {
-        let id = quoted_id(installation, s.marker);
-        let c = &s.covariance_px2;
-        let _ = writeln!(text, "\n[[ground]]\nid = {}", id);
-        let _ = writeln!(text, "u_px = {:.5}\nv_px = {:.5}", s.pixel.x, s.pixel.y);
-        let _ = writeln!(
-            text,
-            "covariance_px2 = [{:e}, {:e}, {:e}]",
-            c[(0, 0)],
-            c[(0, 1)],
-            c[(1, 1)]
-        );
-    }
-}
-
-/// Returns a marker's id as written in the file.
-fn quoted_id(installation: &Installation, marker: usize) -> toml::Value {
-    let marker = installation.setup.markers.get(marker);
-    marker.map_or("", |m| &m.id).into()
-}
-
-fn format_rows(m: &Matrix3<f64>) -> String {
-    let row = |r: usize| format!("[{:?}, {:?}, {:?}]", m[(r, 0)], m[(r, 1)], m[(r, 2)]);
-    format!("[\n  {},\n  {},\n  {},\n]", row(0), row(1), row(2))
+fn rows_from_matrix(m: &Matrix3<f64>) -> [[f64; 3]; 3] {
+    std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]))
 }

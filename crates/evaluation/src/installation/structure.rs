@@ -29,18 +29,10 @@ pub struct Structure {
 /// Reads `[structure]` of an installation.
 pub(super) fn read_structure(
     reader: &mut Reader,
-    installation: &Path,
     structure: Option<&tables::StructureTable>,
 ) -> Option<Structure> {
     let structure = structure?;
     let bending_hz = structure.bending_hz.unwrap_or(DEFAULT_BENDING_HZ);
-    reader.check_range(
-        installation,
-        "structure.bending_hz",
-        bending_hz,
-        0.05..=100.0,
-        "Hz",
-    );
     let remedy = "name the file in structure.stiffness of installation.toml";
     let sections = read_sections(reader, &structure.stiffness, remedy)?;
     Some(Structure {

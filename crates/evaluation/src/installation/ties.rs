@@ -36,8 +36,7 @@ const MAX_SWEEP_DEG: f64 = 60.0;
 const FLAT_SIGMAS: f64 = 10.0;
 /// Number of standard deviations beyond which scale and angle are off.
 const SIGMAS: f64 = 3.0;
-/// Largest number of points, those that fit worst, that are tried as wrong or exchanged: the time of all pairs of hundreds
-/// would be seconds.
+/// Largest number of points, those that fit worst, that are tried as wrong: each needs a fit.
 const MAX_SUSPECTS: usize = 12;
 /// Significance level of the test of the transform.
 pub const CAD_ALPHA: f64 = 0.01;
@@ -333,40 +332,14 @@ impl CadModel {
             sort_by_value(&mut suspects, |k| -fit.residuals_m[*k].norm());
         }
         suspects.truncate(MAX_SUSPECTS);
-        let pairs = || {
-            suspects
-                .iter()
-                .enumerate()
-                .flat_map(|(n, i)| suspects[..n].iter().map(|k| (*k, *i)))
-        };
-        let exchange = |points: &mut Vec<PointPair>, (k, i): (usize, usize)| {
-            (points[k].target_m, points[i].target_m) = (points[i].target_m, points[k].target_m);
-        };
-        if let Some((k, i)) = pairs().find(|pair| is_right(&|points| exchange(points, *pair))) {
-            let cause = format!(
-                "{} and {} have each other's CAD coordinates",
-                self.ids[k], self.ids[i]
-            );
-            return (TIES, contradict(cause), "exchange them".into());
-        }
         let remedy = "correct them in tie_points.csv, in both frames, or give their standard deviation as cad.sigma_m";
         if let Some(cause) = self.describe_outliers(&suspects) {
             return (TIES, contradict(cause), remedy.into());
         }
-        let change_m = |&(k, i): &(usize, usize)| {
-            let [a, b] = [k, i].map(|k| self.points[k]);
-            (a.target_m - b.target_m).norm() - (a.source_m - b.source_m).norm()
-        };
-        match (
-            fit,
-            pairs().max_by(|a, b| change_m(a).abs().total_cmp(&change_m(b).abs())),
-        ) {
-            (Ok(_), Some(worst)) => {
-                let [a, b] = [worst.0, worst.1].map(|k| &self.ids[k]);
-                let off_m = change_m(&worst);
-                let cause = format!(
-                    "{a} and {b} are {off_m:.3} m farther apart in the CAD model than in the survey"
-                );
+        match (fit, suspects.first()) {
+            (Ok(fit), Some(worst)) => {
+                let (id, off_m) = (&self.ids[*worst], fit.residuals_m[*worst].norm());
+                let cause = format!("the largest residual is {off_m:.3} m, of {id}");
                 (TIES, contradict(cause), remedy.into())
             }
             (Err(error), _) if error != FitError::Mirrored => (

@@ -27,28 +27,9 @@ pub(super) fn read_window(
     table: Option<&tables::WindowTable>,
 ) -> Option<Window> {
     let table = table?;
-    let cabin = read_air(
-        reader,
-        file,
-        "window.cabin",
-        table.cabin.as_ref(),
-        DEFAULT_CABIN,
-    );
-    let outside = read_air(
-        reader,
-        file,
-        "window.outside",
-        table.outside.as_ref(),
-        DEFAULT_OUTSIDE,
-    );
+    let cabin = read_air(table.cabin.as_ref(), DEFAULT_CABIN);
+    let outside = read_air(table.outside.as_ref(), DEFAULT_OUTSIDE);
     let wavelength_nm = table.wavelength_nm.unwrap_or(550.0);
-    reader.check_range(
-        file,
-        "window.wavelength_nm",
-        wavelength_nm,
-        300.0..=1700.0,
-        "nm",
-    );
     let normal = table.normal.map(Vector3::from);
     if let Some(n) = normal.filter(|n| !(n.norm() > 1e-6 && n.norm().is_finite())) {
         let problem = format!("is [{}, {}, {}]", n.x, n.y, n.z);
@@ -131,31 +112,6 @@ fn read_pane(reader: &mut Reader, file: &Path, table: &tables::WindowTable) -> O
         distance_m: table.distance_m.unwrap_or(DEFAULT_DISTANCE_M),
         same_on_ground: table.same_on_ground.unwrap_or(false),
     };
-    check_pane(reader, file, &pane, table.thickness_sigma_m);
-    Some(pane)
-}
-
-/// Checks the ranges of a pane. `thickness_sigma_m` is the configured value: consequences of a wrong thickness are no
-/// second error.
-fn check_pane(reader: &mut Reader, file: &Path, pane: &Pane, thickness_sigma_m: Option<f64>) {
-    let mut check = |key, value, range, unit| reader.check_range(file, key, value, range, unit);
-    check("window.thickness_m", pane.thickness_m, 1e-3..=0.1, "m");
-    check(
-        "window.thickness_sigma_m",
-        thickness_sigma_m.unwrap_or(0.0),
-        0.0..=0.02,
-        "m",
-    );
-    check("window.index", pane.index, 1.2..=2.5, "");
-    check("window.index_sigma", pane.index_sigma, 0.0..=0.2, "");
-    check(
-        "window.normal_sigma_deg",
-        pane.normal_sigma_rad.to_degrees(),
-        0.0..=20.0,
-        "degrees",
-    );
-    check("window.bow_sigma", pane.bow_sigma, 0.0..=1.0, "");
-    check("window.distance_m", pane.distance_m, 0.0..=2.0, "m");
     if let Some(radius) = pane
         .bow_radius_m
         .filter(|r| !(0.5..=1e6).contains(&r.abs()))
@@ -169,28 +125,14 @@ fn check_pane(reader: &mut Reader, file: &Path, pane: &Pane, thickness_sigma_m: 
             remedy,
         );
     }
+    Some(pane)
 }
 
-fn read_air(
-    reader: &mut Reader,
-    file: &Path,
-    place: &str,
-    table: Option<&tables::AirTable>,
-    default: Air,
-) -> Air {
-    let Some(table) = table else { return default };
-    let air = Air {
+fn read_air(table: Option<&tables::AirTable>, default: Air) -> Air {
+    table.map_or(default, |table| Air {
         temperature_c: table.temperature_c,
         pressure_hpa: table.pressure_hpa,
         humidity: table.humidity.unwrap_or(default.humidity),
         co2_ppm: table.co2_ppm.unwrap_or(default.co2_ppm),
-    };
-    let mut check = |key, value, range, unit| {
-        reader.check_range(file, &format!("{place}.{key}"), value, range, unit)
-    };
-    check("temperature_c", air.temperature_c, -100.0..=100.0, "C");
-    check("pressure_hpa", air.pressure_hpa, 10.0..=1200.0, "hPa");
-    check("humidity", air.humidity, 0.0..=1.0, "");
-    check("co2_ppm", air.co2_ppm, 0.0..=20_000.0, "ppm");
-    air
+    })
 }

@@ -9,25 +9,13 @@ use super::precision::{
     LayoutPrecision, MarkerSigma, TipSigma, layout_precision, marker_sigmas, tip_sigma,
 };
 use super::view::{bend_markers, camera_attitude};
-use super::{PlanOptions, SkinProfile, adjustment_options, fixed_targets, terms};
+use super::{PlanOptions, SkinProfile, adjustment_options, fixed_targets};
 use crate::adjust::flight_prior::FlightPrior;
 use crate::adjust::ground::GroundShape;
 use crate::adjust::{self, AdjustError, AdjustResult, Mounting, Observation, Options, Solution};
 use crate::environment::apparent_point;
-use crate::ordering::sort_by_value;
 use crate::points;
-use crate::setup::{Orientation, Setup, SurveyMarker};
-
-/// A layout with one additional marker, or without one.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct LayoutChange {
-    /// Id of the marker that is surveyed and not visible; `None` for an additional one.
-    pub without: Option<String>,
-    /// Position of the marker along the span from the projection centre, m.
-    pub span_m: f64,
-    /// Predicted precision; `None` if the layout could not be adjusted.
-    pub expected: Option<LayoutPrecision>,
-}
+use crate::setup::{Orientation, Setup};
 
 /// The layout under another assumption.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -52,12 +40,8 @@ pub struct LayoutPrediction {
     /// Torsion pairs of the installation: name, standard deviations of angle and twist, degrees.
     pub torsion: Vec<(String, Option<f64>, Option<f64>)>,
     pub pitch_bending_correlation: Option<f64>,
-    /// Layouts without each marker, then with an additional one in the largest gap.
-    pub changes: Vec<LayoutChange>,
     /// Layouts with 1, 2 and 4 additional fixed targets.
     pub fixed_targets: Vec<AlternativeLayout>,
-    /// Layouts with each uncertain term known.
-    pub terms_known: Vec<AlternativeLayout>,
     /// Standard deviations along the span: (span from the projection centre, deflection m, twist degrees).
     curve: Vec<(f64, f64, Option<f64>)>,
 }
@@ -84,8 +68,6 @@ impl LayoutPrediction {
     }
 }
 
-/// Factor on the variance of an observation that removes it from the solution.
-const UNSEEN_VARIANCE_RATIO: f64 = 1e8;
 /// Lowest deflection of a flight's frames over the highest: from full tanks at taxi speed to a gust.
 const MIN_DEFLECTION_FRACTION: f64 = 0.4;
 
@@ -226,12 +208,6 @@ impl<'a> SimulatedFlight<'a> {
     /// Returns an error if the layout cannot be adjusted.
     pub fn predict_layout(&self) -> AdjustResult<LayoutPrediction> {
         let solution = self.adjust_frame(&self.observations)?;
-        let mut changes: Vec<_> = self
-            .observations
-            .iter()
-            .map(|o| self.predict_without(o.marker))
-            .collect();
-        changes.extend(self.predict_with_additional());
         let degrees = |e: Option<adjust::Estimate>| e.and_then(|e| e.sigma).map(f64::to_degrees);
         Ok(LayoutPrediction {
             redundancy: solution.redundancy,
@@ -251,12 +227,10 @@ impl<'a> SimulatedFlight<'a> {
                 .map(|t| (t.name.clone(), degrees(t.angle_rad), degrees(t.twist_rad)))
                 .collect(),
             pitch_bending_correlation: solution.pitch_bending_correlation,
-            changes,
             fixed_targets: fixed_targets::COUNTS
                 .iter()
                 .map(|count| self.predict_with_fixed_targets(*count))
                 .collect(),
-            terms_known: self.predict_with_each_term_known(),
             curve: solution
                 .curve
                 .iter()
@@ -337,74 +311,6 @@ impl<'a> SimulatedFlight<'a> {
         )
     }
 
-    /// Predicts the layout with a marker surveyed but not visible on the ground and in flight. Its survey still shapes the
-    /// wing, so the point of linearisation is unchanged and fewer observations cannot lower a standard deviation.
-    fn predict_without(&self, marker: usize) -> LayoutChange {
-        let mut orientation = self.orientation.clone();
-        let own = orientation.ground.iter_mut().filter(|g| g.marker == marker);
-        own.for_each(|g| g.covariance_px2 *= UNSEEN_VARIANCE_RATIO);
-        let left: Vec<Observation> = self
-            .observations
-            .iter()
-            .filter(|o| o.marker != marker)
-            .cloned()
-            .collect();
-        let options = adjustment_options(self.options);
-        let solved = adjust::solve_spatial(self.setup, &orientation, &left, &options).ok();
-        LayoutChange {
-            span_m: self.ground[marker].x,
-            without: self.setup.markers.get(marker).map(|m| m.id.clone()),
-            expected: solved.and_then(|solution| layout_precision(&solution, self.setup)),
-        }
-    }
-
-    /// Predicts the layout with an additional marker in the middle of the largest gap along the span.
-    fn predict_with_additional(&self) -> Option<LayoutChange> {
-        let on_the_wing = |k: &usize| self.setup.markers.get(*k).is_some_and(|m| !m.fixed);
-        let mut order: Vec<usize> = self
-            .observations
-            .iter()
-            .map(|o| o.marker)
-            .filter(on_the_wing)
-            .collect();
-        sort_by_value(&mut order, |&one| self.ground[one].x);
-        let gap = |pair: &&[usize]| self.ground[pair[1]].x - self.ground[pair[0]].x;
-        let widest = order.windows(2).max_by(|a, b| gap(a).total_cmp(&gap(b)))?;
-        let (a, b) = (
-            self.setup.markers.get(widest[0])?,
-            self.setup.markers.get(widest[1])?,
-        );
-        let mut setup = self.setup.clone();
-        let position_m = 0.5 * (a.position_m + b.position_m);
-        setup.markers.push(SurveyMarker {
-            id: "one more".into(),
-            position_m,
-            ..b.clone()
-        });
-        let mut orientation = self.orientation.clone();
-        let frame = setup.wing_frame();
-        let from_camera = position_m - frame.origin_m;
-        let seen = apparent_point(
-            setup.window.as_ref(),
-            &orientation.camera_from_survey,
-            &from_camera,
-            false,
-        );
-        let variance = self.options.pixel_sigma * self.options.pixel_sigma;
-        let covariance_px2 = Matrix2::identity() * variance;
-        let pixel = setup.lens.project(&seen)?;
-        orientation.ground.push(Observation {
-            marker: setup.markers.len() - 1,
-            pixel,
-            covariance_px2,
-        });
-        Some(LayoutChange {
-            without: None,
-            span_m: frame.wing_point(&position_m).x,
-            expected: self.predict_precision_of_setup(&setup, &orientation),
-        })
-    }
-
     fn predict_with_fixed_targets(&self, count: usize) -> AlternativeLayout {
         let request = (0, count, self.options.pixel_sigma);
         let other = fixed_targets::add_fixed_targets(
@@ -420,20 +326,6 @@ impl<'a> SimulatedFlight<'a> {
                 self.predict_precision_of_setup(&setup, &orientation)
             }),
         }
-    }
-
-    fn predict_with_each_term_known(&self) -> Vec<AlternativeLayout> {
-        let one = |(name, setup): (&str, Setup)| {
-            let expected = self.predict_precision_of_setup(&setup, &self.orientation);
-            AlternativeLayout {
-                name: name.to_owned(),
-                expected,
-            }
-        };
-        terms::setups_with_known_terms(self.setup)
-            .into_iter()
-            .map(one)
-            .collect()
     }
 
     fn predict_precision_of_setup(

@@ -23,7 +23,7 @@ pub struct DraftArgs {
     chord: Option<f64>,
     /// Focal length, mm
     #[arg(long, value_name = "MM", requires = "reach")]
-    pub focal: Option<f64>,
+    focal: Option<f64>,
     /// Sensor: pixels across, pixels down, pixel pitch in micrometres
     #[arg(long, value_name = "WxHxUM", requires = "reach", value_parser = parse_sensor)]
     sensor: Option<Sensor>,

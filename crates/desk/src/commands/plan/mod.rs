@@ -5,16 +5,12 @@ mod requirement;
 
 use std::path::PathBuf;
 
-use serde_json::{Value, json};
-
 use crate::plan::{
     draft_installation, drafted_facts, flight_precision, plan_failure, prior_precision,
     write_layout,
 };
-use crate::report::plan_figure;
-use wingd_base::failure::CHECK_WRITE_ACCESS;
 use wingd_base::failure::{Completion, Failure, TaskResult};
-use wingd_base::output::{print_json, print_line, write_output};
+use wingd_base::output::{print_json, print_line};
 use wingd_evaluation::grid::ColumnDefinition::One;
 use wingd_evaluation::grid::Grid;
 use wingd_evaluation::inputs::default_paths::{load_installation, resolve_installation};
@@ -24,7 +20,6 @@ use wingd_evaluation::number::format_fixed;
 use wingd_evaluation::results::table;
 use wingd_measure::adjust::DeflectionReference;
 use wingd_measure::plan;
-use wingd_measure::plan::DraftVariant;
 use wingd_measure::plan::Optics;
 use wingd_measure::plan::Requirement;
 use wingd_measure::plan::{AlternativeLayout, LayoutPrecision, LayoutPrediction, TipSigma};
@@ -46,8 +41,8 @@ pub struct PlanArgs {
     /// uncertainty budget, and possible improvements
     #[arg(long, value_name = "LENGTH", value_parser = requirement::parse_length)]
     want: Option<f64>,
-    /// Write the layout (with --want the proposed one): installation.toml, camera.toml, a survey.csv to be replaced by the
-    /// true survey, and layout.svg, a drawing to scale
+    /// Write the layout (with --want the proposed one): installation.toml, camera.toml, and a survey.csv to be replaced by
+    /// the true survey
     #[arg(long, value_name = "DIR")]
     layout: Option<PathBuf>,
     /// Planned deflection of the outermost marker, m
@@ -59,9 +54,6 @@ pub struct PlanArgs {
     /// Number of curvature terms, 1 to 10
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=10))]
     curvature_terms: u8,
-    /// Draw the plan as SVG
-    #[arg(long, value_name = "FILE.svg")]
-    figure: Option<PathBuf>,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -92,9 +84,6 @@ pub(super) fn run(args: &PlanArgs) -> TaskResult<Completion> {
     let options = plan_options(args, Some(&installation));
     let (setup, orientation) = (&installation.setup, installation.orientation.as_ref());
     let plan = plan::plan_installation(setup, orientation, &options).map_err(plan_failure)?;
-    if let Some(file) = &args.figure {
-        write_output(file, plan_figure::plan_svg(&plan), CHECK_WRITE_ACCESS)?;
-    }
     let (mut joint, mut with_prior) = (None, None);
     if plan.prediction.is_some() {
         let predict = || flight_precision(&installation, &options, frames);
@@ -107,11 +96,7 @@ pub(super) fn run(args: &PlanArgs) -> TaskResult<Completion> {
         requirement.map(|wanted| run_long_task("looking for a layout", || check(wanted)));
     let proposal = proposal.transpose().map_err(plan_failure)?;
     if let Some(folder) = &args.layout {
-        let assumed = || plan::assumed_attitude(setup, orientation, &options).map_err(plan_failure);
-        let (layout, attitude) = match &proposal {
-            Some((_, layout, attitude)) => (layout, attitude.clone()),
-            None => (setup, assumed()?),
-        };
+        let layout = proposal.as_ref().map_or(setup, |(_, layout, _)| layout);
         let facts = match &draft {
             Some(_) => drafted_facts(layout, args.draft.wing_side()),
             None => Setup {
@@ -119,25 +104,15 @@ pub(super) fn run(args: &PlanArgs) -> TaskResult<Completion> {
                 ..setup.clone()
             },
         };
-        write_layout(folder, layout, &facts, &attitude, options.tip_deflection_m)?;
+        write_layout(folder, layout, &facts)?;
     }
-    let variants = draft
-        .map(|draft| {
-            let predict = || plan::predict_variants(&draft, setup, &options);
-            run_long_task("predicting variants", predict)
-        })
-        .unwrap_or_default();
     if args.json {
-        let mut all = requirement::plan_json(
+        print_json(&requirement::plan_json(
             &plan,
             joint.as_ref(),
             with_prior.as_ref(),
             proposal.as_ref(),
-        );
-        if !variants.is_empty() {
-            all.insert("variants".into(), variants_json(args, &variants));
-        }
-        print_json(&all)?;
+        ))?;
     } else {
         let mut out = requirement::first_line(&plan, joint.as_ref(), proposal.as_ref());
         out.push_str(&plan_text(&plan, args.wide));
@@ -146,9 +121,6 @@ pub(super) fn run(args: &PlanArgs) -> TaskResult<Completion> {
             with_prior.as_ref(),
             proposal.as_ref(),
         ));
-        if !variants.is_empty() {
-            out.push_str(&variants_text(args, &variants));
-        }
         print_line(out.trim_end())?;
     }
     Ok(if plan.prediction.is_some() || proposal.is_some() {
@@ -156,46 +128,6 @@ pub(super) fn run(args: &PlanArgs) -> TaskResult<Completion> {
     } else {
         Completion::Partly
     })
-}
-
-/// Returns the focal length of a variant, mm.
-fn focal_mm(args: &PlanArgs, variant: &DraftVariant) -> f64 {
-    args.draft.focal.unwrap_or_default() * variant.focal_ratio
-}
-
-fn variants_json(args: &PlanArgs, variants: &[DraftVariant]) -> Value {
-    let one = |v: &DraftVariant| json!({"focal_mm": focal_mm(args, v), "height_m": v.height_m, "sigma_tip_deflection_m": v.sigma_m});
-    variants.iter().map(one).collect()
-}
-
-/// Lists other lenses and heights; recommends the most precise one that can be measured.
-fn variants_text(args: &PlanArgs, variants: &[DraftVariant]) -> String {
-    let rows = Grid::for_rows(variants).columns(&[
-        One("focal length / mm", &|v| {
-            format!("{:.1}", focal_mm(args, v))
-        }),
-        One("height / m", &|v| format!("{:.2}", v.height_m)),
-        One("tip deflection / mm", &|v| {
-            format_fixed(v.sigma_m.map(|m| 1e3 * m), 1)
-        }),
-    ]);
-    let mut out = format!(
-        "\nOther lenses and heights, one frame (- cannot be measured)\n{}",
-        rows.text()
-    );
-    let usable = variants.iter().filter_map(|v| Some((v, v.sigma_m?)));
-    if let Some((best, _)) = usable.min_by(|a, b| a.1.total_cmp(&b.1)) {
-        let (focal, height) = (focal_mm(args, best), best.height_m);
-        let way = if variants.first() == Some(best) {
-            "None is more precise"
-        } else {
-            "Most precise"
-        };
-        out.push_str(&format!(
-            "{way}: {focal:.1} mm, {height:.2} m above the skin\n"
-        ));
-    }
-    out
 }
 
 fn plan_options(args: &PlanArgs, installation: Option<&Installation>) -> PlanOptions {
@@ -236,19 +168,10 @@ fn plan_text(plan: &InstallationPlan, wide: bool) -> String {
             "\nUncertainty budget of that deflection\n{}",
             budget.text()
         ));
-        out.push_str(&format!(
-            "\nOne marker removed or added\n{}",
-            marker_change_table(prediction).text()
-        ));
         let marks = alternative_table(prediction, &prediction.fixed_targets);
         out.push_str(&format!(
             "\nAdditional fixed targets, rigid to the cabin, in the corners of the image\n{}",
             marks.text()
-        ));
-        let known = alternative_table(prediction, &prediction.terms_known);
-        out.push_str(&format!(
-            "\nUncertain values of the installation, if each were known exactly\n{}",
-            known.text()
         ));
     }
     for remark in &plan.remarks {
@@ -370,36 +293,6 @@ fn relative_change(prediction: &LayoutPrediction, e: Option<LayoutPrecision>) ->
 
 fn format_sigma_mm(e: Option<LayoutPrecision>, pick: fn(&LayoutPrecision) -> f64) -> String {
     format_fixed(e.as_ref().map(|e| 1e3 * pick(e)), 2)
-}
-
-fn marker_change_table(prediction: &LayoutPrediction) -> Grid {
-    let mut rows = vec![("as surveyed".to_owned(), None, Some(prediction.expected))];
-    rows.extend(prediction.changes.iter().map(|change| {
-        let name = change
-            .without
-            .as_ref()
-            .map_or("one more".to_owned(), |id| format!("without {id}"));
-        (name, Some(change.span_m), change.expected)
-    }));
-    Grid::for_rows(&rows).columns(&[
-        One("<layout", &|(name, ..)| name.clone()),
-        One("span / m", &|(_, span_m, _)| format_fixed(*span_m, 2)),
-        One("tip deflection / mm", &|(.., e)| {
-            format_sigma_mm(*e, |e| e.sigma_tip_deflection_m)
-        }),
-        One("mean deflection / mm", &|(.., e)| {
-            format_sigma_mm(*e, |e| e.sigma_mean_deflection_m)
-        }),
-        One("tip twist / deg", &|(.., e)| {
-            format_fixed(e.and_then(|e| e.sigma_tip_twist_deg), 3)
-        }),
-        One("along span / mm", &|(.., e)| {
-            format_sigma_mm(*e, |e| e.sigma_span_m)
-        }),
-        One("tip deflection changes by", &|(.., e)| {
-            relative_change(prediction, *e)
-        }),
-    ])
 }
 
 fn alternative_table(prediction: &LayoutPrediction, list: &[AlternativeLayout]) -> Grid {

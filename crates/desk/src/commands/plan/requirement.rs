@@ -186,7 +186,7 @@ fn answer_text(answer: &RequirementResult, proposal: &Setup) -> String {
         ));
         if fixed > 0 {
             out.push_str(
-                "Fixed targets: near the directions of the drawing, as far from the lens as something rigid to the cabin is in view \
+                "Fixed targets: near the directions of the layout, as far from the lens as something rigid to the cabin is in view \
                  (wing-body fairing, root fillet ahead of or behind the wing); pylon and nacelle move with the wing\n",
             );
         }

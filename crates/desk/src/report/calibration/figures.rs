@@ -1,75 +1,47 @@
-//! Figures of a calibration over the image area, with axes in image pixels and a common scale.
+//! Figures of a calibration over the image: u to the right and v downwards, px.
 
 use maud::{Markup, html};
 use nalgebra::Vector2;
 
 use wingd_evaluation::figures::figure::{
-    Figure, FigureTrack, MAIN_COLOUR, all_abscissas, all_values,
+    BREAK, Figure, FigurePoint, FigureTrack, MAIN_COLOUR, TrackStyle, all_abscissas, all_values,
 };
-use wingd_evaluation::figures::plot::{Axis, Plot, px, svg_drawing};
+use wingd_evaluation::figures::plot::{Axis, round_step};
 use wingd_evaluation::number::{decimals_for, format_fixed};
 use wingd_measure::calibrate::Calibration;
 use wingd_measure::calibrate::ProjectionUncertainty;
 
-/// Width of the image in a figure, px of the page.
-const WIDTH: f64 = 640.0;
-/// Space to the left of the image for the labels of the axis, px of the page.
-const LEFT: f64 = 64.0;
-const RIGHT: f64 = 110.0;
-const TOP: f64 = 12.0;
-/// Space below the image, px of the page.
-const BOTTOM: f64 = 46.0;
-/// Length of the longest arrow, px of the page.
-const MAX_ARROW: f64 = 36.0;
+/// Height of a figure, px of the page.
+const HEIGHT: f64 = 420.0;
+/// Length of the longest arrow over the width of the image.
+const ARROW_SHARE: f64 = 0.05;
 const INK: &str = "#1c2430";
-/// Approximate spacing of the grid lines, px of the page.
-const TICK_SPACING: f64 = 90.0;
 
-/// Figure of the image area with its axes, u to the right and v downwards, px.
-struct ImageFigure {
-    plot: Plot,
-    size: Vector2<f64>,
-    height: f64,
+/// Point or end of an arrow, with v downwards.
+fn figure_point(pixel: Vector2<f64>) -> FigurePoint {
+    (pixel.x, -pixel.y, None)
 }
 
-impl ImageFigure {
-    fn from_calibration(c: &Calibration) -> Self {
-        let size = Vector2::new(f64::from(c.lens.width), f64::from(c.lens.height));
-        let step = wingd_evaluation::figures::axis::round_step(TICK_SPACING * size.x / WIDTH);
-        let x = Axis::from_exact_range(0.0, size.x, step, "u / px");
-        let y = Axis::from_exact_range(0.0, size.y, step, "v / px").reversed();
-        let height = WIDTH * y.length() / x.length();
-        Self {
-            plot: Plot {
-                area: [LEFT, TOP, WIDTH, height],
-                x,
-                y,
-            },
-            size,
-            height,
-        }
+/// Draws tracks over the image.
+fn draw_over_image(c: &Calibration, name: &str, tracks: Vec<FigureTrack>) -> Markup {
+    let side = |px: u32| [0.0, f64::from(px)].into_iter();
+    let x = Axis::from_values(side(c.lens.width).chain(all_abscissas(&tracks)), "u / px");
+    let down = all_values(&tracks).map(|v| -v);
+    let y = Axis::from_values(side(c.lens.height).chain(down), "v / px").reversed();
+    Figure {
+        name: name.to_owned(),
+        height: HEIGHT,
+        x,
+        y,
+        tracks,
     }
+    .draw()
+}
 
-    fn point_at(&self, pixel: Vector2<f64>) -> Vector2<f64> {
-        let (x, y) = self.plot.point_at(pixel.x, -pixel.y);
-        Vector2::new(x, y)
-    }
-
-    /// Clips content at the edges of the image.
-    fn clip_to_image(&self, content: &Markup) -> Markup {
-        let [left, top, width, height] = self.plot.area.map(px);
-        let part = format!("{left} {top} {width} {height}");
-        html! { svg x=(left) y=(top) width=(width) height=(height) viewBox=(part) overflow="hidden" { (content) } }
-    }
-
-    fn draw(&self, label: &str, content: &Markup) -> Markup {
-        let content = html! { (self.plot.frame()) (content) };
-        svg_drawing(
-            LEFT + WIDTH + RIGHT,
-            TOP + self.height + BOTTOM,
-            label,
-            &content,
-        )
+fn dot_track(name: &str, pixels: impl Iterator<Item = Vector2<f64>>) -> FigureTrack {
+    FigureTrack {
+        style: TrackStyle::SmallDots,
+        ..FigureTrack::from_points(name, MAIN_COLOUR, pixels.map(figure_point).collect())
     }
 }
 
@@ -121,56 +93,41 @@ fn draw_arrows(
     label: &str,
     meaning: &str,
 ) -> Markup {
-    let sheet = ImageFigure::from_calibration(c);
     let longest = field.iter().map(|f| f.1.norm()).fold(0.0, f64::max);
-    let factor = if longest > 0.0 {
-        MAX_ARROW / longest
+    let magnified = if longest > 0.0 {
+        round_step(ARROW_SHARE * f64::from(c.lens.width) / longest)
     } else {
-        0.0
+        1.0
     };
-    let key = Vector2::new(LEFT + WIDTH + 14.0, TOP + 24.0);
-    let content = html! {
-        (sheet.clip_to_image(&html! { @for (at, by) in field { (draw_arrow(sheet.point_at(*at), by * factor)) } }))
-        (draw_arrow(key, Vector2::new(MAX_ARROW, 0.0)))
-        text.tick x=(px(key.x)) y=(px(key.y + 18.0)) { (format_fixed(Some(longest), decimals_for(longest))) " px" }
+    let arrow = |(at, by): &(Vector2<f64>, Vector2<f64>)| {
+        [figure_point(*at), figure_point(at + by * magnified), BREAK]
     };
+    let arrows = field.iter().flat_map(arrow).collect();
+    let tracks = vec![
+        dot_track("beginnings", field.iter().map(|(at, _)| *at)),
+        FigureTrack::from_points(label, INK, arrows),
+    ];
     html! {
-        figure.sheet {
-            (sheet.draw(label, &content))
-            p.caption { "Arrows starting at the dots: " (meaning) "; the longest is " (format_fixed(Some(longest), decimals_for(longest))) " px." }
+        figure {
+            (draw_over_image(c, label, tracks))
+            p.caption {
+                "Lines starting at the dots: " (meaning) ", magnified " (magnified) " times; the longest is "
+                (format_fixed(Some(longest), decimals_for(longest))) " px."
+            }
         }
-    }
-}
-
-fn draw_arrow(from: Vector2<f64>, by: Vector2<f64>) -> Markup {
-    let to = from + by;
-    html! {
-        line x1=(px(from.x)) y1=(px(from.y)) x2=(px(to.x)) y2=(px(to.y)) stroke=(INK) stroke-width="1" {}
-        circle cx=(px(from.x)) cy=(px(from.y)) r="1.4" fill=(INK) {}
     }
 }
 
 /// Draws all points used, and their number in each ninth of the image.
 pub(super) fn draw_coverage(c: &Calibration) -> Markup {
-    let sheet = ImageFigure::from_calibration(c);
-    let third = |k: usize, of: f64| (k as f64 + 0.5) / 3.0 * of;
-    let content = html! {
-        @for (at, _) in c.residuals.iter().flatten() {
-            @let at = sheet.point_at(*at);
-            circle cx=(px(at.x)) cy=(px(at.y)) r="1.5" fill=(MAIN_COLOUR) fill-opacity="0.6" {}
-        }
-        @for (j, row) in c.coverage.iter().enumerate() {
-            @for (i, count) in row.iter().enumerate() {
-                @let at = sheet.point_at(Vector2::new(third(i, sheet.size.x), third(j, sheet.size.y)));
-                rect x=(px(at.x - 30.0)) y=(px(at.y - 11.0)) width="60" height="17" fill="#ffffff" fill-opacity="0.8" {}
-                text x=(px(at.x)) y=(px(at.y + 2.0)) text-anchor="middle" font-size="12" fill=[if *count == 0 { Some("#a02010") } else { Some(INK) }] { (count) }
-            }
-        }
-    };
+    let points = c.residuals.iter().flatten().map(|(at, _)| *at);
+    let counts = c.coverage.map(|row| row.map(|n| Some(n as f64)).to_vec());
+    let most = c.coverage.iter().flatten().copied().max().unwrap_or(0);
     html! {
-        figure.sheet {
-            (sheet.draw("coverage", &content))
+        figure {
+            (draw_over_image(c, "coverage", vec![dot_track("points used", points)]))
             p.caption { "All points used, and their number in each ninth of the image. In a ninth without points the projection is an extrapolation of the lens model." }
+            (cell_table(&counts, most as f64, 0))
         }
     }
 }
@@ -184,45 +141,35 @@ pub(super) fn draw_uncertainty(c: &Calibration) -> Markup {
         .iter()
         .flat_map(|p| p.cells_px.iter().flatten().flatten());
     let most = cells.copied().fold(f64::MIN_POSITIVE, f64::max);
-    html! { @for p in projections { (draw_uncertainty_map(c, p, most)) } }
+    html! { @for p in projections { (draw_uncertainty_map(p, most)) } }
 }
 
-fn draw_uncertainty_map(c: &Calibration, projection: &ProjectionUncertainty, most: f64) -> Markup {
-    let sheet = ImageFigure::from_calibration(c);
-    let rows = projection.cells_px.len().max(1);
-    let columns = projection.cells_px.first().map_or(1, Vec::len).max(1);
-    let corner = |i: usize, j: usize| {
-        sheet.point_at(Vector2::new(
-            i as f64 / columns as f64 * sheet.size.x,
-            j as f64 / rows as f64 * sheet.size.y,
-        ))
-    };
-    let content = html! {
-        @for (j, row) in projection.cells_px.iter().enumerate() {
-            @for (i, cell) in row.iter().enumerate() {
-                @if let Some(sigma) = cell {
-                    @let (from, to) = (corner(i, j), corner(i + 1, j + 1));
-                    rect x=(px(from.x)) y=(px(from.y)) width=(px(to.x - from.x + 0.5)) height=(px(to.y - from.y + 0.5)) fill=(shade_colour(sigma / most)) {}
-                    text x=(px((from.x + to.x) / 2.0)) y=(px((from.y + to.y) / 2.0 + 4.0)) text-anchor="middle" font-size="11.5" fill=(INK) { (format_fixed(Some(*sigma), decimals_for(most))) }
-                }
-            }
-        }
-        (draw_colour_scale(&sheet, most))
-    };
+fn draw_uncertainty_map(projection: &ProjectionUncertainty, most: f64) -> Markup {
     html! {
-        figure.sheet {
-            (sheet.draw(&format!("projection uncertainty at {} m", projection.distance_m), &content))
+        figure {
+            (cell_table(&projection.cells_px, most, decimals_for(most)))
             p.caption {
-                "Standard deviation of the image of a point at " (projection.distance_m) " m, px: "
+                "Standard deviation of the image of a point at " (projection.distance_m) " m over the image, px: "
                 (format!("{:.3}", projection.sigma_px)) " rms over the image, " (format!("{:.3}", projection.worst_sigma_px))
-                " in the worst ninth. All maps have the same colour scale."
+                " in the worst ninth. All maps have the same colours."
             }
         }
     }
 }
 
-/// Returns the colour of a fraction of the largest value, from pale yellow to teal: light enough for dark letters, and dark
-/// enough for light letters on the inverted page.
+/// Returns a table of the cells of the image, coloured by their fraction of `most`.
+fn cell_table(rows: &[Vec<Option<f64>>], most: f64, decimals: usize) -> Markup {
+    let style = |value: f64| format!("background:{};color:{INK}", shade_colour(value / most));
+    html! {
+        div.scroll tabindex="0" { table { tbody {
+            @for row in rows { tr { @for cell in row {
+                td.n style=[cell.map(style)] { (format_fixed(*cell, decimals)) }
+            } } }
+        } } }
+    }
+}
+
+/// Returns the colour of a fraction, from pale yellow to teal: light enough for dark letters.
 fn shade_colour(share: f64) -> String {
     const STOPS: [[f64; 3]; 3] = [
         [255.0, 250.0, 205.0],
@@ -238,63 +185,4 @@ fn shade_colour(share: f64) -> String {
         mix(1) as u8,
         mix(2) as u8
     )
-}
-
-/// Draws the colour scale with its values, px.
-fn draw_colour_scale(sheet: &ImageFigure, most: f64) -> Markup {
-    const STEPS: usize = 24;
-    let (x, height) = (LEFT + WIDTH + 18.0, sheet.height * 0.8);
-    let step = height / STEPS as f64;
-    let values = Axis::from_values([0.0, most].into_iter(), "");
-    html! {
-        @for k in 0..STEPS {
-            rect x=(px(x)) y=(px(TOP + 14.0 + height - step * (k as f64 + 1.0))) width="16" height=(px(step + 0.5))
-                fill=(shade_colour((k as f64 + 0.5) / STEPS as f64)) {}
-        }
-        text.tick x=(px(x)) y=(px(TOP + 6.0)) { "sigma / px" }
-        @for (value, text) in values.ticks().into_iter().filter(|(value, _)| *value <= most) {
-            text.tick x=(px(x + 22.0)) y=(px(TOP + 18.0 + height * (1.0 - value / most))) { (text) }
-        }
-    }
-}
-
-/// Draws the two sections through the middle of the board.
-pub(super) fn draw_board_profiles(c: &Calibration) -> Markup {
-    let most = c.bow.iter().map(|b| b.value_m.abs()).fold(0.0, f64::max);
-    // A board is measured to 0.01 mm.
-    let (unit, label) = if most < 1e-5 {
-        (1e6, "height / µm")
-    } else {
-        (1e3, "height / mm")
-    };
-    let section = |(k, name): (usize, &str)| {
-        let place = |u: f64| {
-            (
-                0.5 * u * c.board_side_m[k],
-                unit * c.bow[k].value_m * (1.0 - u * u),
-                None,
-            )
-        };
-        let points = (-20..=20).map(|i| place(f64::from(i) / 20.0)).collect();
-        FigureTrack {
-            dashed: k == 1,
-            ..FigureTrack::from_points(name, INK, points)
-        }
-    };
-    let tracks = [(0, "along the rows"), (1, "across them")]
-        .map(section)
-        .to_vec();
-    let x = Axis::from_values(
-        all_abscissas(&tracks),
-        "distance from the middle of the board / m",
-    );
-    let y = Axis::from_values(all_values(&tracks), label);
-    Figure {
-        name: "Sections through the board".to_owned(),
-        height: 130.0,
-        x,
-        y,
-        tracks,
-    }
-    .draw()
 }

@@ -170,10 +170,6 @@ fn board_section(c: &Calibration) -> Markup {
                 (format!("; it changes the projection at 15 m by {:.3} px.", s.projection_change_px))
             }
         }
-        figure {
-            (figures::draw_board_profiles(c))
-            p.caption { "Sections through the middle of the board: along the rows (solid) and across them (dashed)." }
-        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Diagnosis of a frame in flight.
 
-use super::super::Identities;
 use super::super::scene::{WingView, is_usable};
+use super::super::{IdentifyError, Identities};
 use super::cause::{Cause, is_bent};
 use super::search::{CLUTTER_RATIO, OTHER_AIRCRAFT, WINDOW_PX, turn_detections};
 use super::subject::Subject;
@@ -78,8 +78,15 @@ impl WingView<'_> {
             Some(text.unwrap_or_else(|| cause.describe(&size, self.setup, true)))
         });
         let usable = detections.iter().filter(|d| is_usable(d)).count();
+        // Markers that fit the wing in several ways are ambiguous, not those of another one.
+        let fits_nowhere = || {
+            matches!(
+                self.identify_markers(detections),
+                Err(IdentifyError::NoConsensus { .. })
+            )
+        };
         found.or_else(|| {
-            (3 * usable >= 2 * self.count_shown())
+            (3 * usable >= 2 * self.count_shown() && fits_nowhere())
                 .then(|| format!("the detected markers do not fit this wing; {OTHER_AIRCRAFT}"))
         })
     }
