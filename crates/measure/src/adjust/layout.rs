@@ -109,8 +109,8 @@ pub struct ParameterLayout {
     pub ground_positions: GroundPositions,
     /// Motion of each marker in flight.
     pub motions: Arc<MarkerMotions>,
-    /// Derivatives of marker positions with respect to the estimated dimensions.
-    pub dimension_derivatives: DimensionDerivatives,
+    /// Derivatives of marker positions with respect to the estimated dimensions, if they do not follow the frame's unknowns.
+    pub dimension_derivatives: Option<DimensionDerivatives>,
     /// The root's motion, which is excluded from deflections relative to the root tangent.
     pub root: Vec<PlacedTerm>,
     /// Number of leading global parameters that all blocks depend on.
@@ -199,7 +199,7 @@ impl ParameterLayout {
             rotation: vec![],
             motions: self.motions.clone(),
             root: vec![],
-            dimension_derivatives: Arc::default(),
+            dimension_derivatives: None,
             ..*self
         }
     }

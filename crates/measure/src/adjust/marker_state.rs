@@ -97,6 +97,16 @@ impl MarkerState {
         }
     }
 
+    /// Moves position and derivatives by a fraction of the difference between two wings.
+    pub fn interpolate_towards(&mut self, from: &Self, to: &Self, share: f64) {
+        self.carried.position_m += (to.carried.position_m - from.carried.position_m) * share;
+        self.carried.by_ground += (to.carried.by_ground - from.carried.by_ground) * share;
+        let ends = from.derivatives().zip(to.derivatives());
+        self.derivatives_mut()
+            .zip(ends)
+            .for_each(|(v, (from, to))| *v += (to - from) * share);
+    }
+
     /// Derivatives with respect to bending, twist, axis height and scale.
     fn derivatives(&self) -> impl Iterator<Item = &Vector3<f64>> {
         self.by_bending

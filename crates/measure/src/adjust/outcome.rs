@@ -13,11 +13,12 @@ pub use prior_conflict::with_prior_if_consistent;
 pub use sections::{MovedSection, MovedSections, SectionFunction};
 
 use self::cause_remarks::cause_remarks;
-use super::beam::{BeamSection, RAISE_TERMS};
+use super::beam::RAISE_TERMS;
 use super::causes::{WidenedPriors, inseparable_image};
 use super::curve::AxisCurve;
 use super::layout::{GroundPositions, ParameterLayout};
 use super::marker_state::MarkerState;
+use super::scene::BentWing;
 use super::snooping::{ResidualSum, SolvedGroup, Suspect, SuspectTarget};
 use super::values::UnknownValues;
 use super::{CurvePoint, Estimate, GlobalTest, MarkerSolution, Parameter, ParameterKind, Solution};
@@ -33,8 +34,7 @@ pub struct FrameOutcome<'a> {
     pub layout: &'a ParameterLayout,
     /// Values of the unknowns.
     pub values: UnknownValues,
-    /// Sections of the bent wing at the markers' stations.
-    sections: Vec<BeamSection>,
+    bent: BentWing,
     global_test: Option<GlobalTest>,
     posterior: bool,
     /// Factor of the standard deviations: 1 if they are a priori.
@@ -54,12 +54,12 @@ impl<'a> FrameOutcome<'a> {
             input, fit, group, ..
         } = solved;
         let values = layout.values(&fit.global, &fit.groups[group].local);
-        let sections = input.scene.grid.bend(&values.bending());
+        let bent = input.scene.bend_frame(&values);
         Self {
             solved,
             layout,
             values,
-            sections,
+            bent,
             global_test: None,
             posterior: false,
             scale: 1.0,
@@ -205,7 +205,7 @@ impl<'a> FrameOutcome<'a> {
             self.solved
                 .input
                 .scene
-                .marker_in_flight(marker, &self.sections, &moved, &self.values),
+                .marker_in_flight(marker, &self.bent, &moved, &self.values),
         )
     }
 

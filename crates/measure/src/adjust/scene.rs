@@ -107,6 +107,13 @@ pub struct PredictedPixel {
     pub by_ray_field: Vector3<f64>,
 }
 
+/// The bent wing and its neighbours with the same bending: sections at the markers' stations.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BentWing {
+    sections: Vec<BeamSection>,
+    neighbours: [Vec<BeamSection>; ESTIMATED_DIMENSIONS],
+}
+
 impl WingScene {
     /// Prepares an installation.
     ///
@@ -289,6 +296,18 @@ impl WingScene {
         })
     }
 
+    /// Bends the wing and its neighbours.
+    pub fn bend(&self, bending: &Bending) -> BentWing {
+        let neighbours = self
+            .neighbours
+            .each_ref()
+            .map(|n| n.as_ref().map_or(vec![], |n| n.grid.bend(bending)));
+        BentWing {
+            sections: self.grid.bend(bending),
+            neighbours,
+        }
+    }
+
     /// Returns whether a marker is fixed to the cabin.
     pub fn is_fixed(&self, marker: usize) -> bool {
         self.fixed.get(marker).copied().unwrap_or(false)
@@ -299,15 +318,18 @@ impl WingScene {
     pub fn marker_in_flight(
         &self,
         marker: usize,
-        sections: &[BeamSection],
+        bent: &BentWing,
         ground_m: &Vector3<f64>,
         values: &UnknownValues,
     ) -> MarkerState {
         let bending = values.bending();
-        let nominal = self.marker_on_beam(marker, &sections[marker], ground_m, &bending);
+        let nominal = self.marker_on_beam(marker, &bent.sections[marker], ground_m, &bending);
         let mut state = nominal;
-        if let Some(by_estimated) = values.dimension_derivatives.get(marker) {
-            state.apply_dimensions(by_estimated, &values.estimated);
+        match &values.dimension_derivatives {
+            Some(answers) => state.apply_dimensions(&answers[marker], &values.estimated),
+            None => {
+                state = self.apply_dimensions(nominal, bent, ground_m, &bending, &values.estimated)
+            }
         }
         if let Some((turn_rad, from_root_m)) = values.plane_rad.zip(nominal.from_root_m) {
             let root_m = nominal.carried.position_m - from_root_m;
@@ -315,7 +337,7 @@ impl WingScene {
             state.tilt_bending_plane(
                 turn_rad,
                 &nominal,
-                &self.marker_on_beam(marker, &sections[marker], &there_m, &bending),
+                &self.marker_on_beam(marker, &bent.sections[marker], &there_m, &bending),
             );
         }
         state.carry_with_root(&values.root_rotation_rad, &values.root_translation_m);
@@ -323,25 +345,33 @@ impl WingScene {
         state
     }
 
+    /// Bends a frame's wing, and its neighbours unless the derivatives with respect to the estimated dimensions are given.
+    pub fn bend_frame(&self, values: &UnknownValues) -> BentWing {
+        match values.dimension_derivatives {
+            Some(_) => BentWing {
+                sections: self.grid.bend(&values.bending()),
+                neighbours: Default::default(),
+            },
+            None => self.bend(&values.bending()),
+        }
+    }
+
     /// Derivatives of all markers' positions with respect to the estimated dimensions, for a wing with this bending.
     pub fn dimension_derivatives(&self, bending: &Bending) -> DimensionDerivatives {
-        let sections = self.grid.bend(bending);
-        let stations = &self.ground.stations;
-        let mut all = vec![[Vector3::zeros(); ESTIMATED_DIMENSIONS]; stations.len()];
-        for (k, neighbour) in self.neighbours.iter().enumerate() {
-            let Some(neighbour) = neighbour else { continue };
-            let others = neighbour.grid.bend(bending);
-            for (marker, by_estimated) in all.iter_mut().enumerate() {
-                let (there, ground_m) = (&others[marker], &stations[marker].surveyed_m);
-                if !self.fixed[marker] {
-                    let here = self.marker_on_beam(marker, &sections[marker], ground_m, bending);
-                    let other = neighbour.marker_state(marker, there, ground_m, bending);
-                    by_estimated[k] =
-                        (other.carried.position_m - here.carried.position_m) / neighbour.step;
-                }
-            }
-        }
-        all.into()
+        let bent = self.bend(bending);
+        let stations = self.ground.stations.iter().enumerate();
+        stations
+            .map(|(k, s)| {
+                self.marker_with_dimensions(
+                    k,
+                    &bent,
+                    &s.surveyed_m,
+                    bending,
+                    &[0.0; ESTIMATED_DIMENSIONS],
+                )
+                .by_estimated
+            })
+            .collect()
     }
 
     /// Computes a marker's state on the nominal wing.
@@ -362,6 +392,47 @@ impl WingScene {
             marker: index,
             ..state
         }
+    }
+
+    /// Carries a marker from its position on the ground (wing frame, m) into flight. `estimated`: corrections of the
+    /// estimated dimensions.
+    pub fn marker_with_dimensions(
+        &self,
+        index: usize,
+        bent: &BentWing,
+        ground_m: &Vector3<f64>,
+        bending: &Bending,
+        estimated: &[f64; ESTIMATED_DIMENSIONS],
+    ) -> MarkerState {
+        let nominal = self.marker_on_beam(index, &bent.sections[index], ground_m, bending);
+        self.apply_dimensions(nominal, bent, ground_m, bending, estimated)
+    }
+
+    /// Applies corrections of the estimated dimensions to a marker on the nominal wing.
+    fn apply_dimensions(
+        &self,
+        nominal: MarkerState,
+        bent: &BentWing,
+        ground_m: &Vector3<f64>,
+        bending: &Bending,
+        estimated: &[f64; ESTIMATED_DIMENSIONS],
+    ) -> MarkerState {
+        let index = nominal.marker;
+        let mut state = nominal;
+        if self.fixed[index] {
+            return state;
+        }
+        for (k, (neighbour, off)) in self.neighbours.iter().zip(estimated).enumerate() {
+            let Some(neighbour) = neighbour else { continue };
+            let other =
+                neighbour.marker_state(index, &bent.neighbours[k][index], ground_m, bending);
+            state.by_estimated[k] =
+                (other.carried.position_m - nominal.carried.position_m) / neighbour.step;
+            state.interpolate_towards(&nominal, &other, off / neighbour.step);
+        }
+        let estimated_m = state.carried.position_m - nominal.carried.position_m;
+        state.from_root_m = nominal.from_root_m.map(|from| from + estimated_m);
+        state
     }
 }
 

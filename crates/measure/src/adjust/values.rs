@@ -33,8 +33,8 @@ pub struct UnknownValues {
     pub root_translation_m: Vector3<f64>,
     /// Rotation of the bending plane about the span, rad; in an upright survey the plane is vertical. `None`: fixed.
     pub plane_rad: Option<f64>,
-    /// Derivatives of marker positions with respect to the estimated dimensions; the list may be shorter than the survey.
-    pub dimension_derivatives: DimensionDerivatives,
+    /// Derivatives of marker positions with respect to the estimated dimensions, if they are fixed.
+    pub dimension_derivatives: Option<DimensionDerivatives>,
 }
 
 impl UnknownValues {

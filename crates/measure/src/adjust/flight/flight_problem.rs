@@ -91,10 +91,14 @@ fn frame_rotation_covariance(flight: &Flight) -> Option<Matrix3<f64>> {
     }
 }
 
-/// Derivatives of a frame's marker positions with respect to the estimated dimensions; see
+/// Derivatives of a frame's marker positions with respect to the estimated dimensions, if they do not follow its unknowns; see
 /// [`FlightHyperparameters::smoothed_bending`](super::hyperparameters::FlightHyperparameters::smoothed_bending).
-fn dimension_derivatives(flight: &Flight, frame: usize, scale: f64) -> DimensionDerivatives {
-    let smoothed = flight.hyperparameters.smoothed_bending(frame);
+fn dimension_derivatives(
+    flight: &Flight,
+    frame: usize,
+    scale: f64,
+) -> Option<DimensionDerivatives> {
+    let smoothed = flight.hyperparameters.smoothed_bending(frame)?;
     let (curvature_per_m, twist_rad) = (&smoothed.curvature_per_m[..], &smoothed.twist_rad[..]);
     let bending = Bending {
         curvature_per_m,
@@ -102,7 +106,7 @@ fn dimension_derivatives(flight: &Flight, frame: usize, scale: f64) -> Dimension
         scale,
         ..Bending::UNBENT
     };
-    flight.input.scene.dimension_derivatives(&bending)
+    Some(flight.input.scene.dimension_derivatives(&bending))
 }
 
 /// Unknowns of a flight, with their columns.

@@ -153,7 +153,9 @@ impl<'a> Flight<'a> {
             ));
         }
         let mut local = DVector::zeros(layout.local);
-        local[0] = self.hyperparameters.amplitudes_per_m[frame];
+        if self.knowledge.is_none() {
+            local[0] = self.hyperparameters.amplitudes_per_m[frame];
+        }
         if let Some(fit) = from {
             local.copy_from(&fit.groups[frame].local);
             if let Some(first) = frame_rotation_column(layout) {

@@ -42,21 +42,12 @@ pub struct FlightHyperparameters<'a> {
     bendings: Vec<FrameBending>,
 }
 
-/// Bending and twist of a frame; before the first solution those of a typical one.
-#[derive(Clone, Debug)]
+/// Bending and twist of a frame; empty if they are not known.
+#[derive(Clone, Debug, Default)]
 pub struct FrameBending {
     pub curvature_per_m: Vec<f64>,
     /// Coefficients of the twist basis, rad.
     pub twist_rad: Vec<f64>,
-}
-
-impl FrameBending {
-    fn typical() -> Self {
-        Self {
-            curvature_per_m: vec![TYPICAL_CURVATURE_PER_M],
-            twist_rad: vec![],
-        }
-    }
 }
 
 impl<'a> FlightHyperparameters<'a> {
@@ -71,15 +62,20 @@ impl<'a> FlightHyperparameters<'a> {
             pitch_drift_increase: 0.0,
             sags: false,
             mounting_values: vec![DVector::zeros(3); frames],
-            bendings: vec![FrameBending::typical(); frames],
+            bendings: vec![FrameBending::default(); frames],
         }
     }
 
-    /// Values of a single frame, which has the rotation of its mounting.
+    /// Values of a single frame, which has the rotation of its mounting, and a typical bending before the first solution.
     pub fn for_single_frame(input: &AdjustmentInput<'a>) -> Self {
         let mountings = FrameMountings::for_single_frame(input.options.mountings.as_deref());
+        let typical = FrameBending {
+            curvature_per_m: vec![TYPICAL_CURVATURE_PER_M],
+            twist_rad: vec![],
+        };
         Self {
             drift_rad: 0.0,
+            bendings: vec![typical],
             ..Self::initial(input, 1, mountings)
         }
     }
@@ -108,11 +104,14 @@ impl<'a> FlightHyperparameters<'a> {
         };
     }
 
-    /// Bending of a frame, with the twist that all frames together show at its amplitude. Derivatives with respect to the
-    /// estimated dimensions, which hardly change in a solution, depend on the twist. With each frame's own twist, its noise
-    /// would be counted as information if there are many frames.
-    pub fn smoothed_bending(&self, frame: usize) -> FrameBending {
-        let bending = &self.bendings[frame];
+    /// Bending of a frame, with the twist that all frames together show at its amplitude; `None` if it is not known. Derivatives
+    /// with respect to the estimated dimensions, which hardly change in a solution, depend on the twist. With each frame's own
+    /// twist, its noise would be counted as information if there are many frames.
+    pub fn smoothed_bending(&self, frame: usize) -> Option<FrameBending> {
+        let bending = self
+            .bendings
+            .get(frame)
+            .filter(|bending| !bending.curvature_per_m.is_empty())?;
         let at = self.amplitudes_per_m[frame];
         let one = |k: usize| {
             let all = self.amplitudes_per_m.iter().zip(&self.bendings);
@@ -122,10 +121,10 @@ impl<'a> FlightHyperparameters<'a> {
             )
         };
         let twist_rad = (0..bending.twist_rad.len()).map(one).collect();
-        FrameBending {
+        Some(FrameBending {
             twist_rad,
             ..bending.clone()
-        }
+        })
     }
 
     /// Mean of a mounting's unknowns over its frames.

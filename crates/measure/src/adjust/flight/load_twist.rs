@@ -55,7 +55,7 @@ impl LoadTwist {
             ..Bending::UNBENT
         };
         ParameterLayout {
-            dimension_derivatives: scene.dimension_derivatives(&bending),
+            dimension_derivatives: Some(scene.dimension_derivatives(&bending)),
             ..layout.clone()
         }
     }

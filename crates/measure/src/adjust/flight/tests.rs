@@ -1,5 +1,8 @@
 use nalgebra::{DVector, Matrix2, SMatrix, Vector2};
 
+use super::frames::Flight;
+use super::hyperparameters::FlightHyperparameters;
+use super::knowledge::Knowledge;
 use super::*;
 use crate::adjust::example::{orientation, setup};
 use crate::adjust::flight::flight_problem::FlightProblem;

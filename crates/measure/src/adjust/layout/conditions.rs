@@ -3,8 +3,7 @@
 use nalgebra::{DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 
 use super::{BlockMember, GroundPositions, ParameterLayout};
-use crate::adjust::beam::BeamSection;
-use crate::adjust::scene::{PosedCamera, WingScene, marker_displacement};
+use crate::adjust::scene::{BentWing, PosedCamera, WingScene, marker_displacement};
 use crate::adjust::term::{ParameterScope, ParameterTerm};
 use crate::adjust::values::UnknownValues;
 use crate::estimation::{EstimationError, EstimationResult, GroupPoint, Linearised};
@@ -13,8 +12,7 @@ use crate::estimation::{EstimationError, EstimationResult, GroupPoint, Linearise
 struct EvaluatedFrame<'a> {
     scene: &'a WingScene,
     values: UnknownValues,
-    /// Sections of the bent wing at the markers' stations.
-    sections: Vec<BeamSection>,
+    bent: BentWing,
     in_flight: PosedCamera,
     on_ground: PosedCamera,
 }
@@ -35,7 +33,7 @@ impl ParameterLayout {
     ) -> EstimationResult<()> {
         let values = self.values(at.global, at.local);
         let frame = EvaluatedFrame {
-            sections: scene.grid.bend(&values.bending()),
+            bent: scene.bend_frame(&values),
             in_flight: scene.flight_camera(&values.pose),
             on_ground: scene.ground_camera(&values.pose),
             scene,
@@ -141,13 +139,13 @@ impl ConditionRows<'_> {
         EvaluatedFrame {
             scene,
             values,
-            sections,
+            bent,
             in_flight,
             on_ground,
         }: &EvaluatedFrame,
     ) -> EstimationResult<()> {
         if let Some(first) = member.flight {
-            let state = scene.marker_in_flight(member.marker, sections, moved_m, values);
+            let state = scene.marker_in_flight(member.marker, bent, moved_m, values);
             let at_row_m = state.carried.position_m
                 + marker_displacement(&values.moved_at_row_m, member.marker);
             let mut seen = scene

@@ -135,8 +135,13 @@ fn computed_pixel(
         scale: x[ALL - 1],
         raise_m: std::array::from_fn(|j| x[C + T + j]),
     };
-    let sections = scene.grid.bend(&bending);
-    let state = scene.marker_on_beam(marker, &sections[marker], &at(first + 9), &bending);
+    let state = scene.marker_with_dimensions(
+        marker,
+        &scene.bend(&bending),
+        &at(first + 9),
+        &bending,
+        &[0.0; ESTIMATED_DIMENSIONS],
+    );
     let seen = scene
         .project(&state.carried.position_m, &scene.flight_camera(&pose))
         .unwrap();
@@ -320,22 +325,31 @@ fn corrected_dimensions_match_a_scene_built_with_them() {
         let other = WingScene::new(&there, &orientation()).unwrap();
         for marker in [0, 4, 8] {
             let here = scene.ground.stations[marker].surveyed_m;
-            let values = UnknownValues {
-                curvature_per_m: bending.curvature_per_m.to_vec(),
-                twist_rad: bending.twist_rad.to_vec(),
-                estimated,
-                dimension_derivatives: scene.dimension_derivatives(&bending),
-                ..UnknownValues::nominal(bending.scale)
-            };
-            let sections = scene.grid.bend(&bending);
-            let found = scene.marker_in_flight(marker, &sections, &here, &values);
+            let found = scene.marker_with_dimensions(
+                marker,
+                &scene.bend(&bending),
+                &here,
+                &bending,
+                &estimated,
+            );
             let there = other.ground.stations[marker].surveyed_m;
-            let section = &other.grid.bend(&bending)[marker];
-            let built = other.marker_on_beam(marker, section, &there, &bending);
+            let built = other.marker_with_dimensions(
+                marker,
+                &other.bend(&bending),
+                &there,
+                &bending,
+                &[0.0; ESTIMATED_DIMENSIONS],
+            );
             let survey_position = |s: &WingScene, p: &Vector3<f64>| s.ground.frame.survey_point(p);
             let found_m = survey_position(&scene, &found.carried.position_m);
             let error = found_m - survey_position(&other, &built.carried.position_m);
-            let nominal = scene.marker_on_beam(marker, &sections[marker], &here, &bending);
+            let nominal = scene.marker_with_dimensions(
+                marker,
+                &scene.bend(&bending),
+                &here,
+                &bending,
+                &[0.0; ESTIMATED_DIMENSIONS],
+            );
             let effect = (found_m - survey_position(&scene, &nominal.carried.position_m)).norm();
             assert!(
                 error.norm() < 1e-3 + 0.03 * effect,
@@ -382,18 +396,24 @@ fn derivatives_of_a_tilted_wing_match_differences() {
 fn check_derivatives(setup: &Setup) {
     let scene = WingScene::new(setup, &orientation()).unwrap();
     let typical = tilted_values();
-    let values = UnknownValues {
-        dimension_derivatives: scene.dimension_derivatives(&typical.bending()),
-        ..typical
-    };
-    let marker = 5;
-    let ground = scene.ground.stations[marker].surveyed_m;
-    let at = |values: &UnknownValues, ground: &Vector3<f64>| {
-        scene.marker_in_flight(marker, &scene.grid.bend(&values.bending()), ground, values)
-    };
-    let state = at(&values, &ground);
-    let close =
-        |name: &str, found: Vector3<f64>, step: f64, change: &dyn Fn(&mut UnknownValues, f64)| {
+    let answers = Some(scene.dimension_derivatives(&typical.bending()));
+    for values in [
+        typical.clone(),
+        UnknownValues {
+            dimension_derivatives: answers,
+            ..typical
+        },
+    ] {
+        let marker = 5;
+        let ground = scene.ground.stations[marker].surveyed_m;
+        let at = |values: &UnknownValues, ground: &Vector3<f64>| {
+            scene.marker_in_flight(marker, &scene.bend_frame(values), ground, values)
+        };
+        let state = at(&values, &ground);
+        let close = |name: &str,
+                     found: Vector3<f64>,
+                     step: f64,
+                     change: &dyn Fn(&mut UnknownValues, f64)| {
             let moved = |h: f64| {
                 let mut values = values.clone();
                 change(&mut values, h);
@@ -406,42 +426,43 @@ fn check_derivatives(setup: &Setup) {
                 "{name}: {found} {expected}"
             );
         };
-    close("plane", state.by_plane, 1e-3, &|v, h| {
-        v.plane_rad = v.plane_rad.map(|p| p + h)
-    });
-    close("scale", state.by_scale, 1e-4, &|v, h| v.scale += h);
-    for k in 0..2 {
-        close("curvature", state.by_bending[k], 1e-6, &|v, h| {
-            v.curvature_per_m[k] += h
+        close("plane", state.by_plane, 1e-3, &|v, h| {
+            v.plane_rad = v.plane_rad.map(|p| p + h)
         });
-        close("twist", state.by_twist[k], 1e-4, &|v, h| {
-            v.twist_rad[k] += h
-        });
-        close("raise", state.by_raise[k], 1e-4, &|v, h| v.raise_m[k] += h);
-    }
-    for k in 0..COMPLIANCES {
-        close(
-            "compliance",
-            state.by_bending[MAX_CURVATURE_TERMS + k],
-            1e-3,
-            &|v, h| v.compliances[k] += h,
-        );
-    }
-    for k in 0..ESTIMATED_DIMENSIONS {
-        close("estimated", state.by_estimated[k], 1e-4, &|v, h| {
-            v.estimated[k] += h
-        });
-    }
-    for k in 0..3 {
-        let there = |h: f64| {
-            at(&values, &(ground + Vector3::ith(k, h)))
-                .carried
-                .position_m
-        };
-        let by_ground = (there(1e-4) - there(-1e-4)) / 2e-4;
-        assert!(
-            (by_ground - state.carried.by_ground.column(k)).norm() < 1e-5,
-            "ground {k}: {by_ground}"
-        );
+        close("scale", state.by_scale, 1e-4, &|v, h| v.scale += h);
+        for k in 0..2 {
+            close("curvature", state.by_bending[k], 1e-6, &|v, h| {
+                v.curvature_per_m[k] += h
+            });
+            close("twist", state.by_twist[k], 1e-4, &|v, h| {
+                v.twist_rad[k] += h
+            });
+            close("raise", state.by_raise[k], 1e-4, &|v, h| v.raise_m[k] += h);
+        }
+        for k in 0..COMPLIANCES {
+            close(
+                "compliance",
+                state.by_bending[MAX_CURVATURE_TERMS + k],
+                1e-3,
+                &|v, h| v.compliances[k] += h,
+            );
+        }
+        for k in 0..ESTIMATED_DIMENSIONS {
+            close("estimated", state.by_estimated[k], 1e-4, &|v, h| {
+                v.estimated[k] += h
+            });
+        }
+        for k in 0..3 {
+            let there = |h: f64| {
+                at(&values, &(ground + Vector3::ith(k, h)))
+                    .carried
+                    .position_m
+            };
+            let by_ground = (there(1e-4) - there(-1e-4)) / 2e-4;
+            assert!(
+                (by_ground - state.carried.by_ground.column(k)).norm() < 1e-5,
+                "ground {k}: {by_ground}"
+            );
+        }
     }
 }
