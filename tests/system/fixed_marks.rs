@@ -129,7 +129,7 @@ fn the_plan_reports_the_gain_from_fixed_targets_and_the_contribution_of_each_unk
     assert!((shares - 1.0).abs() < 1e-9, "{shares}");
     let text = stdout(&["plan", "--installation", &dev()]);
     assert!(
-        text.contains("2 fixed targets") && text.contains("height of the bending axis"),
+        text.contains("2 fixed targets") && text.contains("root flexibility"),
         "{text}"
     );
 }

@@ -49,7 +49,7 @@ fn draw_decoded(picture: &FramePicture, record: Option<&ImageRecord>) -> Markup 
     let names = found.markers.iter().map(|d| match_detection(d, markers));
     let names: Vec<DetectionName> = names.collect();
     let enlarged = ellipse_enlargement(&raster, &found);
-    let Some(drawing) = draw_detections(&raster, &found, &names, vec![]) else {
+    let Some(drawing) = draw_detections(&raster, &found, &names, vec![], None) else {
         return html! { p.warning { (picture.image) ": the image is too large to be shown" } };
     };
     html! {
@@ -99,11 +99,14 @@ pub fn overlay_svg(
     let rejected = found.rejected.iter().take(MAX_DRAWN_REJECTED);
     let reasons = rejected.filter(|_| with_reasons).map(reason);
     let labels = std::iter::once(legend).chain(reasons).collect();
-    draw_detections(raster, found, &names, labels).map(Markup::into_string)
+    draw_detections(raster, found, &names, labels, Some(SVG_NAMESPACE)).map(Markup::into_string)
 }
 
 /// Name and colour of a detection.
 type DetectionName = (String, &'static str);
+
+/// Namespace of a file; a drawing within a page has none.
+const SVG_NAMESPACE: &str = "http://www.w3.org/2000/svg";
 
 /// Draws a frame with outlines, names and error ellipses of its detections, and more `labels`; `None` if it is too large.
 fn draw_detections(
@@ -111,6 +114,7 @@ fn draw_detections(
     found: &Detections,
     names: &[DetectionName],
     mut labels: Vec<NamedSpot>,
+    namespace: Option<&str>,
 ) -> Option<Markup> {
     let image = embedded_image(raster, MAX_IMAGE_PX)?;
     let enlarged = ellipse_enlargement(raster, found);
@@ -123,7 +127,7 @@ fn draw_detections(
     };
     labels.extend(found.markers.iter().zip(names).map(spot));
     Some(html! {
-        svg.photo xmlns="http://www.w3.org/2000/svg" viewBox=(format!("0 0 {w} {h}")) role="img"
+        svg.photo xmlns=[namespace] viewBox=(format!("0 0 {w} {h}")) role="img"
             aria-label="Frame with detected markers" style=(format!("stroke-width:{}px", px(w / 900.0))) {
             (image)
             @for r in found.rejected.iter().take(MAX_DRAWN_REJECTED) {
@@ -177,7 +181,7 @@ pub fn svg_thumbnail(
         })
         .collect();
     let markup = html! {
-        svg xmlns="http://www.w3.org/2000/svg" viewBox=(format!("0 0 {w} {h}")) width=(w) height=(h) {
+        svg xmlns=(SVG_NAMESPACE) viewBox=(format!("0 0 {w} {h}")) width=(w) height=(h) {
             (image)
             @for (m, (u, v)) in &markers {
                 @let colour = if m.used { USED_COLOUR } else { UNUSED_COLOUR };

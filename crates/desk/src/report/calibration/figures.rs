@@ -149,7 +149,7 @@ fn draw_uncertainty_map(projection: &ProjectionUncertainty, most: f64) -> Markup
         figure {
             (cell_table(&projection.cells_px, most, decimals_for(most)))
             p.caption {
-                "Standard deviation of the image of a point at " (projection.distance_m) " m over the image, px: "
+                "Standard deviation of the image of a point at " (projection.distance_m) " m, px: "
                 (format!("{:.3}", projection.sigma_px)) " rms over the image, " (format!("{:.3}", projection.worst_sigma_px))
                 " in the worst ninth. All maps have the same colours."
             }
