@@ -123,7 +123,7 @@ fn draw_detections(
         at: d.centre_px,
         half: ellipse_extent([d.semi_major_px, d.semi_minor_px], d.angle_rad),
         name: name.clone(),
-        colour: *colour,
+        colour,
     };
     labels.extend(found.markers.iter().zip(names).map(spot));
     Some(html! {

@@ -368,7 +368,7 @@ pub fn write_orientation(
     let head = "# Attitude of the camera on the ground, written by `wingd orient`.\n";
     write_atomically(
         &installation.directory.join(ORIENTATION_FILE),
-        &format!("{head}{text}"),
+        format!("{head}{text}"),
     )
 }
 
