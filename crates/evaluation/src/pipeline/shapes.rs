@@ -38,31 +38,27 @@ pub fn solve_shapes(
             ..
         } = PreparedFlight::new(processed_frames, installation, orientation, job);
         let solve = || adjust::solve_flight_shape(&setup, orientation, &frames, &options, stations);
-        let outcomes = corrected.into_iter().enumerate();
-        let (used, mut failed): (Vec<_>, Vec<_>) = outcomes
-            .map(|(k, outcome)| (k, outcome.err()))
-            .partition(|(_, e)| e.is_none());
-        let used: Vec<usize> = used.into_iter().map(|(k, _)| k).collect();
+        let (mut used, mut failed) = (vec![], vec![]);
+        for (k, outcome) in corrected.into_iter().enumerate() {
+            match outcome {
+                Ok(_) => used.push(k),
+                Err(reason) => failed.push((k, reason)),
+            }
+        }
         let shapes = match catch_shape(solve) {
             Ok(shape) => {
                 let mut frames = used;
                 for (at, doubt) in shape.left_out.iter().rev() {
-                    failed.push((frames.remove(*at), Some(doubt.clone().into())));
+                    failed.push((frames.remove(*at), doubt.clone().into()));
                 }
                 vec![SolvedShape { shape, frames }]
             }
             Err(reason) => {
-                failed.extend(used.into_iter().map(|k| (k, Some(reason.clone()))));
+                failed.extend(used.into_iter().map(|k| (k, reason.clone())));
                 vec![]
             }
         };
-        return (
-            shapes,
-            failed
-                .into_iter()
-                .filter_map(|(k, reason)| Some((k, reason?)))
-                .collect(),
-        );
+        return (shapes, failed);
     }
     let (mut shapes, mut failed) = (vec![], vec![]);
     for (k, processed) in processed_frames.iter().enumerate() {
