@@ -185,8 +185,8 @@ fn add_diagnosis(
             let removes_several = used + SUSPECT_REMOVALS <= processed.observations.len();
             removes_several || size().is_some_and(is_off)
         }
-        // A frame that could be identified, but not adjusted.
-        RecordStatus::Failed => processed.identities.is_some(),
+        // Markers that are named, but could not be adjusted.
+        RecordStatus::Failed => !processed.observations.is_empty(),
         RecordStatus::Doubtful => record.cause.is_none(),
     };
     if !is_needed {
