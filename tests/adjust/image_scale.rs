@@ -162,6 +162,13 @@ fn normalised_errors(aircraft: &Aircraft, when: WingState, solution: &Solution) 
         .collect()
 }
 
+const KINDS: [Markers; 4] = [
+    Markers::Decals,
+    Markers::Points,
+    Markers::Fixed(2),
+    Markers::Fixed(4),
+];
+
 const CHANGES: [(f64, f64); 10] = [
     (0.98, 1.0),
     (0.99, 1.0),
@@ -177,29 +184,23 @@ const CHANGES: [(f64, f64); 10] = [
 
 /// Counts of cases: all, those beyond 2.5 and 3.5 sigma among the results that are not doubtful, and doubtful ones.
 pub fn count() -> [usize; 4] {
-    let kinds = [
-        Markers::Decals,
-        Markers::Points,
-        Markers::Fixed(2),
-        Markers::Fixed(4),
-    ];
     let [mut cases, mut beyond, mut far, mut doubtful] = [0; 4];
     for (k, (scale, aspect)) in CHANGES.into_iter().enumerate() {
         let change = Change { scale, aspect };
         for frames in [1, 4] {
             // Markers on the wing alone may take another aspect for a bend; four fixed targets separate them.
             let of_kinds = match aspect {
-                1.0 => draws(vec![k % kinds.len()], (0..kinds.len()).collect()),
+                1.0 => draws(vec![k % KINDS.len()], (0..KINDS.len()).collect()),
                 _ => vec![3],
             };
             for kind in of_kinds {
                 for (n, length_m) in draws(&[31.0][..], &[31.0, 9.0]).iter().enumerate() {
                     let seed = 52_000 + 1000 * k as u64 + 10 * kind as u64 + n as u64;
-                    let outcome = solved(seed, frames, kinds[kind], *length_m, (change, &|_| true));
+                    let outcome = solved(seed, frames, KINDS[kind], *length_m, (change, &|_| true));
                     let error = outcome.rms();
                     println!(
                         "{scale} {aspect}, {frames} frames, {:?}, {length_m} m: {error:.2} sigma, {:?}",
-                        kinds[kind],
+                        KINDS[kind],
                         outcome.solutions.first().map(|s| (
                             s.global_test,
                             &s.counted_causes,
@@ -267,23 +268,17 @@ fn sound_images_are_rarely_doubtful() {
 /// Flights of five frames, the second of which has another scale or aspect. Counts of flights: all, those whose usable
 /// frames are beyond 2.5 sigma, and those in which a sound frame is doubtful.
 pub fn count_one_changed_frame() -> [usize; 3] {
-    let kinds = [
-        Markers::Decals,
-        Markers::Points,
-        Markers::Fixed(2),
-        Markers::Fixed(4),
-    ];
     let mut counts = [0; 3];
     for (k, (scale, aspect)) in CHANGES.into_iter().enumerate() {
         let change = Change { scale, aspect };
-        for kind in draws(vec![k % kinds.len()], (0..kinds.len()).collect()) {
+        for kind in draws(vec![k % KINDS.len()], (0..KINDS.len()).collect()) {
             let seed = 53_000 + 100 * k as u64 + kind as u64;
-            let outcome = solved(seed, 5, kinds[kind], 31.0, (change, &|frame| frame == 1));
+            let outcome = solved(seed, 5, KINDS[kind], 31.0, (change, &|frame| frame == 1));
             let doubtful: Vec<bool> = outcome.solutions.iter().map(is_doubtful).collect();
             let each: Vec<f64> = outcome.errors.iter().map(|errors| rms(errors)).collect();
             println!(
                 "{scale} {aspect}, {:?}: usable {:.2} sigma, each {each:.2?}, doubtful {doubtful:?}, {:?} {:?}",
-                kinds[kind],
+                KINDS[kind],
                 outcome.rms(),
                 outcome
                     .solutions

@@ -26,6 +26,7 @@ const UNUSED_COLOUR: &str = "#ffd23d";
 const UNIDENTIFIED_COLOUR: &str = "#57c8ff";
 const REJECTED_COLOUR: &str = "#ffa528";
 const ERROR_COLOUR: &str = "#ff58c8";
+/// Of the legend.
 const LEGEND_COLOUR: &str = "#ebebeb";
 /// Maximum number of rejected candidates drawn; the caption counts all.
 const MAX_DRAWN_REJECTED: usize = 200;
@@ -49,7 +50,7 @@ fn draw_decoded(picture: &FramePicture, record: Option<&ImageRecord>) -> Markup 
     let names = found.markers.iter().map(|d| match_detection(d, markers));
     let names: Vec<DetectionName> = names.collect();
     let enlarged = ellipse_enlargement(&raster, &found);
-    let Some(drawing) = draw_detections(&raster, &found, &names, vec![], None) else {
+    let Some(drawing) = draw_detections(&raster, &found, &names, None, vec![]) else {
         return html! { p.warning { (picture.image) ": the image is too large to be shown" } };
     };
     html! {
@@ -98,8 +99,7 @@ pub fn overlay_svg(
     };
     let rejected = found.rejected.iter().take(MAX_DRAWN_REJECTED);
     let reasons = rejected.filter(|_| with_reasons).map(reason);
-    let labels = std::iter::once(legend).chain(reasons).collect();
-    draw_detections(raster, found, &names, labels, Some(SVG_NAMESPACE)).map(Markup::into_string)
+    draw_detections(raster, found, &names, Some(legend), reasons.collect()).map(Markup::into_string)
 }
 
 /// Name and colour of a detection.
@@ -108,13 +108,13 @@ type DetectionName = (String, &'static str);
 /// Namespace of a file; a drawing within a page has none.
 const SVG_NAMESPACE: &str = "http://www.w3.org/2000/svg";
 
-/// Draws a frame with outlines, names and error ellipses of its detections, and more `labels`; `None` if it is too large.
+/// Draws a frame with outlines, names and error ellipses of its detections; `None` if too large. A file has a `legend`.
 fn draw_detections(
     raster: &Raster,
     found: &Detections,
     names: &[DetectionName],
-    mut labels: Vec<NamedSpot>,
-    namespace: Option<&str>,
+    legend: Option<NamedSpot>,
+    reasons: Vec<NamedSpot>,
 ) -> Option<Markup> {
     let image = embedded_image(raster, MAX_IMAGE_PX)?;
     let enlarged = ellipse_enlargement(raster, found);
@@ -125,9 +125,11 @@ fn draw_detections(
         name: name.clone(),
         colour,
     };
-    labels.extend(found.markers.iter().zip(names).map(spot));
+    let xmlns = legend.as_ref().map(|_| SVG_NAMESPACE);
+    let spots = found.markers.iter().zip(names).map(spot);
+    let labels: Vec<_> = legend.into_iter().chain(spots).chain(reasons).collect();
     Some(html! {
-        svg.photo xmlns=[namespace] viewBox=(format!("0 0 {w} {h}")) role="img"
+        svg.photo xmlns=[xmlns] viewBox=(format!("0 0 {w} {h}")) role="img"
             aria-label="Frame with detected markers" style=(format!("stroke-width:{}px", px(w / 900.0))) {
             (image)
             @for r in found.rejected.iter().take(MAX_DRAWN_REJECTED) {

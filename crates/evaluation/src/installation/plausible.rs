@@ -336,8 +336,8 @@ fn check_root(reader: &mut Reader, file: &Path, setup: &Setup) {
 /// Least number of markers on each side of a configured break, which determine the slope there.
 const MARKERS_BESIDE_BREAK: usize = 2;
 
-/// Checks that markers determine the slope on both sides of each configured break, and that a configured sweep has a side and lies
-/// outboard of the root.
+/// Checks that markers determine the slope on both sides of each configured break, and that a configured sweep has a side and
+/// lies outboard of the root.
 fn check_breaks(reader: &mut Reader, file: &Path, setup: &Setup) {
     let (wing, most) = (setup.wing_markers(), MAX_BREAKS);
     if setup.breaks.len() > most {

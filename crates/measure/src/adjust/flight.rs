@@ -1,8 +1,8 @@
 //! Adjustment of the frames of a flight, or of one frame, with the rigid-section beam (docs/adjustment.md).
 //!
 //! A single frame is a flight of one: its problem has the same unknowns and observations, and differs by what is known
-//! besides its images (`knowledge.rs`). The frames of a flight share the marker positions on the ground, the camera and its ground rotation, one rotation per mounting and
-//! the ratios of the curvature coefficients. Each frame has its own curvature and twist coefficients, local to its group.
+//! besides its images (`knowledge.rs`). The frames of a flight share the marker positions on the ground, the camera and its
+//! ground rotation, one rotation per mounting and the ratios of the curvature coefficients. Each frame has its own curvature and twist coefficients, local to its group.
 //! Until the mountings are determined, each frame may deviate from the common rotation. A frame's curvature may deviate
 //! from the shared shape by a fraction of its amplitude; that fraction is estimated from the data. Frames are eliminated
 //! from the normal equations by their Schur complement, so the cost is linear in the number of frames.
@@ -51,7 +51,7 @@ use self::joint::JointSolution;
 use super::input::AdjustmentInput;
 use super::outcome::with_prior_if_consistent;
 use super::scene::WingScene;
-use super::{AdjustResult, Observation, Options, Solution};
+use super::{AdjustError, AdjustResult, Observation, Options, Solution};
 use crate::setup::{Orientation, Setup};
 
 /// Adjusts all frames of a flight jointly with the rigid-section beam; returns one solution per frame.
@@ -115,11 +115,13 @@ pub fn solve_flight_with<T>(
     };
     let solve = |options: &Options| {
         let all = solve_some(options, (0..frames.len()).collect());
-        let all = all.or_else(|error| {
-            let sound = find_sound_frames(setup, orientation, frames, options);
-            solve_some(options, sound.ok_or(error)?)
-        });
-        let (mut result, mut left_out) = all?;
+        let (mut result, mut left_out) = match all {
+            Err(error @ AdjustError::Estimation(_)) => {
+                let sound = find_sound_frames(setup, orientation, frames, options);
+                solve_some(options, sound.ok_or(error)?)?
+            }
+            all => all?,
+        };
         for _ in 0..LEAVING_PASSES {
             if left_out.is_empty() {
                 break;

@@ -127,7 +127,7 @@ struct FlightUnknowns {
 impl FlightUnknowns {
     fn allocate(flight: &Flight) -> Self {
         let (input, mountings) = (&flight.input, &flight.hyperparameters.mountings);
-        let is_alone = flight.knowledge.is_none();
+        let is_alone = flight.knowledge.is_alone();
         let curvature_terms = input.options.count_curvature_terms(!is_alone);
         let mut columns = ColumnAllocator::global(&flight.widened);
         let mut shared = terms::allocate_shared_terms(input, &mut columns);
@@ -179,7 +179,7 @@ impl FlightUnknowns {
     /// displacements, and the unknowns that it shares.
     fn frame_layout(&self, flight: &Flight, frame: usize) -> ParameterLayout {
         let (input, hyperparameters) = (&flight.input, &flight.hyperparameters);
-        let is_alone = flight.knowledge.is_none();
+        let is_alone = flight.knowledge.is_alone();
         let mounting = &self.mountings[hyperparameters.mountings.mounting_of_frame(frame)];
         let amplitude_per_m = is_alone.then_some(hyperparameters.amplitudes_per_m[frame]);
         let mut columns = ColumnAllocator::local();

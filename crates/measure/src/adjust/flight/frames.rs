@@ -57,7 +57,7 @@ impl<'a> Flight<'a> {
         knowledge: Knowledge<'a>,
     ) -> AdjustResult<Self> {
         let setup = input.setup;
-        let needed = if knowledge.is_none() {
+        let needed = if knowledge.is_alone() {
             MIN_MARKERS_ALONE
         } else {
             MIN_MARKERS
@@ -105,7 +105,7 @@ impl<'a> Flight<'a> {
         let Some(frame) = self.frames.get(removed.group) else {
             return true;
         };
-        let needed = if self.knowledge.is_none() {
+        let needed = if self.knowledge.is_alone() {
             MIN_MARKERS_ALONE
         } else {
             MIN_MARKERS + 1
@@ -145,7 +145,7 @@ impl<'a> Flight<'a> {
                 blocks.push(image_block(seen));
             }
         }
-        if !self.knowledge.is_none() {
+        if !self.knowledge.is_alone() {
             blocks.push(SharedShape::departure_block(
                 layout.curvature_terms,
                 &self.hyperparameters,
@@ -153,7 +153,7 @@ impl<'a> Flight<'a> {
             ));
         }
         let mut local = DVector::zeros(layout.local);
-        if self.knowledge.is_none() {
+        if self.knowledge.is_alone() {
             local[0] = self.hyperparameters.amplitudes_per_m[frame];
         }
         if let Some(fit) = from {

@@ -20,8 +20,8 @@ pub enum Knowledge<'a> {
 }
 
 impl Knowledge<'_> {
-    /// Returns whether there is none.
-    pub fn is_none(self) -> bool {
+    /// Returns whether a frame is adjusted alone, without any.
+    pub fn is_alone(self) -> bool {
         matches!(self, Self::Alone)
     }
 }

@@ -103,7 +103,7 @@ impl Flight<'_> {
             }
             let found = self.hyperparameters.amplitudes_per_m[0];
             let has_settled = (found / weighted).ln().abs() < AMPLITUDE_SETTLED;
-            if !self.knowledge.is_none() || has_settled || pass == AMPLITUDE_PASSES {
+            if !self.knowledge.is_alone() || has_settled || pass == AMPLITUDE_PASSES {
                 break;
             }
             solved = self.solve_from(Some(&solved.fit), true)?;
