@@ -137,7 +137,7 @@ def test_flights_are_found_by_both_names(store, capsys):
     assert main([str(store), "--to", "file:///tmp/never", "--flight", "f0002"]) == 1
     assert "no flight f0002; available: f0001" in capsys.readouterr().err
     (store / "store.toml").write_text("format = 1\n")
-    with pytest.raises(bundle.StoreError, match="verify --upgrade"):
+    with pytest.raises(bundle.StoreError, match="format 1 and no id"):
         bundle.store_id(store)
 
 

@@ -15,12 +15,12 @@ commands! {
     #[command(hide = true)]
     CameraChild(camera_child::CameraChildArgs) => camera_child::run, Hidden [];
     /// Run the recorder: take series of frames and solve them
-    Run(run::RunArgs) => run::run [reports], Record [
+    Run(run::RunArgs) => run::run, Record [
         "wingd run --config wingd.toml",
     ];
     /// Write a configuration, an installation and a board to fill in
     Init(init::InitArgs) => init::run, Prepare [
-        "wingd init aircraft --side left --root-offset 0.7",
+        "wingd init aircraft",
     ];
     /// Check configuration, installation, store and camera
     Check(check::CheckArgs) => check::run, Prepare [
@@ -74,7 +74,7 @@ commands! {
         "wingd trigger --config wingd.toml",
     ];
     /// Serve the page of a store: flights, frames, downloads
-    Serve(serve::ServeArgs) => serve::run [reports], Transfer [
+    Serve(serve::ServeArgs) => serve::run, Transfer [
         "wingd serve store",
     ];
 }

@@ -115,7 +115,7 @@ fn print_findings(reported: &[Finding], faults: &[Fault]) -> TaskResult<Completi
     })
 }
 
-/// Findings on cabin rules: radio transmitters, heat, supply, time to stop. None is an error: the operator decides.
+/// Findings on cabin rules: radio transmitters, time to stop. None is an error: the operator decides.
 fn cabin_findings(config: &Config, sys: &Path) -> Vec<Finding> {
     let radios = machine::list_radios(sys);
     let open: Vec<String> = radios
@@ -131,7 +131,6 @@ fn cabin_findings(config: &Config, sys: &Path) -> Vec<Finding> {
             open.join(", ")
         ),
     };
-    let machine = machine::describe_machine(sys).unwrap_or("unknown to the kernel".to_owned());
     let power = &config.power;
     let hold_up = match power.is_configured() {
         false => "; no line or file to report a power failure is configured".to_owned(),
@@ -142,7 +141,6 @@ fn cabin_findings(config: &Config, sys: &Path) -> Vec<Finding> {
     };
     vec![
         ("radios", radios),
-        ("machine", machine),
         (
             "a stop takes",
             format!("at most {:?}{hold_up}", power.stop_within),

@@ -142,7 +142,7 @@ fn record_flight(output: &Path, input: &Path, directory: &Path) -> TaskResult<()
         .first()
         .copied()
         .unwrap_or_else(|| clock.since_boot());
-    recorder::run_recorder(&config, clock, origin, opened, flight_progress(), None)?;
+    recorder::run_recorder(&config, clock, origin, opened, flight_progress())?;
     Ok(())
 }
 

@@ -1,23 +1,18 @@
-//! `wingd init` writes the files of a new installation, with the known values filled in.
-
-mod answers;
+//! `wingd init` writes the files of a new installation, to fill in.
 
 use std::fs::OpenOptions;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-use answers::InitAnswers;
 use wingd_base::failure::{Completion, Failure, TaskResult};
 use wingd_base::output::print_line;
 
-/// Write a commented configuration, installation and board; unknown values are asked for, or left blank.
+/// Write a commented configuration, installation and board to fill in; `wingd check` lists the blank values.
 #[derive(clap::Args)]
 pub struct InitArgs {
     /// Directory for the files; existing files are not changed
     #[arg(value_name = "DIR", default_value = ".")]
     directory: PathBuf,
-    #[command(flatten)]
-    answers: InitAnswers,
 }
 
 const CONFIGURATION_TEMPLATE: &str = include_str!("../../config/wingd.toml");
@@ -34,20 +29,18 @@ const NEXT_STEPS: &str = "Next (docs/tutorial.md; installation.svg shows the qua
   installation/installation.toml  fill in the blank values, then
                                   wingd check";
 
-/// Writes the files of a new installation from answers or arguments.
+/// Writes the files of a new installation.
 pub(super) fn run(args: &InitArgs) -> TaskResult<Completion> {
-    let answers = args.answers.clone().ask_missing();
     // Without this line the recorder records but does not solve.
     let configuration = CONFIGURATION_TEMPLATE.replace(
         "# installation = \"/var/lib/wingd/installation\"",
         "installation = \"installation\"",
     );
-    let installation = answers.fill_template(INSTALLATION_TEMPLATE);
     let files = [
         ("wingd.toml", configuration.as_str()),
         ("board.toml", BOARD_TEMPLATE),
         ("installation.svg", INSTALLATION_DRAWING),
-        ("installation/installation.toml", installation.as_str()),
+        ("installation/installation.toml", INSTALLATION_TEMPLATE),
         ("installation/survey.csv", SURVEY_TEMPLATE),
     ];
     for (name, text) in files {
@@ -62,13 +55,6 @@ pub(super) fn run(args: &InitArgs) -> TaskResult<Completion> {
         };
         print_line(&format!("{}  {state}", path.display()))?;
     }
-    for camera in find_cameras(Path::new("/dev/v4l/by-id")) {
-        print_line(&format!(
-            "found a camera: {}; in wingd.toml set kind = \"v4l\", device = {:?} (docs/reference/wingd-toml-camera.md)",
-            camera.display(),
-            camera
-        ))?;
-    }
     print_line(&format!("\n{NEXT_STEPS}"))?;
     Ok(Completion::All)
 }
@@ -81,40 +67,4 @@ fn write_new_file(path: &Path, text: &str) -> std::io::Result<()> {
         .create_new(true)
         .open(path)?
         .write_all(text.as_bytes())
-}
-
-/// Finds cameras by their persistent device names; metadata devices are excluded.
-fn find_cameras(folder: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder)
-        .into_iter()
-        .flatten()
-        .flatten()
-        .map(|entry| entry.path());
-    let mut found: Vec<PathBuf> = entries
-        .filter(|path| path.to_string_lossy().ends_with("-video-index0"))
-        .collect();
-    found.sort();
-    found
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn cameras_are_found_by_their_persistent_names() {
-        let dir = tempfile::tempdir().unwrap();
-        for name in [
-            "usb-Maker_Model_123-video-index0",
-            "usb-Maker_Model_123-video-index1",
-            "other",
-        ] {
-            std::fs::write(dir.path().join(name), "").unwrap();
-        }
-        assert_eq!(
-            find_cameras(dir.path()),
-            [dir.path().join("usb-Maker_Model_123-video-index0")]
-        );
-        assert!(find_cameras(Path::new("/nonexistent")).is_empty());
-    }
 }

@@ -17,7 +17,6 @@ use wingd_evaluation::installation;
 use wingd_evaluation::installation::Installation;
 use wingd_evaluation::pipeline;
 use wingd_evaluation::pipeline::live::Tracker;
-use wingd_evaluation::results::ReportBuilder;
 use wingd_measure::adjust::AdjustmentMethod;
 use wingd_measure::setup::Orientation;
 use wingd_pages as http;
@@ -160,7 +159,6 @@ pub fn run_recorder(
     origin: Duration,
     opened: OpenedStore,
     observer: Observer,
-    reports: Option<ReportBuilder>,
 ) -> TaskResult<DaemonStatus> {
     let OpenedStore { store, recovery } = opened;
     let board = StatusBoard::new(clock.clone());
@@ -176,7 +174,7 @@ pub fn run_recorder(
     let page = config
         .serve
         .as_ref()
-        .and_then(|serve| RecorderPage::start(serve, config, &board, reports));
+        .and_then(|serve| RecorderPage::start(serve, config, &board));
     let parts = DaemonParts {
         series: config.series.clone(),
         power: config.power.clone(),
@@ -210,14 +208,13 @@ const PAGE_RETRY_PAUSE: Duration = Duration::from_secs(10);
 #[derive(Clone)]
 struct PageSource {
     serve: ServeConfig,
-    installation: Option<PathBuf>,
     board: StatusBoard,
     site: http::Site,
 }
 
 impl PageSource {
-    /// Opens the page: reads its secrets and the installation, and binds its address. The error is for the status.
-    fn open(mut self) -> Result<(http::Site, Access, std::net::TcpListener), String> {
+    /// Opens the page: reads its secrets and binds its address. The error is for the status.
+    fn open(self) -> Result<(http::Site, Access, std::net::TcpListener), String> {
         let place = |key: &str| ("wingd.toml".into(), format!("serve.{key}"));
         let (address, access) = self
             .serve
@@ -231,13 +228,6 @@ impl PageSource {
             Ok(listener)
         });
         let listener = bound.map_err(|error| format!("{address}: {error}"))?;
-        let setup = self
-            .installation
-            .as_deref()
-            .map(installation::load_without_orientation);
-        self.site.setup = setup
-            .and_then(Result::ok)
-            .map(|installation| installation.setup);
         Ok((self.site, access, listener))
     }
 
@@ -273,21 +263,13 @@ impl PageSource {
 }
 
 impl RecorderPage {
-    fn start(
-        serve: &ServeConfig,
-        config: &Config,
-        board: &StatusBoard,
-        reports: Option<ReportBuilder>,
-    ) -> Option<Self> {
+    fn start(serve: &ServeConfig, config: &Config, board: &StatusBoard) -> Option<Self> {
         let site = http::Site {
             root: config.store.path.clone(),
-            setup: None,
             recorder: Some(Arc::new(board.clone())),
-            reports,
         };
         let source = PageSource {
             serve: serve.clone(),
-            installation: config.installation.clone(),
             board: board.clone(),
             site,
         };

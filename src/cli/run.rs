@@ -9,7 +9,6 @@ use super::recorder;
 use crate::config;
 use wingd_base::clock::{Clock, SystemClock};
 use wingd_base::failure::{Completion, TaskResult};
-use wingd_evaluation::results::ReportBuilder;
 
 /// Record series of frames and solve them until stopped.
 #[derive(clap::Args)]
@@ -19,7 +18,7 @@ pub struct RunArgs {
     config: Option<PathBuf>,
 }
 
-pub(super) fn run(args: &RunArgs, reports: Option<ReportBuilder>) -> TaskResult<Completion> {
+pub(super) fn run(args: &RunArgs) -> TaskResult<Completion> {
     wingd_base::logging::start_logging(LevelFilter::INFO);
     let config = config::load_configuration(
         &wingd_evaluation::inputs::default_paths::resolve_configuration(args.config.as_deref())?,
@@ -27,6 +26,6 @@ pub(super) fn run(args: &RunArgs, reports: Option<ReportBuilder>) -> TaskResult<
     let clock: Arc<dyn Clock> = Arc::new(SystemClock::new());
     let opened = recorder::open_store(&config)?;
     let origin = clock.since_boot();
-    recorder::run_recorder(&config, clock, origin, opened, Arc::new(|_| ()), reports)?;
+    recorder::run_recorder(&config, clock, origin, opened, Arc::new(|_| ()))?;
     Ok(Completion::All)
 }

@@ -8,8 +8,6 @@ use tracing::level_filters::LevelFilter;
 
 use wingd_base::failure::{Completion, Failure, TaskResult};
 use wingd_evaluation::inputs::stop_signal;
-use wingd_evaluation::installation;
-use wingd_evaluation::results::ReportBuilder;
 use wingd_pages as http;
 use wingd_pages::access::Access;
 use wingd_pages::section;
@@ -37,25 +35,15 @@ pub struct ServeArgs {
     /// Private key of the certificate (PEM)
     #[arg(long, value_name = "FILE", requires = "certificate")]
     key: Option<PathBuf>,
-    /// Installation, for the report's ground shape [default: the one kept in the store]
-    #[arg(long, value_name = "DIR")]
-    installation: Option<PathBuf>,
 }
 
-pub(super) fn run(args: &ServeArgs, reports: Option<ReportBuilder>) -> TaskResult<Completion> {
+pub(super) fn run(args: &ServeArgs) -> TaskResult<Completion> {
     wingd_base::logging::start_logging(LevelFilter::WARN);
     let (address, access) = open_access(args)?;
     catalogue::check_format(&RealDisk, &args.store).map_err(|e| Failure::Failed(e.to_string()))?;
-    let installation = args
-        .installation
-        .as_deref()
-        .map(installation::load_without_orientation);
-    let setup = installation.transpose()?.map(|i| i.setup);
     let site = http::Site {
         root: args.store.clone(),
-        setup,
         recorder: None,
-        reports,
     };
     let runtime = http::page_runtime();
     let runtime = runtime.map_err(|e| Failure::Failed(format!("could not start: {e}")))?;

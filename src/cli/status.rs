@@ -194,15 +194,6 @@ fn live_status_lines(live: &LiveStatus) -> Vec<String> {
         ),
     ];
     lines.extend(recent_text(&live.recent).map(|text| format!("live         {text}")));
-    if live.allowed_hz < live.wanted_hz {
-        let heat = live
-            .temperature_c
-            .map_or(String::new(), |c| format!(" at {c:.0} C"));
-        lines.push(format!(
-            "warning      live: limited to {:.1} frames per second by temperature{heat}",
-            live.allowed_hz
-        ));
-    }
     lines.extend(
         live.fault
             .iter()

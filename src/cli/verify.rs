@@ -1,17 +1,14 @@
 //! `wingd verify` checks every checksum and every invariant of a store or of a copy.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 
 use wingd_base::failure::{Completion, Failure, TaskResult};
 use wingd_base::output::{print_json, print_line, show_busy};
 use wingd_base::text::printable_path;
-use wingd_evaluation::installation;
 use wingd_evaluation::number::count_text;
-use wingd_store as store;
+use wingd_store::RealDisk;
 use wingd_store::signing::PublicKey;
 use wingd_store::verify::{VerifyReport, verify_path, verify_with_key};
-use wingd_store::{RealDisk, catalogue};
 
 /// Check every checksum and every invariant of a store, or of a copied flight or series.
 #[derive(clap::Args)]
@@ -19,13 +16,6 @@ pub struct VerifyArgs {
     /// Store, or the folder of a flight or series in it
     #[arg(value_name = "STORE")]
     store: PathBuf,
-    /// Upgrade a store of format 1, so that changed results and missing series are detected: adds an id, chains of digests,
-    /// and SHA256SUMS. The store must be sound; only store.toml changes, other files are added
-    #[arg(long)]
-    upgrade: bool,
-    /// With --upgrade: installation that the results came from, to be kept in the store
-    #[arg(long, value_name = "DIR", requires = "upgrade")]
-    installation: Option<PathBuf>,
     /// Check all signatures with the public key in FILE (`[store] signing_key`)
     #[arg(long, value_name = "FILE")]
     key: Option<PathBuf>,
@@ -40,9 +30,6 @@ pub(super) fn run(args: &VerifyArgs) -> TaskResult<Completion> {
             &args.store,
             "is not a directory; name a store",
         ));
-    }
-    if args.upgrade {
-        upgrade_store(args)?;
     }
     let key = args
         .key
@@ -63,21 +50,6 @@ pub(super) fn run(args: &VerifyArgs) -> TaskResult<Completion> {
         print_line(&report_text(&report))?;
     }
     Ok(Completion::from_success(report.is_sound()))
-}
-
-fn upgrade_store(args: &VerifyArgs) -> TaskResult<()> {
-    catalogue::check_format(&RealDisk, &args.store)?;
-    let installation = args
-        .installation
-        .as_deref()
-        .map(installation::load)
-        .transpose()?;
-    let files = installation.map(|i| i.files()).transpose()?;
-    Ok(store::upgrade_store(
-        Arc::new(RealDisk),
-        &args.store,
-        files.as_deref(),
-    )?)
 }
 
 fn report_text(report: &VerifyReport) -> String {

@@ -23,24 +23,12 @@ pub enum Event {
         /// SHA-256 of the file, hex.
         sha256: String,
     },
-    /// A shot has no frame.
-    ShotFailed {
-        /// Name of the series.
-        series: String,
-        /// Number of the shot, from 1.
-        shot: u32,
-    },
     /// A series was moved into its flight's folder.
     SeriesClosed {
         /// Name of the series.
         series: String,
         /// True if every planned shot was attempted.
         complete: bool,
-    },
-    /// The store refused a series.
-    Refused {
-        /// Reason of the refusal.
-        reason: String,
     },
     /// A frame has its result.
     Solved {

@@ -33,9 +33,6 @@ impl Core {
             status.store.refuses = Some(error.to_string());
             status.store.free_mb = self.store.free_mb().ok();
         });
-        (self.observer)(&Event::Refused {
-            reason: error.to_string(),
-        });
     }
 
     /// Reports that a series was closed or interrupted. `complete`: every planned shot was attempted.
@@ -94,10 +91,6 @@ impl Core {
             None => {
                 tracing::error!(series, shot = number, "shot without a frame");
                 self.board.update(|status| status.counts.failed_shots += 1);
-                (self.observer)(&Event::ShotFailed {
-                    series: id,
-                    shot: number,
-                });
             }
         }
     }

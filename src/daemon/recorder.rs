@@ -1,7 +1,6 @@
 //! The thread that follows the schedule, takes series and, in live mode, frames between them. Every frame of a series is
 //! stored before any computation uses it.
 
-use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
@@ -9,10 +8,10 @@ use super::capture::{Capture, CaptureMode, CapturedFrame, FailedAttempt};
 use super::command::Command;
 use super::config::SeriesConfig;
 use super::core::Core;
+use super::frame_storage;
 use super::live::Feeder;
 use super::schedule::{self, Moment, Progress, ScheduleAction};
 use super::status::Activity;
-use super::{frame_storage, machine};
 use crate::camera::CameraFrame;
 use wingd_base::clock::Stamp;
 use wingd_store::manifest::{SeriesCause, SeriesState, Shot, ShotFailure};
@@ -214,9 +213,6 @@ impl Recorder {
         };
         // In live mode the camera is already open; each series notes its camera.
         self.noted_opening = 0;
-        if let Some(machine) = machine::describe_machine(Path::new(machine::SYSFS)) {
-            tracing::info!(machine, "temperatures and supply");
-        }
         self.core.log_series_began(&series, cause, plan.shots);
         self.live
             .iter()

@@ -1,4 +1,4 @@
-//! Status socket: takes one command per line and answers each with one line of JSON (`metrics`: Prometheus text).
+//! Status socket: takes one command per line and answers each with one line of JSON.
 
 use std::io::{self, BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream as BlockingStream;
@@ -12,7 +12,7 @@ use tokio::net::UnixStream;
 
 use super::command::Command;
 use super::endpoint;
-use super::status::{STATUS_PART, StatusBoard, prometheus_text};
+use super::status::{STATUS_PART, StatusBoard};
 
 /// `[status]` of the configuration.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -75,7 +75,6 @@ async fn answer_client(
 fn reply_to_command(command: &str, board: &StatusBoard, recorder: &Sender<Command>) -> String {
     let sent = match command {
         "status" => return serde_json::to_string(&board.snapshot()).unwrap_or_default(),
-        "metrics" => return prometheus_text(&board.snapshot()),
         "trigger" => recorder
             .send(Command::Trigger)
             .map(|()| "an extra series begins"),
@@ -83,8 +82,7 @@ fn reply_to_command(command: &str, board: &StatusBoard, recorder: &Sender<Comman
             .send(Command::NewFlight)
             .map(|()| "an extra series begins a new flight"),
         _ => {
-            let error =
-                format!("unknown command {command:?}; known: status, metrics, trigger, new-flight");
+            let error = format!("unknown command {command:?}; known: status, trigger, new-flight");
             return serde_json::json!({ "error": error }).to_string();
         }
     };

@@ -273,7 +273,9 @@ fn remove_known_priors(setup: &mut Setup) {
     let uncertainty = &mut setup.uncertainty;
     for word in words.split(',').filter(|word| !word.is_empty()) {
         match word {
-            "flight" => *uncertainty = uncertainty.without_flight_effects(),
+            "flight" => {
+                *uncertainty = uncertainty.with_flight_effects(&SetupUncertainty::from_drawings())
+            }
             "held" => *uncertainty = uncertainty.without_frame_scaling(),
             "bend" => uncertainty[Width::GroundBend] = 0.0,
             "skin" => uncertainty[Width::SkinMotion] = 0.0,

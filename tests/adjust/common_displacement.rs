@@ -171,7 +171,9 @@ fn each_prior_increases_the_sigma() {
     ];
     let sigma = |width: Option<Width>| {
         let held = solved(7304, 0, Effects::default(), |setup| {
-            setup.uncertainty = setup.uncertainty.without_flight_effects();
+            setup.uncertainty = setup
+                .uncertainty
+                .with_flight_effects(&SetupUncertainty::from_drawings());
             width
                 .into_iter()
                 .for_each(|width| setup.uncertainty[width] = SetupUncertainty::DEFAULT[width]);
@@ -315,7 +317,8 @@ fn the_global_test_includes_excluded_markers_if_there_are_many() {
                         .zip(signs)
                         .for_each(|(k, sign)| seen[*k].pixel.y += sign * by_px);
                 };
-                let uncertainty = SetupUncertainty::DEFAULT.without_flight_effects();
+                let uncertainty = SetupUncertainty::DEFAULT
+                    .with_flight_effects(&SetupUncertainty::from_drawings());
                 frames_of(seed, count, (Effects::default(), uncertainty), spoil).swap_remove(0)
             };
             let (clean, spoilt) = (solve(0.0), solve(1.5));

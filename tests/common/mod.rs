@@ -16,5 +16,6 @@ pub mod random;
 pub mod report_store;
 pub mod shape_difference;
 pub mod statistics;
+pub mod store_reading;
 pub mod store_work;
 pub mod synthetic;

@@ -1,5 +1,6 @@
 //! A day of work on a store, what the store acknowledged, and a check that all of it is present.
 
+use crate::common::store_reading::{read_live, read_results};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
@@ -353,7 +354,7 @@ fn live_numbers(disk: &dyn Disk) -> Result<(BTreeSet<u32>, bool), String> {
     let text = |error: StoreError| error.to_string();
     let (mut all, mut twice) = (BTreeSet::new(), false);
     for flight in catalogue::list_flights(disk, Path::new(ROOT)).map_err(text)? {
-        let (files, notes) = live::read_live(disk, Path::new(ROOT), &flight).map_err(text)?;
+        let (files, notes) = read_live(disk, Path::new(ROOT), &flight).map_err(text)?;
         if let Some(note) = notes.first() {
             return Err(note.clone());
         }
@@ -393,7 +394,7 @@ fn holdings(disk: &dyn Disk) -> Result<Holdings, String> {
                     return Err("a frame is there twice".to_owned());
                 }
             }
-            for line in catalogue::read_results(disk, &series).map_err(text)? {
+            for line in read_results(disk, &series).map_err(text)? {
                 *results.entry(line.frame_sha256).or_insert(0) += 1;
             }
         }

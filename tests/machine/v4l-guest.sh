@@ -28,8 +28,8 @@ flight GREY
 flight MJPG
 
 # Without a camera: named, at once.
-config 'kind = "v4l"' 'serial = "no-such"' 'format = "GREY"' 'width = 64' 'height = 64'
-begin=$(now_ms); ! SHOTS=1 shoot && grep -q 'no camera with serial no-such.*connected: /dev/video0' /mnt/lines && [ $(($(now_ms) - begin)) -lt 3000 ]
+config 'kind = "v4l"' 'card = "no-such"' 'format = "GREY"' 'width = 64' 'height = 64'
+begin=$(now_ms); ! SHOTS=1 shoot && grep -q 'no camera with card "no-such".*connected: /dev/video0' /mnt/lines && [ $(($(now_ms) - begin)) -lt 3000 ]
 verdict $? "v4l: a missing camera is named, and what is there instead"
 
 # A camera that stalls or repeats itself, in the midst of a recording.

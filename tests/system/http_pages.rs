@@ -6,7 +6,6 @@ use std::path::Path;
 use std::time::Duration;
 
 use crate::common::report_store::{jpeg, solved, store_with};
-use wingd_desk::report::REPORT_BUILDER;
 use wingd_pages::access::Access;
 use wingd_pages::{Site, serve};
 
@@ -26,9 +25,7 @@ impl Server {
         Self::serve(
             Site {
                 root: root.to_owned(),
-                setup: None,
                 recorder: None,
-                reports: Some(REPORT_BUILDER),
             },
             access,
         )
@@ -184,14 +181,8 @@ fn pages_lead_from_the_flight_to_the_frame() {
             .status,
         304
     );
-    let results = server.get("/results/f0001.jsonl").text();
+    let results = server.get("/files/f0001/s000001/results.jsonl").text();
     assert_eq!(results.lines().count(), 2);
-    assert!(
-        server
-            .get("/report/f0001")
-            .text()
-            .contains("Wing deflection in flight")
-    );
     let status: serde_json::Value =
         serde_json::from_slice(&server.get("/status.json").body).unwrap();
     assert_eq!(
@@ -315,11 +306,8 @@ fn no_name_leads_out_of_the_store() {
         "/files/f0001/secret.json",
         "/flights/f0002",
         "/flights/..%2f..",
-        "/report/f0002",
-        "/report/%2e%2e",
         "/tar/f0002.tar",
         "/bundle/f0002.json",
-        "/results/f0002.jsonl",
         "/frames/f0001/s000001/secret.txt",
         "/thumb/f0001/s000001/secret.txt.svg",
         "/thumb/f0001/s000001/..%2f..%2f..%2fsecret.json.svg",

@@ -1,6 +1,7 @@
 //! Promise: a day on in-seat power, which is switched off at every taxi, take-off and landing without warning, costs
 //! at most the shot in progress; flights stay complete and separate.
 
+use crate::common::store_reading::read_results;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -134,7 +135,7 @@ fn holdings(disk: &dyn Disk) -> Holdings {
         let all = catalogue::list_series(disk, &flight).unwrap();
         flights.insert(flight.id.clone(), all.len());
         for series in all {
-            let results = catalogue::read_results(disk, &series).unwrap();
+            let results = read_results(disk, &series).unwrap();
             let manifest = catalogue::read_series_manifest(disk, &series).unwrap();
             for frame in manifest.shots.into_iter().filter_map(|shot| shot.frame) {
                 let count = results

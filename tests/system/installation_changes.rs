@@ -1,5 +1,6 @@
 //! Promise: the running recorder uses an installation that appears or changes.
 
+use crate::common::store_reading::read_live;
 use serde_json::Value;
 use wingd::store::{RealDisk, catalogue};
 
@@ -83,11 +84,7 @@ fn an_installation_that_appears_or_changes_is_taken_up() {
         catalogue::list_flights(&RealDisk, &store)
             .unwrap()
             .iter()
-            .flat_map(|flight| {
-                wingd::store::live::read_live(&RealDisk, &store, flight)
-                    .unwrap()
-                    .0
-            })
+            .flat_map(|flight| read_live(&RealDisk, &store, flight).unwrap().0)
             .map(|(head, _)| head.table.source["provenance"]["camera.toml.sha256"].clone())
             .collect::<Vec<_>>()
     };

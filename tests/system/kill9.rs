@@ -1,5 +1,6 @@
 //! Promise: the daemon, killed at any moment, loses no acknowledged frame and solves none twice.
 
+use crate::common::store_reading::read_results;
 use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -96,9 +97,7 @@ fn holdings(root: &Path) -> (BTreeSet<[String; 3]>, Vec<[String; 3]>, usize, usi
             interrupted += usize::from(manifest.state == SeriesState::Interrupted);
             let of_series = manifest.shots.into_iter().filter_map(|shot| shot.frame);
             frames.extend(of_series.map(|frame| [series.id.clone(), frame.file, frame.sha256]));
-            let solved = catalogue::read_results(&RealDisk, &series)
-                .unwrap()
-                .into_iter();
+            let solved = read_results(&RealDisk, &series).unwrap().into_iter();
             results.extend(solved.map(|record| [series.id.clone(), record.frame, record.inputs]));
         }
     }

@@ -1,5 +1,6 @@
 //! Promise: live results are computed, published and durable within seconds, for any behaviour of listeners, solver and disk.
 
+use crate::common::store_reading::read_live;
 use std::io::{BufRead, BufReader};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
@@ -23,7 +24,7 @@ use wingd::record::ImageRecord;
 use wingd::store::disk::Disk;
 use wingd::store::manifest::{SeriesCause, SeriesManifest, SeriesState};
 use wingd::store::verify::verify_path;
-use wingd::store::{Inputs, RealDisk, Store, StoreConfig, catalogue, live};
+use wingd::store::{Inputs, RealDisk, Store, StoreConfig, catalogue};
 
 /// Long enough that a few dozen lines exceed the buffer of a socket.
 const REMARK: usize = 30_000;
@@ -182,8 +183,10 @@ fn connected(path: &Path) -> UnixStream {
 fn stored(root: &Path) -> Vec<f64> {
     let mut numbers = vec![];
     for flight in catalogue::list_flights(&RealDisk, root).unwrap() {
-        for (head, rows) in live::read_live(&RealDisk, root, &flight).unwrap().0 {
-            let (_, at) = head.table.find_column("number").unwrap();
+        for (head, rows) in read_live(&RealDisk, root, &flight).unwrap().0 {
+            let columns = head.table.columns.iter();
+            let before = columns.take_while(|column| column.name != "number");
+            let at: usize = before.map(|column| column.width).sum();
             numbers.extend(rows.iter().map(|row| row[at]));
         }
     }

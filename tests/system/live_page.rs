@@ -104,9 +104,7 @@ fn server(store: &Path, live: &Arc<OneResult>) -> Server {
     Server::serve(
         Site {
             root: store.to_owned(),
-            setup: None,
             recorder: Some(recorder),
-            reports: None,
         },
         Access::default(),
     )

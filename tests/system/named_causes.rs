@@ -157,7 +157,7 @@ fn a_value_of_the_wrong_type_is_named_by_its_line_in_every_section() {
             "line 5 (`aperture = 8`): is 8, but a text in quotes is expected; write `aperture = \"8\"`",
         ),
         (
-            "[camera]\nkind = \"v4l\"\nserial = \"x\"\nformat = \"GREY\"\nwidth = \"4000\"\nheight = 3000\n[store]\npath = \"store\"\n",
+            "[camera]\nkind = \"v4l\"\ncard = \"x\"\nformat = \"GREY\"\nwidth = \"4000\"\nheight = 3000\n[store]\npath = \"store\"\n",
             "line 5 (`width = \"4000\"`): is \"4000\", but a whole number is expected; write `width = 4000`",
         ),
         (

@@ -334,39 +334,6 @@ fn a_damaged_or_lost_mark_of_the_store_is_rebuilt_from_the_chains() {
     }
 }
 
-/// An upgrade does not replace chains by new ones, which would hide every change.
-#[test]
-fn an_upgrade_refuses_a_store_whose_chains_are_evidence() {
-    let dir = tempfile::tempdir().unwrap();
-    configure(dir.path(), "");
-    let store = dir.path().join("store");
-    let mut recorder = Recorder::start(dir.path());
-    recorder.wait("series", FIRST_SERIES, |_| series(&store) > 1);
-    recorder.end();
-    let chain = store.join("flights/f0001/chain.jsonl");
-    let kept = std::fs::read(&chain).unwrap();
-    let text = String::from_utf8(kept.clone()).unwrap();
-    std::fs::write(
-        &chain,
-        text.split_inclusive('\n')
-            .rev()
-            .skip(1)
-            .collect::<Vec<_>>()
-            .into_iter()
-            .rev()
-            .collect::<String>(),
-    )
-    .unwrap();
-    std::fs::write(store.join("store.toml"), "format = 1\n").unwrap();
-    let (code, printed) =
-        crate::program::outcome(&["verify", "--upgrade", store.to_str().unwrap()]);
-    assert_eq!(code, Some(1), "{printed}");
-    assert!(
-        kept.starts_with(&std::fs::read(&chain).unwrap()),
-        "the chain is as it was"
-    );
-}
-
 /// As after a run by root: the flight's folder belongs to root, the recorder runs as another user.
 #[test]
 fn a_flight_that_belongs_to_root_is_followed_by_another() {

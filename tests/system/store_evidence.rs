@@ -1,14 +1,13 @@
-//! Promise: any change of a store or of a copy is reported, and an old store is upgraded completely.
+//! Promise: any change of a store or of a copy is reported, and an old store is read and recorded to.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
 use std::sync::Arc;
 
 use crate::common::fake_disk::read_all_files;
 use serde_json::{Map, Value, json};
 use wingd::store::verify::verify_path;
-use wingd::store::{Inputs, RealDisk, Store, StoreConfig, sha256_hex, upgrade_store};
+use wingd::store::{Inputs, RealDisk, Store, StoreConfig, sha256_hex};
 
 use crate::common::report_store::add_two_solved;
 
@@ -457,20 +456,12 @@ fn make_format_1() -> tempfile::TempDir {
     dir
 }
 
-fn content(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    let all = read_all_files(&RealDisk, root).into_iter();
-    let inside = all.map(|(path, bytes)| (path.strip_prefix(root).unwrap().to_owned(), bytes));
-    inside
-        .filter(|(path, _)| path != Path::new("store.toml") && path != Path::new("lock"))
-        .collect()
-}
-
 #[test]
 fn an_old_store_is_read_and_recorded_to_as_before() {
     let dir = make_format_1();
     let report = verify_path(&RealDisk, dir.path());
     assert!(report.is_sound(), "{:#?}", report.faults);
-    assert!(report.notes.iter().any(|note| note.contains("--upgrade")));
+    assert!(report.notes.iter().any(|note| note.contains("no chain")));
     make(dir.path());
     let report = verify_path(&RealDisk, dir.path());
     assert!(
@@ -481,51 +472,9 @@ fn an_old_store_is_read_and_recorded_to_as_before() {
 }
 
 #[test]
-fn an_upgrade_loses_nothing_and_later_data_are_chained() {
-    let dir = make_format_1();
-    let before = content(dir.path());
-    let output = wingd(&["verify", "--upgrade"], dir.path());
-    assert_eq!(
-        output.status.code(),
-        Some(0),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    let after = content(dir.path());
-    for (path, bytes) in &before {
-        assert_eq!(after.get(path), Some(bytes), "{}", path.display());
-    }
+fn a_format_file_set_back_does_not_hide_the_chain() {
+    let dir = tempfile::tempdir().unwrap();
     make(dir.path());
-    let report = verify_path(&RealDisk, dir.path());
-    assert!(
-        report.is_sound() && report.series == 6 && report.results == 12,
-        "{report:#?}"
-    );
-    replace(
-        dir.path(),
-        "flights/f0001/s000001/results.jsonl",
-        "2.74",
-        "9.74",
-    );
-    assert!(!verify_path(&RealDisk, dir.path()).is_sound());
-}
-
-#[test]
-fn damage_is_not_upgraded_and_an_interrupted_upgrade_is_restarted() {
-    let dir = make_format_1();
-    flip(dir.path(), "flights/f0001/s000001/0001.jpg");
-    let output = wingd(&["verify", "--upgrade"], dir.path());
-    assert_eq!(output.status.code(), Some(1));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("0001.jpg"));
-    let dir = make_format_1();
-    upgrade_store(Arc::new(RealDisk), dir.path(), Some(&installation())).unwrap();
     std::fs::write(dir.path().join("store.toml"), "format = 1\n").unwrap();
-    let half = verify_path(&RealDisk, dir.path());
-    assert!(
-        !half.is_sound(),
-        "a format file set back does not hide the chain"
-    );
-    upgrade_store(Arc::new(RealDisk), dir.path(), Some(&installation())).unwrap();
-    let report = verify_path(&RealDisk, dir.path());
-    assert!(report.is_sound(), "{:#?}", report.faults);
+    assert!(!verify_path(&RealDisk, dir.path()).is_sound());
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::common::fake_disk::{DiskFault, FakeDisk, Survival, UnsyncedBytes, read_all_files};
 use wingd::store::manifest::SeriesCause;
-use wingd::store::{Disk, StoreError, upgrade_store};
+use wingd::store::{Disk, StoreError};
 
 use crate::common::store_work::{ROOT, Work, installation};
 
@@ -57,9 +57,9 @@ const SCENARIOS: &[Scenario] = &[
         act: |work| work.open().map(drop),
     },
     Scenario {
-        name: "upgrade",
+        name: "format 1",
         before: old_store,
-        act: upgrade,
+        act: record_series,
     },
     Scenario {
         name: "aircraft data",
@@ -184,10 +184,6 @@ fn old_store(work: &mut Work) -> Result<(), StoreError> {
     record_day(work)
 }
 
-fn upgrade(work: &mut Work) -> Result<(), StoreError> {
-    upgrade_store(work.disk(), Path::new(ROOT), Some(&installation()))
-}
-
 /// Every order in which names can reach the medium, with each possible state of the bytes.
 fn survivals(disk: &FakeDisk) -> Vec<Survival> {
     let names = disk.unsynced_names();
@@ -309,8 +305,7 @@ fn a_power_cut_at_any_step_loses_nothing_acknowledged() {
             for (left, mut boot) in boots(&work) {
                 cases += 1;
                 let when = format!("{}: cut at step {cut} of {steps}, {left:?}", scenario.name);
-                continue_scenario(&mut boot, scenario)
-                    .unwrap_or_else(|why| panic!("{when}: {why}"));
+                next_boot(&mut boot).unwrap_or_else(|why| panic!("{when}: {why}"));
             }
         }
         println!(
@@ -376,8 +371,7 @@ fn a_failing_step_loses_nothing_acknowledged() {
                 let when = format!("{}: {kind} at step {step} of {steps}", scenario.name);
                 let (mut work, _) = run_disturbed(&before, scenario, fault(step));
                 work.disk.set_faults(Vec::new());
-                continue_scenario(&mut work, scenario)
-                    .unwrap_or_else(|why| panic!("{when}: {why}"));
+                next_boot(&mut work).unwrap_or_else(|why| panic!("{when}: {why}"));
                 for (left, mut boot) in boots(&work) {
                     next_boot(&mut boot)
                         .unwrap_or_else(|why| panic!("{when}, then {left:?}: {why}"));
@@ -386,14 +380,6 @@ fn a_failing_step_loses_nothing_acknowledged() {
             println!("{kind:10} {:13} {steps:3} steps", scenario.name);
         }
     }
-}
-
-/// The daemon after a failure: retries if that is its rule, and continues.
-fn continue_scenario(work: &mut Work, scenario: &Scenario) -> Result<(), String> {
-    if scenario.name == "upgrade" {
-        upgrade(work).map_err(|error| error.to_string())?;
-    }
-    next_boot(work)
 }
 
 /// Faults on a medium whose syncs are ineffective: the test must notice, otherwise it would notice nothing.

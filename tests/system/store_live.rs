@@ -1,6 +1,7 @@
 //! Promise: live results are read back as recorded, are covered by the chain, and disturb no series.
 //! (Power cuts and failures at every step: store_faults.)
 
+use crate::common::store_reading::read_live;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -72,7 +73,7 @@ fn each_flight_and_table_has_its_own_file_and_the_open_one_is_read_too() {
         "{sums}"
     );
     let of = |flight: &FlightRef| {
-        let (files, notes) = live::read_live(&RealDisk, dir.path(), flight).unwrap();
+        let (files, notes) = read_live(&RealDisk, dir.path(), flight).unwrap();
         assert!(notes.is_empty(), "{notes:?}");
         let numbers = |rows: &[LiveRow]| rows.iter().map(|row| row[1] as u32).collect::<Vec<_>>();
         files
@@ -128,7 +129,7 @@ fn a_long_file_is_closed_and_the_next_one_begun() {
     let flight = catalogue::list_flights(disk.as_ref(), Path::new(ROOT))
         .unwrap()
         .remove(0);
-    let (files, _) = live::read_live(disk.as_ref(), Path::new(ROOT), &flight).unwrap();
+    let (files, _) = read_live(disk.as_ref(), Path::new(ROOT), &flight).unwrap();
     let lengths: Vec<usize> = files.iter().map(|(_, rows)| rows.len()).collect();
     assert!(
         lengths.len() == 3 && lengths.iter().sum::<usize>() == 2700,
@@ -183,14 +184,14 @@ fn a_torn_or_zeroed_end_is_set_aside_and_the_intact_blocks_are_kept() {
         bytes.extend(tail);
         std::fs::write(&path, bytes).unwrap();
         let flight = flights(dir.path()).remove(1);
-        let (files, notes) = live::read_live(&RealDisk, dir.path(), &flight).unwrap();
+        let (files, notes) = read_live(&RealDisk, dir.path(), &flight).unwrap();
         let torn = format!("its last {} bytes are torn", tail.len());
         assert!(
             files[0].1.len() == 10 && notes[0].contains(&torn),
             "{notes:?}"
         );
         drop(open(dir.path()));
-        let (files, notes) = live::read_live(&RealDisk, dir.path(), &flight).unwrap();
+        let (files, notes) = read_live(&RealDisk, dir.path(), &flight).unwrap();
         assert!(files[0].1.len() == 10 && notes.is_empty(), "{notes:?}");
         let aside: Vec<_> = RealDisk.list(&dir.path().join("partial")).unwrap();
         assert!(
@@ -230,7 +231,7 @@ fn a_copy_and_a_fetched_flight_contain_the_live_results() {
             id: flight.id.clone(),
         };
         let read = |root: &Path, flight: &FlightRef| {
-            format!("{:?}", live::read_live(&RealDisk, root, flight).unwrap())
+            format!("{:?}", read_live(&RealDisk, root, flight).unwrap())
         };
         assert_eq!(read(place.path(), &flight), read(dir.path(), &here));
     }
@@ -271,7 +272,7 @@ fn nothing_is_recorded_below_the_reserve_or_if_rows_do_not_fit() {
     let flight = catalogue::list_flights(disk.as_ref(), Path::new(ROOT))
         .unwrap()
         .remove(0);
-    let (files, notes) = live::read_live(disk.as_ref(), Path::new(ROOT), &flight).unwrap();
+    let (files, notes) = read_live(disk.as_ref(), Path::new(ROOT), &flight).unwrap();
     let numbers: Vec<u32> = files[0].1.iter().map(|row| row[1] as u32).collect();
     assert_eq!((numbers, files.len(), notes.len()), (vec![0, 1, 4], 1, 0));
 }

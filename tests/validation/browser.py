@@ -22,7 +22,7 @@ import websocket
 
 PORT, DEBUG = 18095, 18096
 PAGES = {"index": "/", "flight": "/flights/f0001", "series": "/flights/f0001/s000001",
-         "frame": "/frames/f0001/s000001/0001.jpg", "report": "/report/f0001"}
+         "frame": "/frames/f0001/s000001/0001.jpg"}
 
 # The least contrast of a text against the nearest background behind it (WCAG 2), drawings' texts included.
 CONTRAST = """(() => {
@@ -84,7 +84,7 @@ class Browser:
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=width < 500)
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self.call("Emulation.setEmulatedMedia", features=scheme)
-        self.call("Page.navigate", url=f"http://127.0.0.1:{PORT}{path}")
+        self.call("Page.navigate", url=path if ":" in path else f"http://127.0.0.1:{PORT}{path}")
         ready = "document.readyState == 'complete' && [...document.images].every(i => i.complete || i.loading == 'lazy')"
         for _ in range(200):
             time.sleep(0.05)
@@ -131,7 +131,9 @@ def stop(child):
 def look(wingd, store, folder):
     server, profile = serve(wingd, store), tempfile.mkdtemp()
     browser = Browser(profile)
-    for name, path in PAGES.items():
+    report = (folder / "report.html").resolve()
+    subprocess.run([wingd, "report", store, "--output", report], check=True, stdout=subprocess.DEVNULL)
+    for name, path in {**PAGES, "report": report.as_uri()}.items():
         for width in [1400, 390]:
             for dark in [False, True]:
                 browser.open(path, width, dark)

@@ -162,11 +162,6 @@ def thousand(wingd, work):
     }.items():
         cpu, memory = measure_child([wingd, *command])
         print(f"{name}: {cpu:.1f} s of processor time, {memory:.0f} MB")
-    server = Server(wingd, store, 18083)
-    asked = [subprocess.Popen(["curl", "-sSf", "-o", "/dev/null", f"{server.url}/report/f0001"]) for _ in range(6)]
-    codes = [child.wait() for child in asked]
-    print(f"six reports at once: {server.peak_mb():.0f} MB, {codes.count(0)} of 6 came")
-    server.stop()
 
 
 def attacks(wingd, work):

@@ -1,12 +1,14 @@
-"""Large stores from bundled frames, written as plain files of format 1 and upgraded by `wingd verify --upgrade`."""
+"""Large stores from bundled frames, written with their chain and sums, and verified."""
 
 import datetime
 import hashlib
 import json
+import shutil
 import subprocess
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+ID = 32 * "1"
 BEGUN = datetime.datetime(2026, 3, 1, 8, tzinfo=datetime.timezone.utc)
 
 
@@ -44,10 +46,14 @@ def make(wingd, root, series, shots, frames, template=None, installation=None):
     flight.mkdir(parents=True)
     for name in ["incoming", "partial"]:
         (root / name).mkdir()
-    (root / "store.toml").write_text("format = 1\n")
+    (root / "store.toml").write_text(f'format = 2\nid = "{ID}"\n')
     (root / "counter.json").write_text(json.dumps({"next_flight": 2, "next_series": series + 1}) + "\n")
-    (flight / "flight.json").write_text(
-        json.dumps({"flight": "f0001", "started": stamp(0), "because": "first series of the store"}))
+    head = json.dumps({"flight": "f0001", "started": stamp(0), "because": "first series of the store"})
+    (flight / "flight.json").write_text(head)
+    events = [{"flight": {"store": ID, "flight": "f0001", "sha256": sha256(head.encode())}}]
+    if installation:
+        shutil.copytree(installation, root / "installations" / Path(installation).name)
+        events.append({"installation": {"sha256": Path(installation).name}})
     for number in range(1, series + 1):
         name = f"s{number:06}"
         folder = flight / name
@@ -65,12 +71,28 @@ def make(wingd, root, series, shots, frames, template=None, installation=None):
         manifest = {"format": 1, "series": name, "flight": "f0001", "state": "complete", "cause": "scheduled",
                     "started": stamp(begun), "ended": stamp(begun + 2 * shots + 2), "planned_shots": shots,
                     "camera": {"name": "bundled"}, "shots": taken}
-        (folder / "series.json").write_text(json.dumps(manifest, indent=2))
-        if lines:
-            (folder / "results.jsonl").write_text("".join(line + "\n" for line in lines))
-    command = [wingd, "verify", "--upgrade"] + (["--installation", installation] if installation else [])
-    subprocess.run(command + [root], check=True, stdout=subprocess.DEVNULL)
+        manifest = json.dumps(manifest, indent=2)
+        (folder / "series.json").write_text(manifest)
+        events.append({"series": {"series": name, "sha256": sha256(manifest.encode())}})
+        results = b"".join(line.encode() + b"\n" for line in lines)
+        if results:
+            (folder / "results.jsonl").write_bytes(results)
+            events.append({"results": {"series": name, "bytes": len(results), "sha256": sha256(results)}})
+    write_evidence(flight, events)
+    subprocess.run([wingd, "verify", root], check=True, stdout=subprocess.DEVNULL)
     return root
+
+
+def write_evidence(flight, events):
+    """The chain of these events, and the sums of all files of a flight."""
+    before, lines = 64 * "0", []
+    for event in events:
+        lines.append(json.dumps({"before": before, **event}))
+        before = sha256(lines[-1].encode())
+    (flight / "chain.jsonl").write_text("".join(line + "\n" for line in lines))
+    files = sorted(str(path.relative_to(flight)) for path in flight.rglob("*") if path.is_file())
+    sums = [f"{sha256((flight / name).read_bytes())}  {name}\n" for name in files]
+    (flight / "SHA256SUMS").write_text("".join(sums))
 
 
 def bundled_frames():

@@ -1,12 +1,10 @@
 //! Output of all commands: results to standard output, notes and progress to standard error, files.
 
-use std::borrow::Cow;
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
 use std::path::Path;
 use std::time::Duration;
 
-use console::style;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
@@ -20,29 +18,12 @@ use crate::text::printable_text;
 /// Returns an error if the line cannot be written, because a lost result must not look like success.
 pub fn print_line(text: &str) -> TaskResult<()> {
     let mut output = std::io::stdout().lock();
-    let text = printable_text(text);
-    // Standard output is a terminal, and NO_COLOR is not set.
-    let text = if console::colors_enabled() {
-        mark_verdicts(text)
-    } else {
-        text
-    };
-    match writeln!(output, "{text}").and_then(|()| output.flush()) {
+    match writeln!(output, "{}", printable_text(text)).and_then(|()| output.flush()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::Failed(format!(
             "the results cannot be written to standard output ({error}); free space, or redirect them elsewhere"
         ))),
         _ => Ok(()),
     }
-}
-
-/// Colours the cells of a table that say that a result is not to be used.
-fn mark_verdicts(text: Cow<'_, str>) -> Cow<'_, str> {
-    let red = |word: &str| format!("  {}", style(word).red().bold().force_styling(true));
-    let mark = |text: String, word: &&str| text.replace(&format!("  {word}"), &red(word));
-    ["rejected", "failed", "doubtful"]
-        .iter()
-        .fold(text.into_owned(), mark)
-        .into()
 }
 
 /// Prints a result as a line of JSON.
@@ -110,20 +91,4 @@ fn styled_bar(bar: ProgressBar, template: &str, what: &str) -> ProgressBar {
     let style =
         ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
     bar.with_style(style).with_message(what.to_owned())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn only_cells_of_verdicts_are_coloured() {
-        let table = "image  test\na.jpg  rejected\nb.jpg  passed\n1 rejected of 2";
-        let marked = mark_verdicts(table.into());
-        assert_eq!(
-            marked.replace("\u{1b}[31m\u{1b}[1mrejected\u{1b}[0m", "rejected"),
-            table
-        );
-        assert_eq!(marked.matches('\u{1b}').count(), 3);
-    }
 }

@@ -1,6 +1,6 @@
 //! Comparison of two sets of results of the same frames, frame by frame.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
 use serde_json::Value;
@@ -48,52 +48,32 @@ impl FrameChange {
     }
 }
 
-/// Flight with one of its result sets.
-#[derive(Clone, Debug)]
-pub struct ComparedFlight {
-    pub flight: FlightRef,
-    pub set: ResultSet,
-}
-
-/// Compares the results of two flights frame by frame, matching frames by SHA-256; sorted by series and frame.
+/// Compares two result sets of a flight frame by frame; sorted by series and frame.
 pub fn compare_frames(
     disk: &dyn Disk,
-    old: &ComparedFlight,
-    new: &ComparedFlight,
+    flight: &FlightRef,
+    old: &ResultSet,
+    new: &ResultSet,
 ) -> StoreResult<Vec<FrameChange>> {
-    let mut before = BTreeMap::new();
-    for series in catalogue::list_series(disk, &old.flight)? {
-        before.extend(
-            read_records(disk, &series, &old.set)?
-                .into_iter()
-                .map(|(key, r)| (key.2.clone(), (key, r))),
-        );
-    }
     let mut all = Vec::new();
-    for series in catalogue::list_series(disk, &new.flight)? {
-        for (key, record) in read_records(disk, &series, &new.set)? {
-            let old = before.remove(&key.2).map(|(_, record)| record);
-            all.push(compare_frame_records(key, old.as_ref(), Some(&record)));
-        }
+    for series in catalogue::list_series(disk, flight)? {
+        let before = read_records(disk, &series, old)?;
+        let after = read_records(disk, &series, new)?;
+        let frames: BTreeSet<&String> = before.keys().chain(after.keys()).collect();
+        all.extend(frames.into_iter().map(|frame| {
+            let name = (series.id.clone(), frame.clone());
+            compare_frame_records(name, before.get(frame), after.get(frame))
+        }));
     }
-    all.extend(
-        before
-            .into_values()
-            .map(|(key, record)| compare_frame_records(key, Some(&record), None)),
-    );
-    all.sort_by(|a, b| (&a.series, &a.frame).cmp(&(&b.series, &b.frame)));
     Ok(all)
 }
 
-/// Series, frame, and SHA-256 of the frame.
-type FrameKey = (String, String, String);
-
-/// Reads the records that a set of results has of a series, with the frame of each.
+/// Reads the records that a set of results has of a series, by frame.
 fn read_records(
     disk: &dyn Disk,
     series: &SeriesRef,
     set: &ResultSet,
-) -> StoreResult<Vec<(FrameKey, ImageRecord)>> {
+) -> StoreResult<BTreeMap<String, ImageRecord>> {
     let record = |value| serde_json::from_value::<ImageRecord>(value).ok();
     let lean = |r: ImageRecord| ImageRecord {
         quality: Quality::default(),
@@ -101,17 +81,14 @@ fn read_records(
         provenance: Provenance::default(),
         ..r
     };
-    let one = |line: wingd_store::manifest::ResultLine| {
-        Some((
-            (series.id.clone(), line.frame, line.frame_sha256),
-            lean(record(line.record)?),
-        ))
-    };
-    result_sets::results_in_set(disk, series, Some(set), one)
+    let one =
+        |line: wingd_store::manifest::ResultLine| Some((line.frame, lean(record(line.record)?)));
+    let records = result_sets::results_in_set(disk, series, Some(set), one)?;
+    Ok(records.into_iter().collect())
 }
 
 fn compare_frame_records(
-    key: FrameKey,
+    (series, frame): (String, String),
     old: Option<&ImageRecord>,
     new: Option<&ImageRecord>,
 ) -> FrameChange {
@@ -125,8 +102,8 @@ fn compare_frame_records(
     let sigma_m = is.as_ref().and_then(|tip| tip.sigma_deflection_m);
     let twist = |record: Option<&ImageRecord>| record?.torsion.first()?.twist_deg;
     FrameChange {
-        series: key.0,
-        frame: key.1,
+        series,
+        frame,
         status: (old.map(|r| r.status), new.map(|r| r.status)),
         tip_deflection_m: (was.map(|t| t.deflection_m), is.map(|t| t.deflection_m)),
         change_m,

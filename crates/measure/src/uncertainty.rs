@@ -114,11 +114,6 @@ impl SetupUncertainty {
             .any(|row| row.of_flight && self[row.width] > 0.0)
     }
 
-    /// Returns the priors without effects of flight on wing, cabin and camera, which a laboratory does not have.
-    pub fn without_flight_effects(self) -> Self {
-        self.with_flight_effects(&Self::from_drawings())
-    }
-
     /// Returns these priors as fixed ones that the frames of a flight do not scale.
     pub fn without_frame_scaling(mut self) -> Self {
         (

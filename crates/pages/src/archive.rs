@@ -7,7 +7,6 @@ use tokio::sync::OwnedSemaphorePermit;
 use super::Refusal;
 use super::send::{Content, ContentSource};
 use wingd_store::bundle::{BundleFile, FlightBundle};
-use wingd_store::layout as store_layout;
 use wingd_store::receive::Listing;
 
 /// Size of a tar block, bytes: header and content fill whole blocks, and two empty blocks end the archive.
@@ -50,31 +49,6 @@ pub fn archive_listing(flight: &str, bundle: &FlightBundle) -> Listing {
         at = item.offset + item.length.next_multiple_of(BLOCK_BYTES);
     }
     listing
-}
-
-/// Returns the concatenated results of all series of a flight.
-pub fn results_content(
-    flight: &str,
-    bundle: FlightBundle,
-    permit: OwnedSemaphorePermit,
-) -> Content {
-    let ours = |item: &BundleFile| item.name.ends_with(store_layout::RESULTS_FILE);
-    let items: Vec<BundleFile> = bundle.items.into_iter().filter(ours).collect();
-    let digests: String = items
-        .iter()
-        .map(|item| format!("{}\n", item.sha256))
-        .collect();
-    Content {
-        parts: items
-            .into_iter()
-            .map(|item| (item.length, item.content.into()))
-            .collect(),
-        digest: wingd_store::sha256_hex(digests.as_bytes()),
-        kind: "text/plain; charset=utf-8",
-        save_as: Some(format!("{flight}-results.jsonl")),
-        by_range: true,
-        permit: Some(permit),
-    }
 }
 
 fn zero_padding(length: u64) -> ContentSource {

@@ -1,4 +1,4 @@
-//! Read-only pages over a store: lists, downloads by range, a flight as one archive, the report.
+//! Read-only pages over a store: lists, downloads by range, a flight as one archive.
 //!
 //! | path | response |
 //! |---|---|
@@ -7,11 +7,9 @@
 //! | `/flights/{flight}/{series}` | frames and results of the series, 50 frames a page (`?page=2`) |
 //! | `/frames/{flight}/{series}/{file}` | one frame with its markers |
 //! | `/thumb/…svg`, `/overlay/…svg` | a frame with its markers drawn, small and large |
-//! | `/results/{flight}.jsonl` | the results of all series |
 //! | `/files/{flight}/...` | files of the store, unchanged; frames and manifests by range |
 //! | `/tar/{flight}.tar` | the flight as one archive, by range; unpacked it is a store |
 //! | `/bundle/{flight}.json` | the archive's files: name, length, SHA-256, offset of the bytes |
-//! | `/report/{flight}` | the report |
 //! | `/live`, `/live.js`, `/figure.js` | the live page and its scripts |
 //! | `/live/events` | live results as server-sent events |
 //! | `/live/frame.jpg` | a small image of the newest frame |
@@ -52,29 +50,19 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use access::Access;
 use limits::AnswerLimits;
 use recorder::Recorder;
-use send::Content;
 use wingd_evaluation::figures::FIGURE_SCRIPT;
-use wingd_evaluation::results::ReportBuilder;
 use wingd_evaluation::results::overview;
-use wingd_evaluation::results::source;
-use wingd_evaluation::results::source::ResultChoice;
-use wingd_measure::setup::Setup;
 use wingd_store::bundle;
-use wingd_store::bundle::FlightBundle;
 use wingd_store::receive::Listing;
-use wingd_store::{FlightRef, RealDisk, SeriesRef, StoreError, catalogue, layout};
+use wingd_store::{RealDisk, StoreError, catalogue};
 
 /// Data that the pages show.
 #[derive(Clone)]
 pub struct Site {
     /// Root folder of the store.
     pub root: PathBuf,
-    /// Installation's setup, for the report's ground shape and lines of sight.
-    pub setup: Option<Setup>,
     /// Recorder that runs in this process.
     pub recorder: Option<Arc<dyn Recorder>>,
-    /// Builder of reports; without one there is no such page.
-    pub reports: Option<ReportBuilder>,
 }
 
 /// Maximum number of threads that read files and the store for pages: the recorder's service may have 128 tasks.
@@ -97,21 +85,14 @@ const MAX_ARCHIVES: usize = 2;
 /// Timeout for an archive's permit; after it the client is head to retry.
 const PERMIT_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Maximum number of reports made at the same time; each may hold a whole flight in memory.
-const MAX_REPORTS: usize = 1;
-
 /// Maximum number of frames decoded for display at the same time.
 const MAX_PICTURES: usize = 1;
-
-/// Maximum size of the results of a series in a report, bytes: its records are in memory at the same time.
-const MAX_REPORT_RESULTS: u64 = 64_000_000;
 
 struct ServerState {
     site: Site,
     series: frames::SeriesCache,
     access: Arc<Access>,
     archives: Arc<Semaphore>,
-    reports: Semaphore,
     pictures: Semaphore,
     watchers: Arc<Semaphore>,
     pictures_live: Semaphore,
@@ -128,10 +109,7 @@ type RequestHead = (Method, HeaderMap);
 #[derive(Debug)]
 pub enum Refusal {
     NotFound,
-    NoReport,
     Busy,
-    /// The page would need too much memory.
-    TooLarge(String),
     Failed(String),
 }
 
@@ -148,16 +126,10 @@ impl IntoResponse for Refusal {
                 StatusCode::NOT_FOUND,
                 "This page or file does not exist.".to_owned(),
             ),
-            Self::NoReport => (
-                StatusCode::NOT_FOUND,
-                "The recorder writes no reports: download the flight, and run wingd report on it."
-                    .to_owned(),
-            ),
             Self::Busy => (
                 StatusCode::SERVICE_UNAVAILABLE,
                 "Other downloads are running; try again later.".to_owned(),
             ),
-            Self::TooLarge(reason) => (StatusCode::SERVICE_UNAVAILABLE, reason),
             Self::Failed(reason) => (StatusCode::INTERNAL_SERVER_ERROR, reason),
         };
         (status, Html(pages::message_page(&text).into_string())).into_response()
@@ -193,7 +165,6 @@ fn build_router(
         series: frames::SeriesCache::default(),
         access: access.clone(),
         archives,
-        reports: Semaphore::new(MAX_REPORTS),
         pictures: Semaphore::new(MAX_PICTURES),
         watchers: Arc::new(Semaphore::new(live::MAX_WATCHERS)),
         pictures_live: Semaphore::new(live::MAX_PICTURES),
@@ -212,12 +183,10 @@ fn build_router(
             "/overlay/{flight}/{series}/{file}",
             get(|state, path, head| frames::drawn_frame(state, path, head, frames::OVERLAY_PX)),
         )
-        .route("/results/{name}", get(send_results))
         .route("/files/{flight}/{file}", get(send_flight_file))
         .route("/files/{flight}/{series}/{file}", get(send_series_file))
         .route("/tar/{name}", get(send_tar))
         .route("/bundle/{name}", get(send_file_listing))
-        .route("/report/{flight}", get(report_page))
         .route("/status.json", get(send_status))
         .route_layer(axum::middleware::from_fn_with_state(
             AnswerLimits::new(access.clone()),
@@ -300,9 +269,7 @@ async fn flight_page(
     run_blocking(shared, move |site| {
         let found = files::check_flight(site, &flight)?;
         let overview = overview::read_overview(&RealDisk, &found)?;
-        Ok(Html(
-            pages::flight_page(&overview, &address, site.reports.is_some()).into_string(),
-        ))
+        Ok(Html(pages::flight_page(&overview, &address).into_string()))
     })
     .await
 }
@@ -336,60 +303,25 @@ async fn archive_permit(shared: &ServerState) -> Result<OwnedSemaphorePermit, Re
     waiting.ok().and_then(Result::ok).ok_or(Refusal::Busy)
 }
 
-/// Sends all files of a flight as one response, which holds a permit while it is sent. `name` must end with `ending`.
-async fn send_bundle(
-    shared: Arc<ServerState>,
-    (name, ending): (String, &str),
-    head: RequestHead,
-    content: fn(&FlightRef, FlightBundle, OwnedSemaphorePermit) -> Result<Content, Refusal>,
-) -> Result<Response, Refusal> {
-    let flight = name
-        .strip_suffix(ending)
-        .ok_or(Refusal::NotFound)?
-        .to_owned();
-    let permit = archive_permit(&shared).await?;
-    let work = move |site: &Site| {
-        let found = files::check_flight(site, &flight)?;
-        content(
-            &found,
-            bundle::bundle_flight(&RealDisk, &site.root, &found)?,
-            permit,
-        )?
-        .respond(&head)
-    };
-    run_blocking(shared, work).await
-}
-
-/// Sends the concatenated results of a flight.
-async fn send_results(
-    State(shared): ServerContext,
-    Path(name): Path<String>,
-    head: RequestHead,
-) -> Result<Response, Refusal> {
-    let content = |flight: &FlightRef, bundle, permit| {
-        Ok(archive::results_content(&flight.id, bundle, permit))
-    };
-    send_bundle(shared, (name, ".jsonl"), head, content).await
-}
-
+/// Sends all files of a flight as one archive, which holds a permit while it is sent.
 async fn send_tar(
     State(shared): ServerContext,
     Path(name): Path<String>,
     head: RequestHead,
 ) -> Result<Response, Refusal> {
-    let content = |flight: &FlightRef, bundle, permit| {
-        let begun_s = catalogue::read_flight_manifest(&RealDisk, flight)?
-            .started
-            .utc
-            .as_second();
-        archive::tar_content(
-            &flight.id,
-            bundle,
-            u64::try_from(begun_s).unwrap_or(0),
-            permit,
-        )
-    };
-    send_bundle(shared, (name, ".tar"), head, content).await
+    let flight = name
+        .strip_suffix(".tar")
+        .ok_or(Refusal::NotFound)?
+        .to_owned();
+    let permit = archive_permit(&shared).await?;
+    run_blocking(shared, move |site| {
+        let found = files::check_flight(site, &flight)?;
+        let bundle = bundle::bundle_flight(&RealDisk, &site.root, &found)?;
+        let begun = catalogue::read_flight_manifest(&RealDisk, &found)?.started;
+        let begun_s = u64::try_from(begun.utc.as_second()).unwrap_or(0);
+        archive::tar_content(&flight, bundle, begun_s, permit)?.respond(&head)
+    })
+    .await
 }
 
 async fn send_file_listing(
@@ -406,52 +338,6 @@ async fn send_file_listing(
         Ok(Json(archive::archive_listing(&flight, &bundle)))
     })
     .await
-}
-
-/// Sends the HTML report of a flight. Its policy allows only the report's own script, by hash.
-async fn report_page(
-    State(shared): ServerContext,
-    Path(flight): Path<String>,
-) -> Result<Response, Refusal> {
-    let builder = shared.site.reports.ok_or(Refusal::NoReport)?;
-    let _one_at_a_time = shared
-        .reports
-        .acquire()
-        .await
-        .map_err(|e| Refusal::Failed(e.to_string()))?;
-    run_blocking(shared.clone(), move |site| {
-        let found = files::check_flight(site, &flight)?;
-        refuse_large_report(&found)?;
-        let data = source::read_flight(
-            &site.root,
-            ResultChoice::for_flight(&flight),
-            site.setup.as_ref(),
-        )?;
-        let policy = [(
-            header::CONTENT_SECURITY_POLICY,
-            policy::report_policy(builder.script),
-        )];
-        Ok((policy, Html((builder.page)(&data))).into_response())
-    })
-    .await
-}
-
-/// Refuses the report of a flight with a series whose results do not fit into the page's memory.
-fn refuse_large_report(flight: &FlightRef) -> Result<(), Refusal> {
-    let too_large = |series: &SeriesRef| {
-        std::fs::metadata(series.folder.join(layout::RESULTS_FILE))
-            .is_ok_and(|meta| meta.len() > MAX_REPORT_RESULTS)
-    };
-    match catalogue::list_series(&RealDisk, flight)?
-        .into_iter()
-        .find(too_large)
-    {
-        None => Ok(()),
-        Some(series) => Err(Refusal::TooLarge(format!(
-            "Series {} has too many results for a report here; run `wingd report` on a copy of the store.",
-            series.id
-        ))),
-    }
 }
 
 async fn send_status(State(shared): ServerContext) -> Result<Json<Value>, Refusal> {

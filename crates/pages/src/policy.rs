@@ -2,9 +2,7 @@
 
 use axum::http::{HeaderValue, header};
 use axum::response::{Html, IntoResponse, Response};
-use base64::Engine;
 use maud::Markup;
-use sha2::{Digest, Sha256};
 
 /// Policy of pages without a script.
 pub const PLAIN: &str =
@@ -30,14 +28,4 @@ pub fn script_response(text: &'static str) -> Response {
         text,
     )
         .into_response()
-}
-
-/// Returns the policy of a report: only its own `script`, by hash; `blob:` is needed to save a figure as PNG.
-pub fn report_policy(script: &str) -> HeaderValue {
-    let hash = base64::engine::general_purpose::STANDARD.encode(Sha256::digest(script));
-    let policy = format!(
-        "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' data: blob:; script-src 'sha256-{hash}'; \
-         frame-ancestors 'none'"
-    );
-    HeaderValue::from_str(&policy).unwrap_or(HeaderValue::from_static(PLAIN))
 }

@@ -45,7 +45,6 @@ pub use disk::owner::{Owner, service_owner};
 pub use disk::{Disk, RealDisk, StoreError, StoreResult};
 pub use format::columns::{LiveColumn, LiveRow, LiveTable, ValueKind};
 pub use format::{Inputs, chain, columns, jsonl, layout, manifest, result_summary, sha256_hex};
-pub use maintenance::upgrade::upgrade_store;
 pub use maintenance::{prune, receive, verify};
 pub use read::catalogue::{FlightRef, SeriesRef};
 pub use read::frames::{FrameRef, read_frame, series_frames};

@@ -25,32 +25,16 @@ fn find_device_node(section: &V4lSection, class: &Path) -> Result<PathBuf, Camer
             ))),
         };
     }
-    list_video_nodes(class)
-        .into_iter()
-        .find(|node| {
-            // A camera may have several nodes; the first one delivers images, others metadata.
-            node.index == 0
-                && section
-                    .serial
-                    .as_ref()
-                    .is_none_or(|serial| node.serial.as_ref() == Some(serial))
-                && section.card.as_ref().is_none_or(|card| node.card == *card)
-        })
-        .map(|node| node.path)
-        .ok_or_else(|| {
-            let wanted = section
-                .serial
-                .iter()
-                .map(|serial| format!("serial {serial}"));
-            let wanted: Vec<_> = wanted
-                .chain(section.card.iter().map(|card| format!("card {card:?}")))
-                .collect();
-            CameraError::Gone(format!(
-                "no camera with {}; {}",
-                wanted.join(" and "),
-                describe_present(class)
-            ))
-        })
+    // A camera may have several nodes; the first one delivers images, others metadata.
+    let is_wanted = |node: &VideoNode| node.index == 0 && Some(&node.card) == section.card.as_ref();
+    let node = list_video_nodes(class).into_iter().find(is_wanted);
+    node.map(|node| node.path).ok_or_else(|| {
+        let card = section.card.as_deref().unwrap_or_default();
+        CameraError::Gone(format!(
+            "no camera with card {card:?}; {}",
+            describe_present(class)
+        ))
+    })
 }
 
 /// Video node as described by sysfs.
@@ -58,7 +42,6 @@ struct VideoNode {
     path: PathBuf,
     card: String,
     index: u32,
-    serial: Option<String>,
     number: u32,
 }
 
@@ -84,8 +67,6 @@ fn read_video_node(sysfs: &Path) -> Option<VideoNode> {
         index: read(sysfs.join("index"))
             .and_then(|text| text.parse().ok())
             .unwrap_or(0),
-        // A USB interface is below the device that has the serial number.
-        serial: read(sysfs.join("device/../serial")).or_else(|| read(sysfs.join("device/serial"))),
         number: name.strip_prefix("video")?.parse().ok()?,
     })
 }
@@ -94,13 +75,7 @@ fn read_video_node(sysfs: &Path) -> Option<VideoNode> {
 fn describe_present(class: &Path) -> String {
     let list: Vec<_> = list_video_nodes(class)
         .iter()
-        .map(|node| {
-            let serial = node
-                .serial
-                .as_ref()
-                .map_or(String::new(), |serial| format!(", serial {serial}"));
-            format!("{} ({:?}{serial})", node.path.display(), node.card)
-        })
+        .map(|node| format!("{} ({:?})", node.path.display(), node.card))
         .collect();
     match list.is_empty() {
         true => "no video device is connected; check cable and power".to_owned(),
@@ -112,42 +87,23 @@ fn describe_present(class: &Path) -> String {
 mod tests {
     use super::*;
 
-    fn class() -> tempfile::TempDir {
-        let class = tempfile::tempdir().unwrap();
-        for (name, card, index, serial) in [
-            ("video3", "Wing cam", "0", "A7"),
-            ("video4", "Wing cam", "1", "A7"),
-        ] {
-            let interface = class.path().join(name).join("device");
-            fs::create_dir_all(&interface).unwrap();
-            fs::write(class.path().join(name).join("name"), format!("{card}\n")).unwrap();
-            fs::write(class.path().join(name).join("index"), index).unwrap();
-            fs::write(class.path().join(name).join("serial"), serial).unwrap();
-        }
-        class
-    }
-
-    fn section(serial: Option<&str>, card: Option<&str>) -> V4lSection {
-        let mut section: V4lSection = toml::from_str("format='GREY'\nwidth=2\nheight=2").unwrap();
-        section.serial = serial.map(str::to_owned);
-        section.card = card.map(str::to_owned);
-        section
-    }
-
     #[test]
-    fn a_camera_is_found_by_serial_and_card_whatever_its_number() {
-        let class = class();
-        let found = |serial, card| find_device_node(&section(serial, card), class.path());
-        assert_eq!(found(Some("A7"), None).unwrap(), Path::new("/dev/video3"));
-        assert_eq!(
-            found(None, Some("Wing cam")).unwrap(),
-            Path::new("/dev/video3")
-        );
-        let message = found(Some("B8"), None).unwrap_err().to_string();
+    fn a_camera_is_found_by_its_card_whatever_its_number() {
+        let class = tempfile::tempdir().unwrap();
+        for (name, index) in [("video3", "0"), ("video4", "1")] {
+            let node = class.path().join(name);
+            fs::create_dir_all(&node).unwrap();
+            fs::write(node.join("name"), "Wing cam\n").unwrap();
+            fs::write(node.join("index"), index).unwrap();
+        }
+        let found = |card: &str| {
+            let text = format!("card='{card}'\nformat='GREY'\nwidth=2\nheight=2");
+            find_device_node(&toml::from_str(&text).unwrap(), class.path())
+        };
+        assert_eq!(found("Wing cam").unwrap(), Path::new("/dev/video3"));
+        let message = found("B8").unwrap_err().to_string();
         assert!(
-            message.contains("serial B8")
-                && message.contains("/dev/video3")
-                && message.contains("A7"),
+            message.contains("card \"B8\"") && message.contains("/dev/video3"),
             "{message}"
         );
     }

@@ -25,14 +25,12 @@ use wingd_base::clock::exposure::{ExposureEvidence, MeasuredDelay};
 use wingd_base::fault::KeyFault;
 use wingd_evaluation::frame_format::Format;
 
-/// Section `[camera]` with `kind = "v4l"`. One of `device`, `serial` and `card` names the camera.
+/// Section `[camera]` with `kind = "v4l"`. One of `device` and `card` names the camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct V4lSection {
     /// Device node; preferably one of `/dev/v4l/by-id/…`, which keeps its name.
     pub device: Option<PathBuf>,
-    /// Serial number of the USB device.
-    pub serial: Option<String>,
     /// Name of the card, as printed by `v4l2-ctl --list-devices`.
     pub card: Option<String>,
     /// FourCC, such as `GREY`, `YUYV`, `MJPG`, `RG10`.
@@ -57,11 +55,11 @@ fn default_settle() -> u32 {
 impl DriverSection for V4lSection {
     fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
-        if self.device.is_none() && self.serial.is_none() && self.card.is_none() {
+        if self.device.is_none() && self.card.is_none() {
             faults.push(KeyFault::new(
                 "device",
                 "no camera is specified",
-                "give device, serial or card",
+                "give device or card",
             ));
         }
         if parse_fourcc(&self.format).is_none() {

@@ -30,9 +30,6 @@ pub struct LiveConfig {
     /// Path of the Unix socket that gives one line of JSON per result.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub socket: Option<PathBuf>,
-    /// Temperature above which the rate is lowered and, if that is not enough, live frames pause, degrees Celsius.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_temperature_c: Option<f64>,
     /// Feed of the aircraft's own data.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub aircraft_data: Option<AircraftConfig>,
@@ -46,7 +43,6 @@ impl Default for LiveConfig {
             keep: KeepConfig::default(),
             udp: None,
             socket: None,
-            max_temperature_c: None,
             aircraft_data: None,
         }
     }
@@ -115,13 +111,9 @@ impl LiveConfig {
             .rate_hz
             .is_none_or(|hz| (0.1..=MAX_RATE_HZ).contains(&hz));
         let address = self.udp.as_deref().is_none_or(port);
-        let temperature = self
-            .max_temperature_c
-            .is_none_or(|c| (30.0..=120.0).contains(&c));
         let give = "give frames per second, for example 10";
         let no_results = "is missing, so there are no results to publish";
         let nothing = "is false and rate_hz is missing, so nothing is recorded";
-        let sheet = "use the limit in the processor's data sheet";
         let rules = [
             (rate, "rate_hz", "must be 0.1 to 100", give),
             (
@@ -142,7 +134,6 @@ impl LiveConfig {
                 "is not host:port",
                 "write it as \"192.168.1.20:7072\"",
             ),
-            (temperature, "max_temperature_c", "must be 30 to 120", sheet),
         ];
         let mut faults = KeyFault::from_rules("live", &rules);
         faults.extend(self.keep.faults());
@@ -197,13 +188,12 @@ mod tests {
         let live: LiveConfig = toml::from_str(text).unwrap();
         assert_eq!(live.faults(), []);
         assert!(live.is_enabled() && live.series && live.keep.mount_disturbed);
-        let bad = "rate_hz = 0\nudp = \"7072\"\nmax_temperature_c = 1\n[keep]\nring_mb = 9999\ntip_rate_m_s = -1\n";
+        let bad = "rate_hz = 0\nudp = \"7072\"\n[keep]\nring_mb = 9999\ntip_rate_m_s = -1\n";
         let bad: LiveConfig = toml::from_str(bad).unwrap();
         let keys: Vec<String> = bad.faults().into_iter().map(|f| f.key).collect();
         let expected = [
             "live.rate_hz",
             "live.udp",
-            "live.max_temperature_c",
             "live.keep.ring_mb",
             "live.keep.tip_rate_m_s",
         ];

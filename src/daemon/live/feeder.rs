@@ -1,6 +1,5 @@
 //! Takes a frame at each tick between the series, and hands it to the solver through a mailbox for one frame.
 
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
@@ -9,11 +8,9 @@ use std::time::Duration;
 
 use super::context::LiveContext;
 use super::frames::RawFrameBuffer;
-use super::governor::Governor;
 use super::mailbox::Mailbox;
 use super::result::LiveFrame;
 use crate::daemon::capture::{Capture, CaptureMode, CapturedFrame, FailedAttempt};
-use crate::daemon::machine;
 
 /// Pause after the first failed shot; each further failure doubles it.
 const INITIAL_PAUSE: Duration = Duration::from_millis(500);
@@ -21,8 +18,6 @@ const INITIAL_PAUSE: Duration = Duration::from_millis(500);
 const MAX_PAUSE: Duration = Duration::from_secs(60);
 /// Number of hanging camera calls at which live frames pause: the remaining ones are for the series.
 const MAX_HANGING: usize = 3;
-/// Time between two checks of the temperature.
-const TEMPERATURE_INTERVAL: Duration = Duration::from_secs(5);
 /// Time between two checks while frames pause.
 const PAUSE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
@@ -35,13 +30,13 @@ pub(crate) struct Feeder {
     shared: LiveContext,
     mailbox: Arc<Mailbox<Arc<LiveFrame>>>,
     raw: Arc<RawFrameBuffer>,
-    governor: Governor,
+    /// Time from one frame to the next.
+    period: Duration,
     number: u64,
     /// Time at which the newest frame was requested, since boot, s.
     newest_s: f64,
     /// Time at which the next frame is due, since boot.
     next_frame: Duration,
-    next_check: Duration,
     failures: u32,
     /// Number of the camera opening that the raw frames have noted_opening.
     noted_opening: u64,
@@ -60,19 +55,16 @@ impl Feeder {
         shared: LiveContext,
         mailbox: Arc<Mailbox<Arc<LiveFrame>>>,
         raw: Arc<RawFrameBuffer>,
+        period: Duration,
     ) -> Self {
-        let config = &shared.config;
-        let governor = Governor::new(config.rate_hz.unwrap_or(1.0), config.max_temperature_c);
-        let (next_frame, next_check) = (Duration::ZERO, Duration::ZERO);
         Self {
             shared,
             mailbox,
             raw,
-            governor,
+            period,
             number: 0,
             newest_s: 0.0,
-            next_frame,
-            next_check,
+            next_frame: Duration::ZERO,
             failures: 0,
             noted_opening: 0,
         }
@@ -124,10 +116,9 @@ impl Feeder {
     }
 
     /// Returns the time at which the next frame is due, since boot. No frame is due while [`MAX_HANGING`] calls to the
-    /// camera hang or the processor is too hot.
-    pub fn next_due(&mut self, now: Duration, hanging: usize) -> Duration {
-        self.limit_rate_by_temperature(now);
-        match self.governor.allowed_hz() > 0.0 && hanging < MAX_HANGING {
+    /// camera hang.
+    pub fn next_due(&self, now: Duration, hanging: usize) -> Duration {
+        match hanging < MAX_HANGING {
             true => self.next_frame,
             false => now + PAUSE_CHECK_INTERVAL,
         }
@@ -175,7 +166,7 @@ impl Feeder {
     fn take_frames_while(&mut self, storing: &Receiver<()>, capture: &mut Capture) {
         let core = self.shared.core.clone();
         let begun = core.clock.since_boot();
-        self.next_frame = self.next_frame.max(begun + self.period());
+        self.next_frame = self.next_frame.max(begun + self.period);
         loop {
             let now = core.clock.since_boot();
             let wait = self
@@ -198,43 +189,12 @@ impl Feeder {
 
     /// Sets the interval at which results are expected; `pause`: additional time between two frames of a series.
     pub fn expect_results(&self, pause: Duration) {
-        let allowed_hz = self.governor.allowed_hz();
-        let interval =
-            (allowed_hz > 0.0).then(|| Duration::from_secs_f64(1.0 / allowed_hz) + pause);
-        self.shared.core.board.expect_results(interval);
+        self.shared.core.board.expect_results(self.period + pause);
     }
 
     /// Advances the next tick by one period; failed ticks are dropped.
     fn advance_tick(&mut self, now: Duration) {
-        let period = self.period();
-        self.next_frame = (self.next_frame + period).max(now.saturating_sub(period));
-    }
-
-    fn period(&self) -> Duration {
-        Duration::from_secs_f64(1.0 / self.governor.allowed_hz().max(0.1))
-    }
-
-    fn limit_rate_by_temperature(&mut self, now: Duration) {
-        if !self.governor.has_limit() || now < self.next_check {
-            return;
-        }
-        self.next_check = now + TEMPERATURE_INTERVAL;
-        let hottest = machine::read_temperatures_c(Path::new(machine::SYSFS))
-            .into_iter()
-            .map(|t| t.1)
-            .reduce(f64::max);
-        let changed = self.governor.update(now.as_secs_f64(), hottest);
-        let allowed_hz = self.governor.allowed_hz();
-        if changed {
-            tracing::warn!(
-                allowed_hz,
-                temperature_c = hottest,
-                "live mode: frame rate changed because of the temperature"
-            );
-            self.expect_results(Duration::ZERO);
-        }
-        self.shared
-            .update(|live| (live.temperature_c, live.allowed_hz) = (hottest, allowed_hz));
+        self.next_frame = (self.next_frame + self.period).max(now.saturating_sub(self.period));
     }
 
     fn pause_after_failure(&mut self, reason: &str) {

@@ -18,7 +18,6 @@ mod context;
 mod events;
 mod feeder;
 mod frames;
-mod governor;
 mod mailbox;
 mod meter;
 mod preview;
@@ -73,9 +72,9 @@ pub(crate) fn start_live(
         );
         shared.set_fault("memory", &format!("{problem}; {used_mb} MB are used"));
     }
-    shared.update(|live| (live.wanted_hz, live.allowed_hz) = (rate_hz, rate_hz));
-    core.board
-        .expect_results(Some(Duration::from_secs_f64(1.0 / rate_hz)));
+    shared.update(|live| live.wanted_hz = rate_hz);
+    let period = Duration::from_secs_f64(1.0 / rate_hz);
+    core.board.expect_results(period);
     if current.get().is_none() {
         shared.set_fault(
             "solver",
@@ -119,5 +118,6 @@ pub(crate) fn start_live(
             &format!("a thread of live mode cannot be started: {error}; restart wingd"),
         );
     }
-    Some((Feeder::new(shared, mailbox, raw), threads, publisher))
+    let feeder = Feeder::new(shared, mailbox, raw, period);
+    Some((feeder, threads, publisher))
 }

@@ -1,4 +1,4 @@
-//! Publishes results and the recorder's state as lines at a Unix socket and as datagrams. The queue of each listener is
+//! Publishes results as lines at a Unix socket, and with the recorder's state as datagrams. The queue of each listener is
 //! bounded: a listener that hangs loses lines, which are counted, and holds up nobody else.
 
 use std::collections::VecDeque;
@@ -6,10 +6,8 @@ use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use base64::Engine;
 use serde_json::json;
-use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
-use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
+use tokio::io::AsyncWriteExt;
 use tokio::net::{UdpSocket, UnixStream};
 use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 use tokio::sync::broadcast::{Receiver, Sender};
@@ -31,8 +29,6 @@ const STALL_TIMEOUT: Duration = Duration::from_secs(30);
 const LOSS_CHECK_INTERVAL: Duration = Duration::from_millis(200);
 /// Pause after an error of the operating system.
 const RETRY_PAUSE: Duration = Duration::from_secs(2);
-/// Maximum length of a request, bytes.
-const MAX_LINE: u64 = 64;
 
 /// Publishes results to listeners at the socket and as datagrams.
 #[derive(Clone)]
@@ -102,52 +98,31 @@ impl ResultPublisher {
         endpoint::serve_socket(&path, MAX_LISTENERS, report, client).await;
     }
 
-    /// Sends result lines until the listener disconnects, the preview on request, and the state from the first request on.
+    /// Sends result lines until the listener disconnects.
     async fn serve_listener(
         &self,
-        stream: UnixStream,
+        mut stream: UnixStream,
         mut results: Receiver<Arc<LiveMessage>>,
     ) -> io::Result<()> {
-        let (read, mut write) = stream.into_split();
-        let (sender, mut requests) = tokio::sync::mpsc::channel(1);
-        let reading = tokio::spawn(read_requests(read, sender));
-        let end = async {
-            let mut states = false;
-            loop {
-                let line = tokio::select! {
-                    result = results.recv() => match result {
-                        Ok(message) if message.is_state && !states => continue,
-                        Ok(message) if message.is_state => socket_state(&message.json),
-                        Ok(message) => message.json.clone(),
-                        Err(RecvError::Lagged(lines)) => {
-                            self.shared.update(|live| live.lines_lost += lines);
-                            continue;
-                        }
-                        Err(RecvError::Closed) => return Ok(()),
-                    },
-                    Some(request) = requests.recv() => match request {
-                        ListenerRequest::State => {
-                            states = true;
-                            socket_state(&self.state())
-                        }
-                        ListenerRequest::Frame => match self.preview_line().await {
-                            Some(line) => line,
-                            None => continue,
-                        },
-                    },
-                };
-                self.send_line(&mut write, &line, &mut results).await?;
+        loop {
+            match results.recv().await {
+                Ok(message) if message.is_state => {}
+                Ok(message) => {
+                    self.send_line(&mut stream, &message.json, &mut results)
+                        .await?
+                }
+                Err(RecvError::Lagged(lines)) => {
+                    self.shared.update(|live| live.lines_lost += lines)
+                }
+                Err(RecvError::Closed) => return Ok(()),
             }
-        };
-        let ended = end.await;
-        reading.abort();
-        ended
+        }
     }
 
     /// Sends a line, and counts the lines that the listener loses meanwhile.
     async fn send_line(
         &self,
-        write: &mut OwnedWriteHalf,
+        write: &mut UnixStream,
         line: &str,
         results: &mut Receiver<Arc<LiveMessage>>,
     ) -> io::Result<()> {
@@ -170,19 +145,6 @@ impl ResultPublisher {
             }
         }
         Err(io::ErrorKind::TimedOut.into())
-    }
-
-    async fn preview_line(&self) -> Option<String> {
-        let source = self.preview.clone();
-        let preview = tokio::task::spawn_blocking(move || source.image())
-            .await
-            .ok()??;
-        let jpeg = base64::engine::general_purpose::STANDARD.encode(&preview.jpeg);
-        let (width, height) = preview.size;
-        Some(
-            json!({ "frame": preview.number, "width": width, "height": height, "jpeg": jpeg })
-                .to_string(),
-        )
     }
 }
 
@@ -209,38 +171,6 @@ impl LiveResults for ResultPublisher {
 
     fn newest_frame(&self) -> Option<Arc<PreviewImage>> {
         self.preview.image()
-    }
-}
-
-/// Returns the line of the socket that carries a state.
-fn socket_state(json: &str) -> String {
-    format!("{{\"state\":{json}}}")
-}
-
-/// Request of a listener, a line with this word.
-enum ListenerRequest {
-    /// One preview image.
-    Frame,
-    /// The state, now and from now on.
-    State,
-}
-
-/// Reads the requests of a listener until it disconnects.
-async fn read_requests(read: OwnedReadHalf, requests: tokio::sync::mpsc::Sender<ListenerRequest>) {
-    let mut reader = BufReader::new(read);
-    loop {
-        let mut line = String::new();
-        match (&mut reader).take(MAX_LINE).read_line(&mut line).await {
-            Ok(0) | Err(_) => return,
-            Ok(_) => {
-                let request = match line.trim() {
-                    "frame" => ListenerRequest::Frame,
-                    "state" => ListenerRequest::State,
-                    _ => continue,
-                };
-                let _ = requests.try_send(request);
-            }
-        }
     }
 }
 

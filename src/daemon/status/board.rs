@@ -99,7 +99,7 @@ impl StatusBoard {
             };
             if let (Some(live_status), Some(live)) = (&mut status.live, &state.live) {
                 (live_status.interval_s, live_status.recent) =
-                    (live.interval_s, live.results.shares());
+                    (Some(live.interval_s), live.results.shares());
                 live_status.fault = state.faults.first_of(LIVE_PARTS);
             }
             if let Some(aircraft) = &mut status.aircraft {
@@ -127,12 +127,9 @@ impl StatusBoard {
         self.clock.since_boot().as_secs_f64()
     }
 
-    /// Sets the interval at which live results are expected from now on; `None` while live frames pause.
-    pub(crate) fn expect_results(&self, interval: Option<Duration>) {
-        let (now_s, interval_s) = (
-            self.seconds_since_boot(),
-            interval.map(|interval| interval.as_secs_f64()),
-        );
+    /// Sets the interval at which live results are expected from now on.
+    pub(crate) fn expect_results(&self, interval: Duration) {
+        let (now_s, interval_s) = (self.seconds_since_boot(), interval.as_secs_f64());
         self.with_state(|state| match &mut state.live {
             Some(live) => live.interval_s = interval_s,
             none => *none = Some(LiveMonitor::new(interval_s, now_s)),

@@ -1,5 +1,5 @@
-//! The only definition of health: one word with its reasons, for the page, `wingd status` and its exit status, the metrics
-//! and the datagrams.
+//! The only definition of health: one word with its reasons, for the page, `wingd status` and its exit status, and
+//! the datagrams.
 
 use serde::{Deserialize, Serialize};
 
@@ -151,14 +151,13 @@ impl StorageMonitor {
 #[derive(Clone, Debug)]
 pub(super) struct LiveMonitor {
     pub results: RecentResults,
-    /// Expected interval; `None` while live frames pause.
-    pub interval_s: Option<f64>,
+    pub interval_s: f64,
     since_s: f64,
 }
 
 impl LiveMonitor {
     /// Expects one result per interval from now on.
-    pub fn new(interval_s: Option<f64>, now_s: f64) -> Self {
+    pub fn new(interval_s: f64, now_s: f64) -> Self {
         Self {
             results: RecentResults::for_live(),
             interval_s,
@@ -167,11 +166,7 @@ impl LiveMonitor {
     }
 
     fn add_reasons(&self, now_s: f64, reasons: &mut HealthReasons) {
-        let Some(interval_s) = self.interval_s else {
-            return reasons.add_degraded(
-                "live frames pause: the processor is too hot; cool it, or lower rate_hz".to_owned(),
-            );
-        };
+        let interval_s = self.interval_s;
         let every = format_span(interval_s);
         match self.results.age_s(now_s) {
             Some(age_s) if age_s > OLD_INTERVALS.0 * interval_s => {
@@ -325,7 +320,7 @@ mod tests {
 
     /// Live results at 10 Hz for ten seconds: whether each is solved and rejected, and the frames skipped before it.
     fn live(outcome: impl Fn(u64) -> (bool, bool, u64)) -> LiveMonitor {
-        let mut live = LiveMonitor::new(Some(0.1), 0.0);
+        let mut live = LiveMonitor::new(0.1, 0.0);
         for k in 1..=100 {
             let (solved, rejected, skipped) = outcome(k);
             live.results
@@ -360,14 +355,10 @@ mod tests {
                 && why.contains("the last live result is 30 s old, one every 0.1 s"),
             "{why}"
         );
-        let none = LiveMonitor::new(Some(0.1), 0.0);
+        let none = LiveMonitor::new(0.1, 0.0);
         assert_eq!(
             (evaluate(&none, 5.0).0, evaluate(&none, 20.0).0),
             (Health::Ok, Health::Failed)
-        );
-        assert_eq!(
-            evaluate(&LiveMonitor::new(None, 0.0), 100.0).0,
-            Health::Degraded
         );
     }
 

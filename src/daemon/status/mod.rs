@@ -4,7 +4,6 @@
 mod board;
 mod faults;
 mod health;
-mod metrics;
 mod recent;
 
 use std::collections::BTreeMap;
@@ -18,7 +17,6 @@ pub(crate) use faults::{
     AIRCRAFT_PART, LIVE_PARTS, PAGE_PART, RESULTS_PART, SIGNING_PART, SOLVER_PART, STATUS_PART,
 };
 pub use health::{Health, format_span};
-pub(crate) use metrics::prometheus_text;
 pub use recent::RecentShares;
 
 /// Current activity of the daemon.
@@ -182,11 +180,9 @@ pub struct AircraftStatus {
 pub struct LiveStatus {
     /// Configured frames per second.
     pub wanted_hz: f64,
-    /// Frames per second that the temperature allows; 0 while frames pause.
-    pub allowed_hz: f64,
     /// Results per second over the last ten seconds.
     pub rate_hz: f64,
-    /// Expected time from one result to the next, s; longer during a series, `null` while frames pause.
+    /// Expected time from one result to the next, s; longer during a series.
     pub interval_s: Option<f64>,
     /// Shares of the last results, over ten seconds.
     pub recent: RecentShares,
@@ -225,8 +221,6 @@ pub struct LiveStatus {
     /// Raw frames of an event for which memory had no space.
     pub lost_frames: u64,
     pub events: u64,
-    /// Highest temperature, degrees Celsius; `null` if no limit is configured or the kernel reports none.
-    pub temperature_c: Option<f64>,
     /// Current fault of live mode; `null` if there is none.
     pub fault: Option<String>,
 }

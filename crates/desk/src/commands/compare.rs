@@ -1,11 +1,11 @@
-//! `wingd compare` shows the differences between two solves of a store, or between two stores.
+//! `wingd compare` shows the differences between two solves of a store.
 
 use std::path::PathBuf;
 
 use serde_json::json;
 
 use crate::compare;
-use crate::compare::{ChangeSummary, ComparedFlight, FrameChange};
+use crate::compare::{ChangeSummary, FrameChange};
 use wingd_base::failure::{Completion, Failure, TaskResult};
 use wingd_base::output::{print_json, print_line};
 use wingd_evaluation::grid::ColumnDefinition::One;
@@ -17,14 +17,11 @@ use wingd_store::result_sets;
 use wingd_store::result_sets::{ResultSet, ResultSets};
 use wingd_store::{FlightRef, RealDisk};
 
-/// Compare the results of two solves of a store, or of two stores.
+/// Compare the results of two solves of a store.
 #[derive(clap::Args)]
 pub struct CompareArgs {
     /// Store
     store: PathBuf,
-    /// Second store with the same frames; without it, two solves of the first store are compared
-    #[arg(value_name = "OTHER")]
-    other: Option<PathBuf>,
     /// Flight, for example f0001 [default: all flights]
     #[arg(long)]
     flight: Option<String>,
@@ -46,85 +43,54 @@ pub(super) fn run(args: &CompareArgs) -> TaskResult<Completion> {
     let ours = select_flights(&args.store, args.flight.as_deref())?;
     let mut compared = 0;
     for flight in &ours {
-        let Some((old, new)) = select_sides(args, flight)? else {
+        let sets = result_sets::flight_result_sets(&RealDisk, flight)?;
+        let old = select_result_set(&sets, args.from.as_deref(), 1, flight)?;
+        let new = select_result_set(&sets, args.to.as_deref(), 0, flight)?;
+        let Some((old, new)) = old.zip(new) else {
             continue;
         };
         compared += 1;
-        let changes = compare::compare_frames(&RealDisk, &old, &new);
-        print_comparison(args, &old, &new, &changes?)?;
+        let changes = compare::compare_frames(&RealDisk, flight, old, new)?;
+        print_comparison(args, flight, (old, new), &changes)?;
     }
     if compared == 0 {
-        let remedy = format!(
-            "run `wingd solve {}` to add results, or name a second store",
-            args.store.display()
-        );
+        let remedy = format!("run `wingd solve {}` to add results", args.store.display());
         let what = format!("no flight has results of two different inputs; {remedy}");
         return Err(Failure::from_path_error(&args.store, what));
     }
     Ok(Completion::All)
 }
 
-/// Selects the two result sets to compare; `None` if a flight has only one.
-fn select_sides(
-    args: &CompareArgs,
-    flight: &FlightRef,
-) -> TaskResult<Option<(ComparedFlight, ComparedFlight)>> {
-    let sets = result_sets::flight_result_sets(&RealDisk, flight)?;
-    if let Some(other) = &args.other {
-        let there = select_flights(other, None)?
-            .into_iter()
-            .find(|there| there.id == flight.id);
-        let Some(there) = there else { return Ok(None) };
-        let theirs = result_sets::flight_result_sets(&RealDisk, &there)?;
-        let old = select_result_set(&sets, args.from.as_deref(), flight)?;
-        let new = select_result_set(&theirs, args.to.as_deref(), &there)?;
-        let side = |(flight, set): (&FlightRef, Option<ResultSet>)| {
-            set.map(|set| ComparedFlight {
-                flight: flight.clone(),
-                set,
-            })
-        };
-        return Ok(side((flight, old)).zip(side((&there, new))));
-    }
-    let newest = |wanted: &Option<String>, from_end: usize| match wanted {
-        Some(key) => select_result_set(&sets, Some(key), flight),
-        None => Ok(sets.sets.iter().rev().nth(from_end).cloned()),
-    };
-    let (old, new) = (newest(&args.from, 1)?, newest(&args.to, 0)?);
-    let side = |set| ComparedFlight {
-        flight: flight.clone(),
-        set,
-    };
-    Ok(old.zip(new).map(|(old, new)| (side(old), side(new))))
-}
-
-fn select_result_set(
-    sets: &ResultSets,
+/// Selects the results whose key begins as wanted, or else those of the solve `from_end` before the newest.
+fn select_result_set<'a>(
+    sets: &'a ResultSets,
     wanted: Option<&str>,
+    from_end: usize,
     flight: &FlightRef,
-) -> TaskResult<Option<ResultSet>> {
-    let found = sets.choose_set(wanted).cloned();
-    if let (None, Some(key)) = (&found, wanted) {
+) -> TaskResult<Option<&'a ResultSet>> {
+    let Some(key) = wanted else {
+        return Ok(sets.sets.iter().rev().nth(from_end));
+    };
+    let found = sets.choose_set(wanted);
+    found.map(Some).ok_or_else(|| {
         let known: Vec<String> = sets.sets.iter().map(ResultSet::description).collect();
         let (flight, known) = (&flight.id, known.join(", "));
-        return Err(Failure::Failed(format!(
+        Failure::Failed(format!(
             "{flight}: no results with the key {key}; available: {known}"
-        )));
-    }
-    Ok(found)
+        ))
+    })
 }
 
 fn print_comparison(
     args: &CompareArgs,
-    old: &ComparedFlight,
-    new: &ComparedFlight,
+    flight: &FlightRef,
+    (old, new): (&ResultSet, &ResultSet),
     changes: &[FrameChange],
 ) -> TaskResult<()> {
     if args.json {
         for change in changes {
-            let mut line = json_fields(
-                &json!({"flight": new.flight.id, "from": old.set.key, "to": new.set.key}),
-            );
+            let mut line =
+                json_fields(&json!({"flight": flight.id, "from": old.key, "to": new.key}));
             line.extend(json_fields(change));
             print_json(&line)?;
         }
@@ -132,11 +98,11 @@ fn print_comparison(
     }
     print_line(&format!(
         "Flight {}: from {}, to {}",
-        new.flight.id,
-        old.set.description(),
-        new.set.description()
+        flight.id,
+        old.description(),
+        new.description()
     ))?;
-    for (name, was, is) in compare::differing_inputs(&old.set, &new.set) {
+    for (name, was, is) in compare::differing_inputs(old, new) {
         print_line(&format!("  {name}: {was} -> {is}"))?;
     }
     print_line(change_table(changes).text_with_width(args.wide).trim_end())?;

@@ -44,7 +44,7 @@ commands! {
     Report(report::ReportArgs) => report::run, Evaluate [
         "wingd report store --output report.html",
     ];
-    /// Compare two solves of a store, or two stores
+    /// Compare two solves of a store
     Compare(compare::CompareArgs) => compare::run, Evaluate [
         "wingd compare store",
     ];

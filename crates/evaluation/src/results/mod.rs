@@ -210,6 +210,4 @@ pub struct ReportData {
 pub struct ReportBuilder {
     /// Builds the page, without external resources.
     pub page: fn(&ReportData) -> String,
-    /// The page's own script.
-    pub script: &'static str,
 }

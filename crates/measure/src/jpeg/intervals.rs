@@ -7,8 +7,9 @@ use crate::tiles;
 
 /// Side of a block, px.
 pub const BLOCK: usize = tiles::TILE_SIDE;
-/// Markers: end of image, and the first of the eight restart markers used in turn.
-pub const END: u8 = 0xd9;
+/// Markers after the image: its end, or its number of lines once more.
+const ENDS: [u8; 2] = [0xd9, 0xdc];
+/// First of the eight restart markers used in turn.
 const FIRST_RESTART: u8 = 0xd0;
 
 /// Iterator over the intervals between a scan's restart markers.
@@ -20,15 +21,12 @@ pub struct RestartIntervals<'a> {
     /// First unit and number of the next interval.
     start: usize,
     number: usize,
-    /// Marker after the last interval, if known.
-    end: Option<u8>,
     coded: &'a [u8],
 }
 
 impl<'a> RestartIntervals<'a> {
-    /// Creates the iterator for `interval` units between restart markers, 0 for none. The last interval must end with the
-    /// marker `end` or, if that is `None`, with any but a restart marker.
-    pub fn new(scan: &'a [u8], units: usize, interval: usize, end: Option<u8>) -> Self {
+    /// Creates the iterator for `interval` units between restart markers, 0 for none.
+    pub fn new(scan: &'a [u8], units: usize, interval: usize) -> Self {
         let length = if interval == 0 { units } else { interval };
         Self {
             rest: scan,
@@ -36,7 +34,6 @@ impl<'a> RestartIntervals<'a> {
             length,
             start: 0,
             number: 0,
-            end,
             coded: &[],
         }
     }
@@ -55,10 +52,7 @@ impl<'a> RestartIntervals<'a> {
         let right = if units.end < self.units {
             marker == FIRST_RESTART + (self.number % 8) as u8
         } else {
-            self.end.map_or(
-                !(FIRST_RESTART..FIRST_RESTART + 8).contains(&marker),
-                |end| marker == end,
-            )
+            ENDS.contains(&marker)
         };
         if !right {
             return Err(damaged_error("data are missing or misplaced"));

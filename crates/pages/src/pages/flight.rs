@@ -7,9 +7,8 @@ use wingd_evaluation::number::format_rounded;
 use wingd_evaluation::results::overview::{FlightOverview, SeriesOverview};
 use wingd_evaluation::results::table;
 
-/// Renders a flight's page. `address` is the URL by which the client addresses this server, for the download commands;
-/// `with_report`: whether the server has the page of the report.
-pub fn flight_page(overview: &FlightOverview, address: &str, with_report: bool) -> Markup {
+/// Renders a flight's page. `address` is the URL by which the client addresses this server, for the download commands.
+pub fn flight_page(overview: &FlightOverview, address: &str) -> Markup {
     let id = &overview.flight;
     let missing: Vec<&SeriesOverview> = overview
         .series
@@ -20,9 +19,7 @@ pub fn flight_page(overview: &FlightOverview, address: &str, with_report: bool) 
         @if let Some(warning) = &overview.warning { p.warning { (warning) } }
         @for note in &overview.notes { p.warning { (note) } }
         p {
-            @if with_report { a href={ "/report/" (id) } { "Report" } ", " }
             a href={ "/tar/" (id) ".tar" } { "full flight (tar)" } ", "
-            a href={ "/results/" (id) ".jsonl" } { "results only" } ", "
             a href={ "/files/" (id) "/SHA256SUMS" } { "SHA256SUMS" }
         }
         div.figure { (curve::deflection_curve(overview, 190.0)) }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-/// Format of a new store. Format 1, without chains and sums, is also read and written (`wingd verify --upgrade`).
+/// Format of a new store. Format 1, without chains and sums, is also read and written.
 pub const FORMAT: u32 = 2;
 /// Format of a store without evidence (chains and sums).
 pub const FORMAT_WITHOUT_EVIDENCE: u32 = 1;

@@ -1,6 +1,5 @@
-//! Maintenance of a store: verification, copies, upgrade, and deletion of flights that are stored elsewhere.
+//! Maintenance of a store: verification, copies, and deletion of flights that are stored elsewhere.
 
 pub mod prune;
 pub mod receive;
-pub(crate) mod upgrade;
 pub mod verify;

@@ -37,7 +37,7 @@ pub fn verify_copy(
 ) -> StoreResult<CopyProof> {
     let stays = |why: &str| Ok(CopyProof::Unverified(why.to_owned()));
     let Some(id) = catalogue::store_id(disk, root) else {
-        return stays("the store has no chains and sums; run `wingd verify --upgrade` to add them");
+        return stays("the store has format 1, without chains and sums");
     };
     if is_same_path(root, copy) {
         return stays("the copy is the store itself");

@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 use crate::disk::{DirectoryEntry, Disk, StoreError, StoreResult};
 use crate::format::append_file_kinds::AppendFileKind;
 use crate::format::chain::Chain;
-use crate::format::manifest::{FlightManifest, ResultLine, SeriesManifest};
+use crate::format::manifest::{FlightManifest, SeriesManifest};
 use crate::format::{jsonl, layout};
 
 /// Reference to a flight.
@@ -259,19 +259,6 @@ pub fn for_each_line(
             return Ok(());
         }
     }
-}
-
-/// Reads the intact lines of a series' `results.jsonl`, in the order written; empty if there is none.
-pub fn read_results(disk: &dyn Disk, series: &SeriesRef) -> StoreResult<Vec<ResultLine>> {
-    let mut results = Vec::new();
-    for_each_line(
-        disk,
-        &series.folder.join(layout::RESULTS_FILE),
-        |_, line| {
-            results.extend(serde_json::from_slice::<ResultLine>(line).ok());
-        },
-    )?;
-    Ok(results)
 }
 
 fn read_json<T: DeserializeOwned>(disk: &dyn Disk, path: &Path) -> StoreResult<T> {

@@ -5,34 +5,12 @@ use std::path::Path;
 use super::catalogue::{self, FlightRef};
 use crate::disk::{Disk, StoreError, StoreResult};
 use crate::format::append_file_kinds::LIVE_RESULTS;
-use crate::format::columns::{LiveFile, LiveHead, LiveRow};
+use crate::format::columns::LiveFile;
 use wingd_base::clock::Stamp;
 
 /// Lists the closed files with live results of a flight, in order.
 pub fn closed_files(disk: &dyn Disk, flight: &FlightRef) -> StoreResult<Vec<String>> {
     catalogue::closed_files(disk, flight, &LIVE_RESULTS)
-}
-
-/// First line and rows of every file.
-pub type LiveRecording = Vec<(LiveHead, Vec<LiveRow>)>;
-
-/// Reads all live results of a flight, including the file being written; returns them with notes on unreadable data.
-pub fn read_live(
-    disk: &dyn Disk,
-    root: &Path,
-    flight: &FlightRef,
-) -> StoreResult<(LiveRecording, Vec<String>)> {
-    let mut all = LiveRecording::new();
-    let notes = for_each_live_file(disk, root, flight, |mut file| {
-        let mut rows = Vec::new();
-        while let Some(block) = file.next_block() {
-            rows.extend(block.rows().unwrap_or_default());
-        }
-        let rest = file.torn_length();
-        all.push((file.head, rows));
-        Result::<usize, StoreError>::Ok(rest)
-    })?;
-    Ok((all, notes))
 }
 
 /// Calls `read` with a flight's files in the order written, the one being written last. `read` returns the number of bytes

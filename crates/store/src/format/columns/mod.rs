@@ -137,19 +137,6 @@ impl LiveTable {
             .fold(0, |all, column| all.saturating_add(column.width))
     }
 
-    /// Returns the index of a column and of its first value in a row.
-    pub fn find_column(&self, name: &str) -> Option<(usize, usize)> {
-        let at = self.columns.iter().position(|column| column.name == name)?;
-        Some((
-            at,
-            self.columns
-                .iter()
-                .take(at)
-                .map(|column| column.width)
-                .sum(),
-        ))
-    }
-
     /// Returns whether a row can be encoded.
     pub fn accepts(&self, row: &LiveRow) -> bool {
         self.row_error(std::slice::from_ref(row)).is_none()

@@ -351,15 +351,12 @@ impl StoreChecker<'_> {
             };
             audit.run(&mut self.report);
         } else if root.is_some() && self.disk.exists(&flight.folder.join(layout::CHAIN_FILE)) {
-            let problem = "is in a store of format 1: an upgrade was interrupted (repeat it), or store.toml was changed";
+            let problem = "is in a store of format 1: store.toml was changed";
             self.report
                 .add_fault(1, &flight.folder.join(layout::CHAIN_FILE), problem);
         } else {
             let problem = "has no chain: changed results and missing series cannot be detected";
-            self.report.notes.push(format!(
-                "{}: {problem} (`wingd verify --upgrade`)",
-                flight.id
-            ));
+            self.report.notes.push(format!("{}: {problem}", flight.id));
         }
     }
 
