@@ -89,7 +89,7 @@ pub fn read_size(bytes: &[u8]) -> Result<Option<(usize, usize)>, DecodeError> {
     if bytes[zeros..].starts_with(&JPEG_START) {
         let header =
             catch_panic(|| jpeg::header::read_header(&bytes[zeros..])).and_then(Result::ok);
-        return Ok(header.map(|data| (data.frame.width.into(), data.frame.height.into())));
+        return Ok(header.map(|(data, _)| (data.frame.width.into(), data.frame.height.into())));
     }
     decode_image(bytes, None).map(|raster| Some((raster.width(), raster.height())))
 }
@@ -148,7 +148,7 @@ mod tests {
     use proptest::prelude::*;
 
     /// Encodes one image as each kind of file that cameras write: sequential, grey and colour, with and without restart
-    /// markers.
+    /// markers, and one progressive file.
     fn jpeg_files(width: u16, height: u16) -> Vec<Vec<u8>> {
         use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
         let wave = |x: u32, y: u32| (128.0 + 90.0 * (f64::from(x * x + 7 * y) / 90.0).sin()) as u8;
@@ -176,7 +176,21 @@ mod tests {
             sampled(SamplingFactor::R_4_2_2),
             sampled(SamplingFactor::R_4_2_0),
             file(true, &|e| e.set_restart_interval(2)),
+            file(false, &|e| e.set_progressive(true)),
         ]
+    }
+
+    #[test]
+    fn single_pass_decoding_equals_scan_decoding() {
+        for (k, bytes) in jpeg_files(61, 43).iter().enumerate() {
+            let (header, colour) = jpeg::header::read_header(bytes).unwrap();
+            let general = jpeg::scans::decode_luma(bytes, &header, colour).unwrap();
+            assert_eq!((general.width(), general.height()), (61, 43));
+            assert!(
+                decode_image(bytes, None).unwrap().luma() == general.luma(),
+                "file {k}"
+            );
+        }
     }
 
     /// Selects columns that move from row to row, in two stretches, and leaves some rows without any.
@@ -196,11 +210,12 @@ mod tests {
             let mut part = decode_partial(bytes, None, &slanted).unwrap();
             let tiles = slanted(61, 43);
             for (x, y) in (0..61).flat_map(|x| (0..43).map(move |y| (x, y))) {
-                let known = if tiles.row(y / 8)[x / 8] {
+                let known = if tiles.row(y / 8)[x / 8] || k == 7 {
                     whole.row(y)[x]
                 } else {
                     0
                 };
+                // Only the progressive file has several scans.
                 assert_eq!(
                     part.raster().row(y)[x],
                     known,
@@ -212,7 +227,7 @@ mod tests {
             more.mark(9..61, 8..40);
             part.decode_tiles(more);
             assert_eq!(part.raster().row(20)[9..], whole.row(20)[9..], "file {k}");
-            assert!(part.raster().row(20)[..8] == [0; 8], "file {k}");
+            assert!(k == 7 || part.raster().row(20)[..8] == [0; 8], "file {k}");
             part.decode_tiles(Tiles::all(61, 43));
             assert!(
                 part.into_raster() == whole,
@@ -284,7 +299,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn damaged_bytes_never_panic(kind in 0usize..7, at in 0usize..2000, value: u8, cut in 0usize..4000) {
+        fn damaged_bytes_never_panic(kind in 0usize..8, at in 0usize..2000, value: u8, cut in 0usize..4000) {
             let mut bytes = jpeg_files(61, 43).swap_remove(kind);
             let n = bytes.len();
             bytes[at % n] = value;
@@ -295,7 +310,7 @@ mod tests {
         /// Decoded tiles equal those of the full image in any order of requests, and no other tile is decoded.
         #[test]
         fn tiles_are_decoded_in_any_order(
-            kind in 0usize..7,
+            kind in 0usize..8,
             boxes in proptest::collection::vec((0usize..70, 0usize..20, 0usize..50, 0usize..20), 1..6),
         ) {
             let bytes = &jpeg_files(61, 43)[kind];
@@ -309,7 +324,7 @@ mod tests {
                 }
                 part.decode_tiles(wanted);
                 for (x, y) in (0..61).flat_map(|x| (0..43).map(move |y| (x, y))) {
-                    let known = all.row(y / 8)[x / 8];
+                    let known = kind == 7 || all.row(y / 8)[x / 8];
                     prop_assert_eq!(part.raster().row(y)[x], if known { whole.row(y)[x] } else { 0 });
                 }
             }

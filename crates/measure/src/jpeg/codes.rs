@@ -178,6 +178,13 @@ impl<'a> CodeReader<'a> {
         Ok(symbol)
     }
 
+    /// Reads the next `size` bits, at most 16.
+    #[inline(always)]
+    pub fn read_bits(&mut self, size: u8) -> u16 {
+        self.fill();
+        self.take_bits(size)
+    }
+
     /// Reads `size` bits that are already available.
     #[inline(always)]
     fn take_bits(&mut self, size: u8) -> u16 {
@@ -291,7 +298,7 @@ impl<'a> CodeReader<'a> {
 }
 
 /// Converts `size` bits to a signed number (ITU-T T.81, F.2.2.1).
-fn extend_sign(bits: u16, size: u8) -> i16 {
+pub fn extend_sign(bits: u16, size: u8) -> i16 {
     let (bits, size) = (i32::from(bits), i32::from(size));
     (if bits < 1 << size >> 1 {
         bits - (1 << size) + 1
@@ -301,6 +308,6 @@ fn extend_sign(bits: u16, size: u8) -> i16 {
 }
 
 /// Builds the error for codes read out of step.
-fn out_of_step_error() -> JpegError {
+pub fn out_of_step_error() -> JpegError {
     JpegError::CorruptData("codes are out of step".into())
 }

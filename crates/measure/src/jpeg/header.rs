@@ -2,35 +2,43 @@
 
 use std::sync::Arc;
 
+use libjpeg_turbo_rs::JpegError;
 use libjpeg_turbo_rs::common::huffman_table::{HuffmanTable, std_huffman_tables};
 use libjpeg_turbo_rs::decode::marker::{JpegMetadata, MarkerReader};
-use libjpeg_turbo_rs::{ComponentInfo, JpegError};
 
 use super::{JpegFault, MAX_SIDE};
+
+/// Colour of the first component.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FirstComponent {
+    /// Luma, alone or with two colour differences.
+    Luma,
+    /// Red, followed by green and blue.
+    Red,
+}
 
 /// Maximum number of scans: a progressive file has about ten; very many would cost unlimited time.
 const MAX_SCANS: usize = 200;
 
-/// Reads the header of a sequential image of 8 bits, Huffman-coded by cosine transform, grey or luma with two colour
-/// differences.
+/// Reads the header of an image of 8 bits, Huffman-coded by cosine transform, grey or in colour.
 ///
 /// # Errors
 /// Returns an error if the header is damaged or the kind is not supported.
-pub fn read_header(bytes: &[u8]) -> Result<JpegMetadata, JpegFault> {
+pub fn read_header(bytes: &[u8]) -> Result<(JpegMetadata, FirstComponent), JpegFault> {
     let mut reader = MarkerReader::new(bytes);
     reader.set_scan_cap(MAX_SCANS);
     let mut header = reader.read_markers().map_err(|error| match error {
         JpegError::Unsupported(_) => JpegFault::Unsupported("hierarchical coding".into()),
         other => JpegFault::Damaged(other.to_string()),
     })?;
-    check_kind(&header).map_err(|kind| JpegFault::Unsupported(kind.into()))?;
+    let colour = check_kind(&header).map_err(|kind| JpegFault::Unsupported(kind.into()))?;
     check_plausible(&header, bytes.len())?;
     add_standard_tables(&mut header);
-    Ok(header)
+    Ok((header, colour))
 }
 
-/// Returns the name of the kind of an image that is not supported.
-fn check_kind(header: &JpegMetadata) -> Result<(), &'static str> {
+/// Returns the first component of a supported image, or the name of the unsupported kind.
+fn check_kind(header: &JpegMetadata) -> Result<FirstComponent, &'static str> {
     let frame = &header.frame;
     if frame.is_lossless {
         return Err("lossless coding");
@@ -41,40 +49,42 @@ fn check_kind(header: &JpegMetadata) -> Result<(), &'static str> {
     if frame.precision != 8 {
         return Err("more than 8 bits");
     }
-    if frame.is_progressive || header.scans.len() > 1 {
-        return Err("several scans; `jpegtran -copy all` makes one of them without loss");
-    }
-    // Line cameras and scanners begin an image without knowing its height.
-    if frame.height() == 0 {
-        return Err("its height follows the image");
-    }
     let parts = &frame.components;
     let first = match &parts[..] {
-        [_] => return Ok(()),
+        [_] => return Ok(FirstComponent::Luma),
         [first, _, _] => first,
         [_, _, _, _] => return Err("CMYK colour"),
         _ => return Err("two components"),
     };
-    if is_rgb(header) {
-        return Err("red, green and blue");
-    }
-    let finer = |c: &ComponentInfo| {
-        c.horizontal_sampling > first.horizontal_sampling
-            || c.vertical_sampling > first.vertical_sampling
+    let finest = (first.horizontal_sampling, first.vertical_sampling);
+    let sampling = || {
+        parts
+            .iter()
+            .map(|c| (c.horizontal_sampling, c.vertical_sampling))
     };
-    if parts.iter().any(finer) {
-        return Err("colour of higher resolution than brightness");
+    match first_component(header) {
+        FirstComponent::Red if sampling().any(|s| s != finest) => {
+            Err("red, green and blue of different resolutions")
+        }
+        FirstComponent::Luma if sampling().any(|s| s.0 > finest.0 || s.1 > finest.1) => {
+            Err("colour of higher resolution than brightness")
+        }
+        colour => Ok(colour),
     }
-    Ok(())
 }
 
-/// Determines whether three components are red, green and blue, from JFIF, then Adobe's marker, then their names.
-fn is_rgb(header: &JpegMetadata) -> bool {
-    let names = header.frame.components.iter().map(|c| c.id);
-    match header.adobe_transform_at_first_sos {
+/// Determines the first of three components from JFIF (luma), then Adobe's marker, then the components' names.
+fn first_component(header: &JpegMetadata) -> FirstComponent {
+    let names: Vec<u8> = header.frame.components.iter().map(|c| c.id).collect();
+    let red = match header.adobe_transform_at_first_sos {
         _ if header.saw_jfif_marker_at_first_sos => false,
         Some(transform) => transform == 0,
-        None => names.eq(*b"RGB"),
+        None => names == *b"RGB",
+    };
+    if red {
+        FirstComponent::Red
+    } else {
+        FirstComponent::Luma
     }
 }
 

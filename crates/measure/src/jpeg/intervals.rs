@@ -7,9 +7,8 @@ use crate::tiles;
 
 /// Side of a block, px.
 pub const BLOCK: usize = tiles::TILE_SIDE;
-/// Markers after the image: its end, or its number of lines once more.
-const ENDS: [u8; 2] = [0xd9, 0xdc];
-/// First of the eight restart markers used in turn.
+/// Markers: end of image, and the first of the eight restart markers used in turn.
+pub const END: u8 = 0xd9;
 const FIRST_RESTART: u8 = 0xd0;
 
 /// Iterator over the intervals between a scan's restart markers.
@@ -21,12 +20,15 @@ pub struct RestartIntervals<'a> {
     /// First unit and number of the next interval.
     start: usize,
     number: usize,
+    /// Marker after the last interval, if known.
+    end: Option<u8>,
     coded: &'a [u8],
 }
 
 impl<'a> RestartIntervals<'a> {
-    /// Creates the iterator for `interval` units between restart markers, 0 for none.
-    pub fn new(scan: &'a [u8], units: usize, interval: usize) -> Self {
+    /// Creates the iterator for `interval` units between restart markers, 0 for none. The last interval must end with the
+    /// marker `end` or, if that is `None`, with any but a restart marker.
+    pub fn new(scan: &'a [u8], units: usize, interval: usize, end: Option<u8>) -> Self {
         let length = if interval == 0 { units } else { interval };
         Self {
             rest: scan,
@@ -34,6 +36,7 @@ impl<'a> RestartIntervals<'a> {
             length,
             start: 0,
             number: 0,
+            end,
             coded: &[],
         }
     }
@@ -52,7 +55,10 @@ impl<'a> RestartIntervals<'a> {
         let right = if units.end < self.units {
             marker == FIRST_RESTART + (self.number % 8) as u8
         } else {
-            ENDS.contains(&marker)
+            self.end.map_or(
+                !(FIRST_RESTART..FIRST_RESTART + 8).contains(&marker),
+                |end| marker == end,
+            )
         };
         if !right {
             return Err(damaged_error("data are missing or misplaced"));

@@ -6,15 +6,18 @@
 //! | `partial` | image of which selected tiles are decoded, now and later |
 //! | `sequential` | one sequential scan, as cameras write it |
 //! | `codes` | its codes, read or skipped |
+//! | `scans` | progressive images, and scans of one component each |
+//! | `coefficients` | coefficients collected until the last scan |
+//! | `dnl` | height given after the first scan |
 //! | `intervals` | scan split at its restart markers |
-//!
-//! Only sequential images in one scan are read: in the scans of others data can be missing without a sign (of 120 cuts of 16
-//! to 1200 bytes in small progressive files, a decoder that refuses every improper code took 3 to 15 as whole).
 
 mod codes;
+mod coefficients;
+mod dnl;
 pub mod header;
 mod intervals;
 mod partial;
+pub mod scans;
 mod sequential;
 
 pub use partial::PartialImage;
@@ -43,5 +46,15 @@ pub type TileSelection<'a> = dyn Fn(usize, usize) -> Tiles + 'a;
 /// # Errors
 /// Returns an error if the file is damaged or of an unsupported kind.
 pub fn decode_partial(bytes: &[u8], wanted: &TileSelection) -> Result<PartialImage, JpegFault> {
-    PartialImage::from_jpeg(bytes, wanted)
+    let image = PartialImage::from_jpeg(bytes, wanted);
+    let damaged = matches!(image, Err(JpegFault::Damaged(_)));
+    // If it cannot be read as it is, its height may be given after the first scan.
+    match if damaged {
+        dnl::resolve_height(bytes)
+    } else {
+        None
+    } {
+        Some(whole) => PartialImage::from_jpeg(&whole?, wanted),
+        None => image,
+    }
 }

@@ -1,8 +1,7 @@
 //! Partially decoded image: selected tiles are decoded now, others later.
 
-use super::intervals::damaged_error;
 use super::sequential::{ResumableScan, SequentialScan};
-use super::{JpegFault, TileSelection, header};
+use super::{JpegFault, TileSelection, header, scans};
 use crate::raster::Raster;
 use crate::tiles::Tiles;
 
@@ -16,20 +15,23 @@ pub struct PartialImage {
 }
 
 impl PartialImage {
-    /// Reads a JPEG and decodes the tiles wanted.
+    /// Reads a JPEG and decodes the tiles wanted; an image in several scans is decoded completely.
     pub(super) fn from_jpeg(bytes: &[u8], wanted: &TileSelection) -> Result<Self, JpegFault> {
-        let header = header::read_header(bytes)?;
+        let (header, colour) = header::read_header(bytes)?;
         let coded = bytes.get(header.entropy_data_offset..).unwrap_or_default();
-        let scan = SequentialScan::from_header(&header)
-            .ok_or_else(|| damaged_error("the header of the scan is wrong"))?;
-        let [width, height] = scan.size();
-        let decoded = wanted(width, height);
-        let (raster, rest) = scan.decode(coded, &decoded)?;
-        Ok(Self {
-            raster,
-            decoded,
-            rest: Some(rest),
-        })
+        match SequentialScan::from_header(&header, colour) {
+            Some(scan) => {
+                let [width, height] = scan.size();
+                let decoded = wanted(width, height);
+                let (raster, rest) = scan.decode(coded, &decoded)?;
+                Ok(Self {
+                    raster,
+                    decoded,
+                    rest: Some(rest),
+                })
+            }
+            None => scans::decode_luma(bytes, &header, colour).map(Self::from_raster),
+        }
     }
 
     /// Wraps an image that is completely decoded.

@@ -11,7 +11,8 @@ use libjpeg_turbo_rs::simd;
 
 use super::JpegFault;
 use super::codes::{CodeReader, CodeTable, remove_stuffing};
-use super::intervals::{BLOCK, RestartIntervals, damaged_error};
+use super::header::FirstComponent;
+use super::intervals::{BLOCK, END, RestartIntervals, damaged_error};
 use crate::raster::Raster;
 use crate::tiles::{self, Tiles};
 
@@ -57,9 +58,12 @@ pub struct ResumableScan {
 }
 
 impl SequentialScan {
-    /// Prepares an image; `None` if its scan lacks a component or a table.
-    pub fn from_header(header: &JpegMetadata) -> Option<Self> {
+    /// Prepares a sequential image in one scan, grey or luma with colour; `None` if it is of another kind.
+    pub fn from_header(header: &JpegMetadata, colour: FirstComponent) -> Option<Self> {
         let frame = &header.frame;
+        if frame.is_progressive || header.scans.len() > 1 || colour != FirstComponent::Luma {
+            return None;
+        }
         let (across, down) = match &frame.components[..] {
             // One component: its blocks row by row, regardless of its sampling (ITU-T T.81, A.2.2).
             [_] => (1, 1),
@@ -126,7 +130,7 @@ impl SequentialScan {
         let units = self.columns * self.rows;
         let mut data = Vec::with_capacity(coded.len());
         let mut places = Vec::with_capacity(units.div_ceil(self.stride()));
-        let mut intervals = RestartIntervals::new(coded, units, self.interval);
+        let mut intervals = RestartIntervals::new(coded, units, self.interval, Some(END));
         while let Some(units) = intervals.next_interval()? {
             let start = data.len();
             remove_stuffing(intervals.coded(), &mut data);
