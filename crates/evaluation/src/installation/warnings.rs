@@ -100,7 +100,7 @@ fn find_contradictions(setup: &Setup, file: &Path) -> Vec<Fault> {
     );
     if let Some(skin) = &setup.skin_height {
         let (usual, sigma_m) = default_skin_height(reach_m);
-        // Default ± 3 sigma.
+        // ± 3 sigma.
         let near = |m: f64| (m - 3.0 * sigma_m, m + 3.0 * sigma_m);
         let span_m = (TIP_SPAN.0 * reach_m, TIP_SPAN.1 * reach_m);
         let ranges = [
