@@ -1,13 +1,13 @@
-//! Twist of live frames in proportion to their bending.
+//! Twist of frames in proportion to their bending.
 
 use crate::adjust::beam::Bending;
-use crate::adjust::layout::ParameterLayout;
+use crate::adjust::marker_state::DimensionDerivatives;
 use crate::adjust::scene::WingScene;
-use crate::estimation::Fit;
+use crate::adjust::values::UnknownValues;
 
-/// Ratio of the twist coefficients to the amplitude of the curvature, from all accepted frames. The twist of a single frame
-/// is mostly noise; derivatives with respect to the estimated dimensions depend on it, so each frame's noise would be
-/// counted as information about them.
+/// Ratio of the twist coefficients to the amplitude of the curvature, from all frames. The twist of a single frame is mostly
+/// noise; derivatives with respect to the estimated dimensions, which hardly change in a solution, depend on it, so each
+/// frame's noise would be counted as information about them.
 #[derive(Clone, Debug, Default)]
 pub struct LoadTwist {
     /// Sum of twist coefficients times amplitude, rad/m.
@@ -17,9 +17,8 @@ pub struct LoadTwist {
 }
 
 impl LoadTwist {
-    /// Adds the first frame of a solution.
-    pub fn with_frame(mut self, layout: &ParameterLayout, fit: &Fit) -> Self {
-        let values = layout.values(&fit.global, &fit.groups[0].local);
+    /// Adds a frame.
+    pub fn with_frame(mut self, values: &UnknownValues) -> Self {
         let amplitude = values.curvature_per_m[0];
         self.products.resize(values.twist_rad.len(), 0.0);
         self.products
@@ -30,14 +29,14 @@ impl LoadTwist {
         self
     }
 
-    /// Returns the layout with the derivatives with respect to the estimated dimensions of a wing with this curvature, 1/m,
-    /// and its expected twist.
-    pub fn fix_derivatives(
+    /// Returns the derivatives with respect to the estimated dimensions of a wing with this curvature, 1/m, and its expected
+    /// twist. `scale`: length in flight over length on the ground.
+    pub fn dimension_derivatives(
         &self,
         scene: &WingScene,
-        layout: &ParameterLayout,
         curvature_per_m: &[f64],
-    ) -> ParameterLayout {
+        scale: f64,
+    ) -> DimensionDerivatives {
         let ratio = if self.square > 0.0 {
             curvature_per_m[0] / self.square
         } else {
@@ -48,15 +47,11 @@ impl LoadTwist {
             .iter()
             .map(|product| product * ratio)
             .collect();
-        let bending = Bending {
+        scene.dimension_derivatives(&Bending {
             curvature_per_m,
             twist_rad: &twist_rad,
-            scale: layout.expected_scale,
+            scale,
             ..Bending::UNBENT
-        };
-        ParameterLayout {
-            dimension_derivatives: Some(scene.dimension_derivatives(&bending)),
-            ..layout.clone()
-        }
+        })
     }
 }

@@ -97,10 +97,9 @@ impl Flight<'_> {
         }
         for pass in 1.. {
             let weighted = self.hyperparameters.amplitudes_per_m[0];
-            for (frame, layout) in solved.flight_problem.layouts.iter().enumerate() {
-                self.hyperparameters
-                    .update_from_frame(frame, layout, &solved.fit);
-            }
+            let layouts = &solved.flight_problem.layouts;
+            self.hyperparameters
+                .update_from_frames(layouts, &solved.fit);
             let found = self.hyperparameters.amplitudes_per_m[0];
             let has_settled = (found / weighted).ln().abs() < AMPLITUDE_SETTLED;
             if !self.knowledge.is_alone() || has_settled || pass == AMPLITUDE_PASSES {

@@ -3,7 +3,8 @@
 use nalgebra::{DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 
 use super::{BlockMember, GroundPositions, ParameterLayout};
-use crate::adjust::scene::{BentWing, PosedCamera, WingScene, marker_displacement};
+use crate::adjust::beam::BeamSection;
+use crate::adjust::scene::{PosedCamera, WingScene, marker_displacement};
 use crate::adjust::term::{ParameterScope, ParameterTerm};
 use crate::adjust::values::UnknownValues;
 use crate::estimation::{EstimationError, EstimationResult, GroupPoint, Linearised};
@@ -12,7 +13,7 @@ use crate::estimation::{EstimationError, EstimationResult, GroupPoint, Linearise
 struct EvaluatedFrame<'a> {
     scene: &'a WingScene,
     values: UnknownValues,
-    bent: BentWing,
+    bent: Vec<BeamSection>,
     in_flight: PosedCamera,
     on_ground: PosedCamera,
 }

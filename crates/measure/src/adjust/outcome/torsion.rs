@@ -58,6 +58,7 @@ impl FrameOutcome<'_> {
             self.solved
                 .input
                 .scene
+                .wing
                 .ground
                 .stations
                 .get(m)

@@ -143,7 +143,10 @@ impl LiveState {
             mount_disturbed,
             base,
         } = step;
-        let fit = &attempt.solved.fit;
+        let (fit, layout) = (
+            &attempt.solved.fit,
+            &attempt.solved.flight_problem.layouts[0],
+        );
         let frames = if *mount_disturbed { 1 } else { self.frames + 1 };
         let mut next = LiveState {
             known: fit.information_prior(),
@@ -152,7 +155,7 @@ impl LiveState {
             twist: self
                 .twist
                 .clone()
-                .with_frame(&attempt.solved.flight_problem.layouts[0], fit),
+                .with_frame(&layout.values(&fit.global, &fit.groups[0].local)),
             frames,
             accepted_frames: self.accepted_frames.saturating_add(1),
             rejected_frames: 0,
@@ -220,9 +223,7 @@ impl LiveState {
     /// Resets the mounting to its priors.
     fn reset_mounting(&self, flight: &Flight, known: &mut InformationPrior) -> AdjustResult<()> {
         let own = self.model.layout.mounting;
-        let input = &flight.input;
-        let mut terms = vec![terms::mounting_rotation(input, false)];
-        terms.extend(terms::mounting_terms(input, false));
+        let terms = terms::mounting_terms(&flight.input, false);
         let mut covariance = DMatrix::zeros(own.count, own.count);
         let mut first = 0;
         for prior in terms.iter().flat_map(|term| &term.priors) {
