@@ -172,9 +172,8 @@ numbers! {
     OUTLINE: OutlineOptions {
         /// Minimum ratio of the length of the white to that of the black for the white to determine the length.
         longer: f64 = 1.1,
-        /// Fractions of the contrast below white at which black ends, in the order in which they are tried: skin is darker
-        /// than white, and at a level nearer to black it does not merge with the quadrants.
-        ends: [f64; 2] = [0.65, 0.8],
+        /// Fraction of the contrast below white at which black ends: skin is darker than white.
+        end: f64 = 0.65,
         /// Ratio to the outline of the box from which the grey level of the skin is estimated; `about_white` is that of the
         /// box in which white is searched for.
         about: f64 = 1.5,
