@@ -194,9 +194,7 @@ numbers! {
         /// Maximum distance of the outline's centre from the crossing of the edges for flat quadrants, px.
         aside_px: f64 = 1.5,
         /// Semi-minor axis of quadrants above which their crossing is searched for in a reduced image, px: with 400 px,
-        /// seen from 2.6 m, the centre of the outline is 8 px off.
+        /// seen from 2.6 m, the centre of the outline is 8 px off. It is half as thick in that image.
         large_px: f64 = 24.0,
-        /// Semi-minor axis in the reduced image, px.
-        small_px: f64 = 12.0,
     }
 }
