@@ -12,28 +12,17 @@
 mod picture;
 mod points;
 
-use nalgebra::Vector2;
-
 use super::detect::{self, Detection, Detections, GuidedDetector, MarkerPrediction};
 use super::geometry::Lens;
-use super::identify::{IdentifyError, Identities, MIN_IDENTIFIED, MIN_SEPARATION_PX, WingView};
+use super::identify::{IdentifyError, Identities, MIN_IDENTIFIED, WingView};
 use super::observation::Observation;
 use super::raster::Raster;
-use super::setup::Shape;
 use super::tiles::Tiles;
 
 pub use picture::Picture;
 
 /// Largest number of second passes. In flight, passes that add a marker do not count.
 pub const MAX_PASSES: usize = 3;
-/// Distance from its predicted position within which a missing marker is searched for, px: ten times the error of a simple
-/// beam's predictions.
-const DISPLACED_SEARCH_PX: f64 = 100.0;
-/// Largest relative difference between the length of a circle's image and the one predicted from survey and distance.
-const CIRCLE_TOLERANCE: f64 = 0.05;
-/// Largest such difference of quadrants.
-const QUADRANT_TOLERANCE: f64 = 0.15;
-
 /// Processing step of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Work {
@@ -264,8 +253,6 @@ impl<'a, P: Picture> FrameView<'a, P> {
 
     /// Searches at the positions that the installation predicts, from the nearest markers outwards
     /// ([`WingView::locate_markers`]), and names the markers. Returns `None` if that fails.
-    ///
-    /// Candidates for missing markers away from their positions are added.
     fn search(mut self) -> Option<FrameMarkers> {
         let mut detector = GuidedDetector::new(self.picture.decode_around(&[]));
         let locate = |targets: &[MarkerPrediction]| {
@@ -275,13 +262,7 @@ impl<'a, P: Picture> FrameView<'a, P> {
         let found = predictions.map(|p| detector.detect(self.picture.decode_around(&p), &p));
         (self.ended)(Work::Detect);
         let found = found?;
-        let (mut found, mut identities, mut first) = self.identify(found).ok()?;
-        let displaced = self.detect_displaced(&found, &identities);
-        (self.ended)(Work::Detect);
-        if !displaced.is_empty() {
-            found.add(displaced);
-            (found, identities, first) = self.identify(found).ok()?;
-        }
+        let (found, identities, first) = self.identify(found).ok()?;
         Some(self.build_unbiased_markers(found, identities, first))
     }
 
@@ -357,54 +338,6 @@ impl<'a, P: Picture> FrameView<'a, P> {
         (found, identities)
     }
 
-    /// Detects candidates for missing markers away from their predicted positions, for any bending of the wing.
-    ///
-    /// Markers that the ground frames did not show are not searched for.
-    fn detect_displaced(&mut self, found: &Detections, identities: &Identities) -> Vec<Detection> {
-        let ground = &self.wing.orientation.ground;
-        let mut missing = self.wing.predict_second_pass(&found.markers, identities);
-        missing.retain(|e| {
-            e.found.is_none()
-                && ground
-                    .iter()
-                    .any(|observation| observation.marker == e.marker)
-        });
-        let search_px = Vector2::repeat(DISPLACED_SEARCH_PX);
-        let missing: Vec<MarkerPrediction> = missing
-            .into_iter()
-            .map(|e| MarkerPrediction {
-                search_px,
-                ..e.prediction
-            })
-            .collect();
-        if missing.is_empty() {
-            return Vec::new();
-        }
-        let mut detector = GuidedDetector::from_detections(found);
-        let candidates = detector.detect_coarse(self.picture.decode_around(&missing), &missing);
-        let search_px = Vector2::repeat(MIN_SEPARATION_PX);
-        let similar = |m: &Detection| {
-            let is_known =
-                |known: &Detection| (known.centre_px - m.centre_px).norm() < MIN_SEPARATION_PX;
-            let similar = missing
-                .iter()
-                .find(|p| matches_marker(m, p))
-                .filter(|_| !found.markers.iter().any(is_known))?;
-            Some(MarkerPrediction {
-                centre_px: m.centre_px,
-                search_px,
-                ..similar.clone()
-            })
-        };
-        let similar: Vec<MarkerPrediction> = candidates.iter().filter_map(similar).collect();
-        if similar.is_empty() {
-            return Vec::new();
-        }
-        detector
-            .detect(self.picture.decode_around(&similar), &similar)
-            .markers
-    }
-
     fn build_unbiased_markers(
         &self,
         found: Detections,
@@ -422,14 +355,4 @@ impl<'a, P: Picture> FrameView<'a, P> {
             fault: None,
         }
     }
-}
-
-/// Returns whether a detection has the shape and size of a marker.
-fn matches_marker(found: &Detection, marker: &MarkerPrediction) -> bool {
-    let most = if found.shape == Shape::Circle {
-        CIRCLE_TOLERANCE
-    } else {
-        QUADRANT_TOLERANCE
-    };
-    found.shape == marker.shape && (found.semi_major_px / marker.semi_major_px - 1.0).abs() < most
 }

@@ -105,7 +105,7 @@ fn sample_skin(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse])
                     terms: Vector4::new(1.0, p, q, p * p),
                     value: f64::from(image.nearest_value(at.x, at.y)),
                     facing: side * normal.y,
-                    is_near: j < DIRT.nearest_px,
+                    is_near: j < DIRT.reach_px / 2,
                 });
             }
         }

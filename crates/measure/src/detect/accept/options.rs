@@ -135,10 +135,8 @@ numbers! {
     /// Contamination along a disc. Chosen on 2244 discs of 24 rendered sets, whose normalised error across fell from 1.21
     /// to 1.06; `tests/detect/dirt.rs`.
     DIRT: DirtOptions {
-        /// Number of pixels sampled outwards from there.
+        /// Number of pixels sampled outwards from there; the nearer half of them is compared between the sides.
         reach_px: usize = 6,
-        /// Number of these, from the outline, that are compared between the sides, px.
-        nearest_px: usize = 3,
         /// Step of the samples along the disc, px.
         step_px: f64 = 2.0,
         /// Smallest number of samples to each side of the middle.

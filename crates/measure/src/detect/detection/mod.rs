@@ -158,15 +158,6 @@ pub struct Detections {
     pub overshoot: Option<Overshoot>,
 }
 
-impl Detections {
-    /// Adds markers and restores the order.
-    pub fn add(&mut self, more: Vec<Detection>) {
-        self.markers.extend(more);
-        self.markers
-            .sort_by(|a, b| compare_positions(&a.centre_px, &b.centre_px));
-    }
-}
-
 /// Sharpening of an image: its difference from a blurred copy, times an amplitude, was added.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Overshoot {

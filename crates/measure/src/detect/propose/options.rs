@@ -172,9 +172,8 @@ numbers! {
     OUTLINE: OutlineOptions {
         /// Minimum ratio of the length of the white to that of the black for the white to determine the length.
         longer: f64 = 1.1,
-        /// Fractions of the contrast below white at which black ends, in the order in which they are tried: skin is darker
-        /// than white, and at a level nearer to black it does not merge with the quadrants.
-        ends: [f64; 2] = [0.65, 0.8],
+        /// Fraction of the contrast below white at which black ends: skin is darker than white.
+        end: f64 = 0.65,
         /// Ratio to the outline of the box from which the grey level of the skin is estimated; `about_white` is that of the
         /// box in which white is searched for.
         about: f64 = 1.5,
@@ -195,9 +194,7 @@ numbers! {
         /// Maximum distance of the outline's centre from the crossing of the edges for flat quadrants, px.
         aside_px: f64 = 1.5,
         /// Semi-minor axis of quadrants above which their crossing is searched for in a reduced image, px: with 400 px,
-        /// seen from 2.6 m, the centre of the outline is 8 px off.
+        /// seen from 2.6 m, the centre of the outline is 8 px off. It is half as thick in that image.
         large_px: f64 = 24.0,
-        /// Semi-minor axis in the reduced image, px.
-        small_px: f64 = 12.0,
     }
 }

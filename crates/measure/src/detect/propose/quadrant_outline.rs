@@ -30,12 +30,10 @@ pub fn refine_outline(image: &Raster, hypothesis: Hypothesis, m: &MarkerParamete
             ..hypothesis
         };
     }
-    let found = OUTLINE.ends.iter().find_map(|share| {
-        let level = (m[LIGHT] - share * grey_contrast(m)).clamp(0.0, f64::from(u8::MAX)) as u8;
-        let own = blob::dark_parts(image, ellipse, 0.0, level);
-        moments::quadrants_from_blobs(&[0, 1], &own)
-            .or_else(|| moments::quadrants_from_blobs(&[0], &own))
-    });
+    let level = (m[LIGHT] - OUTLINE.end * grey_contrast(m)).clamp(0.0, f64::from(u8::MAX)) as u8;
+    let own = blob::dark_parts(image, ellipse, 0.0, level);
+    let found = moments::quadrants_from_blobs(&[0, 1], &own)
+        .or_else(|| moments::quadrants_from_blobs(&[0], &own));
     let mut out = found.map_or(*ellipse, |f| f.ellipse);
     if let Some(longer) =
         white_half_length(image, &out, m).filter(|longer| *longer > OUTLINE.longer * out.major)

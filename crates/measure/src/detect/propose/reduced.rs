@@ -27,7 +27,7 @@ impl ReducedImage {
         if hypothesis.edges.is_none() || ellipse.minor < OUTLINE.large_px {
             return None;
         }
-        let step = (ellipse.minor / OUTLINE.small_px) as usize;
+        let step = (ellipse.minor / (0.5 * OUTLINE.large_px)) as usize;
         let factor = step as f64;
         let reach = ellipse.half_extent() * OUTLINED.larger;
         let corner = (ellipse.centre - reach).map(|v| v.max(0.0).floor());

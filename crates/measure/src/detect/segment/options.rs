@@ -4,12 +4,11 @@ numbers! {
     /// Local background, and levels of darkness relative to it.
     BACKGROUND: BackgroundOptions {
         /// Distances at which both sides of a dark pixel are examined, reduced px. Chosen, as all of these: the largest
-        /// limits the thickness of markers that can be found.
+        /// limits the thickness of markers that can be found. Only regions as thick as that are segmented relative to the far
+        /// background.
         reach: [usize; 5] = [2, 4, 8, 16, 24],
         /// Larger distances, for thick markers only: between two parts of the sky the entire wing is dark.
         far: [usize; 2] = [40, 64],
-        /// Minimum thickness of a region that is segmented relative to the far background, reduced px.
-        thick: usize = 24,
         /// Ratio of grey to local background below which a reduced pixel is dark, in 1/256, strictest first: several
         /// levels, so that a faint line that touches a marker does not merge with it. The last three are for frames in
         /// which haze or stray light reduces contrast with distance; the last one shows discs of 6 grey levels
