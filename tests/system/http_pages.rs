@@ -181,8 +181,10 @@ fn pages_lead_from_the_flight_to_the_frame() {
             .status,
         304
     );
-    let results = server.get("/files/f0001/s000001/results.jsonl").text();
-    assert_eq!(results.lines().count(), 2);
+    for series in ["s000001", "s000002"] {
+        let results = server.get(&format!("/files/f0001/{series}/results.jsonl"));
+        assert_eq!(results.text().lines().count(), 1, "{series}");
+    }
     let status: serde_json::Value =
         serde_json::from_slice(&server.get("/status.json").body).unwrap();
     assert_eq!(
