@@ -35,7 +35,6 @@ fn options() -> Options {
     Options {
         sigma: SigmaKind::Prior,
         snooping_alpha: 0.0,
-        curvature_terms: Some(8),
         ..Options::default()
     }
 }
