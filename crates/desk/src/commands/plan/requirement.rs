@@ -148,11 +148,14 @@ pub fn first_line(
 }
 
 fn answer_text(answer: &RequirementResult, proposal: &Setup) -> String {
-    let mut out = format!(
-        "\nUncertainty budget of the reported deflection with {}\n{}",
-        count_frames(answer.frames),
-        table::budget_table(&answer.sources).text()
-    );
+    let mut out = String::new();
+    if answer.frames > 1 {
+        out.push_str(&format!(
+            "\nUncertainty budget of the reported deflection with {}\n{}",
+            count_frames(answer.frames),
+            table::budget_table(&answer.sources).text()
+        ));
+    }
     let taken = |sigma: Option<f64>| format_fixed(sigma.map(|m| 1e3 * m), 1);
     out.push_str(&format!(
         "\nPossible improvements, cheapest first\n{}",
