@@ -142,7 +142,7 @@ fn pictures_become_a_camera_a_report_and_corners_that_give_the_same_camera() {
             .unwrap()
             .split(',')
             .count(),
-        11
+        10
     );
     // Squares counted instead of inner corners.
     std::fs::write(

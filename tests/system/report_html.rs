@@ -106,10 +106,6 @@ fn a_flight_gives_all_sections_with_the_stores_numbers() {
         "contents"
     );
     assert!(
-        html.contains("against the survey; s000001/0002.jpg"),
-        "frame of the largest deflection"
-    );
-    assert!(
         html.contains("UTC, from 2026-03-01 08:00") && html.contains(">08:00</text>"),
         "times on the axis"
     );
