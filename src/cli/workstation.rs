@@ -4,19 +4,10 @@
 #[path = "demo.rs"]
 mod demo;
 
-use std::path::Path;
-use std::sync::Arc;
-use std::time::Duration;
-
 use clap::Subcommand;
 
-use crate::camera::Camera;
-use crate::camera::freshness::Freshness;
-use crate::config;
-use wingd_base::clock::SystemClock;
-use wingd_base::failure::{Completion, Failure, TaskResult};
+use wingd_base::failure::{Completion, TaskResult};
 use wingd_base::listed_command::ListedCommand;
-use wingd_desk::board_camera::BoardCamera;
 use wingd_desk::commands;
 pub use wingd_desk::download::Download;
 use wingd_evaluation::results::ReportBuilder;
@@ -52,7 +43,7 @@ pub fn listed_commands() -> Vec<ListedCommand> {
 pub fn run(command: &DeskCommand) -> TaskResult<Completion> {
     match command {
         DeskCommand::Demo(command) => command.run(),
-        DeskCommand::Desk(command) => command.run(open_camera),
+        DeskCommand::Desk(command) => command.run(),
     }
 }
 
@@ -76,47 +67,4 @@ pub fn describe_small_priors(setup: &Setup) -> Vec<String> {
         .into_iter()
         .map(describe)
         .collect()
-}
-
-/// Maximum time for a shot of a board.
-const SHOT_DEADLINE: Duration = Duration::from_secs(20);
-
-/// Configured camera, for live calibration.
-struct ConfiguredCamera {
-    camera: Box<dyn Camera>,
-    name: String,
-    freshness: Freshness,
-}
-
-fn open_camera(file: &Path) -> TaskResult<Box<dyn BoardCamera>> {
-    let section = config::load_camera(file)?;
-    let mut camera = section.factory(Arc::new(SystemClock::new()), Duration::ZERO)();
-    let opened = camera.open().map_err(Failure::from_error)?;
-    Ok(Box::new(ConfiguredCamera {
-        camera,
-        name: opened.name,
-        freshness: Freshness::default(),
-    }))
-}
-
-impl BoardCamera for ConfiguredCamera {
-    fn name(&self) -> &str {
-        &self.name
-    }
-
-    fn shoot(&mut self) -> Result<Vec<u8>, String> {
-        let shot = self.camera.shoot(SHOT_DEADLINE);
-        let frame = shot.map_err(|error| error.to_string())?;
-        let fresh = self.freshness.check(&frame.bytes);
-        fresh.map_err(|error| error.to_string())?;
-        // The copy is enough; a camera that keeps its own does no harm.
-        let _ = self.camera.release_last();
-        Ok(frame.bytes)
-    }
-}
-
-impl Drop for ConfiguredCamera {
-    fn drop(&mut self) {
-        self.camera.close();
-    }
 }

@@ -226,8 +226,6 @@ fn moments(aircraft: &Aircraft, when: WingState, solution: &Solution, setup: &Se
             s_m,
             ei_n_m2: 1.0,
             sigma_ei_n_m2: 0.0,
-            ground_n_m: 0.0,
-            ultimate_n_m: None,
         };
         let moment = curvature.bending_moment(&section);
         (moment.value - bent) / moment.sigma

@@ -414,7 +414,13 @@ fn plan_predicts_the_contributions_of_the_adjustment() {
         .unwrap()
         .prediction
         .unwrap();
-    let budget = exact.solve().budget.unwrap();
+    let default = Options {
+        curvature_terms: None,
+        ..options()
+    };
+    let adjusted =
+        adjust::solve_spatial(&exact.setup, &exact.orientation, &exact.seen, &default).unwrap();
+    let budget = adjusted.budget.unwrap();
     assert_eq!(planned.tip.as_ref().unwrap().reference, budget.reference);
     for one in &budget.shares {
         let there = fraction_of(&planned.budget, &one.source);

@@ -67,8 +67,6 @@ fn errors(
                 s_m: share * truth.length_m(),
                 ei_n_m2: ei * wrong,
                 sigma_ei_n_m2: stiffness_sigma * ei * wrong,
-                ground_n_m: 0.0,
-                ultimate_n_m: None,
             };
             let moment = line.bending_moment(&section);
             errors[k].push((moment.value - ei * bent[k]) / moment.sigma);

@@ -166,9 +166,9 @@ const answer = async (page, at) => {
   check(/deflection/i.test(text) && box.y + box.height < 844, `${at}: the first screen says: ${text}`);
   const remarks = page.locator("details", { hasText: "of remarks" }).first();
   if ((await remarks.count()) > 0) {
-    const [list, tiles] = [remarks.locator("ul"), page.locator(".tiles")];
+    const [list, figure] = [remarks.locator("ul"), page.locator("figure").first()];
     const open = await list.isVisible();
-    check((await remarks.boundingBox()).y < (await tiles.boundingBox()).y, `${at}: the remarks come before the figures`);
+    check((await remarks.boundingBox()).y < (await figure.boundingBox()).y, `${at}: the remarks come before the figures`);
     await remarks.locator("summary").click();
     check((await list.isVisible()) !== open, `${at}: a click folds or shows the remarks`);
     await remarks.locator("summary").click();

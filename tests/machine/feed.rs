@@ -5,22 +5,17 @@
 //! burst of eight; `stop`. The hash of every image is added to the file SENT before it is shown.
 //! `feed set DEVICE ID VALUE`
 //! `feed lines SOCKET`: prints the lines of a Unix socket.
-//! `feed boards DIRECTORY COUNT SCALE`: renders images of a checkerboard of 9 x 7 corners, 0.1 m, by a camera of 640 x 480 px
-//! with a constant of 1250 px, all times SCALE (6.25 for 12 MP).
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use std::fs::OpenOptions;
 use std::io::Write;
 use std::time::Duration;
 
-use nalgebra::{Rotation3, Vector3};
 use sha2::{Digest, Sha256};
 use v4l::control::{Control, Value};
 use v4l::video::Output;
 use v4l::{Device, Format, FourCC};
-use wingd::measure::geometry::Lens;
 use wingd::pipeline::decode::decode_image;
-use wingd_simulate::render::{RenderedBoard, SeededRandom};
 
 /// Pause between two frames, in addition to their own time.
 const PAUSE: Duration = Duration::from_millis(20);
@@ -130,58 +125,14 @@ fn lines(socket: &str) {
     std::io::copy(&mut stream, &mut std::io::stdout()).expect("lines");
 }
 
-/// Over the image and tilted, as a person shows a board.
-fn boards(directory: &str, count: &str, scale: &str) {
-    let scale: f64 = scale.parse().expect("a scale");
-    let (width, height) = ((640.0 * scale) as u16, (480.0 * scale) as u16);
-    let pinhole = Lens::pinhole(
-        width.into(),
-        height.into(),
-        1250.0 * scale,
-        322.0 * scale,
-        236.0 * scale,
-    );
-    let lens = Lens {
-        k1: -0.08,
-        k2: 0.05,
-        ..pinhole
-    };
-    let mut random = SeededRandom::new(3, 0);
-    for k in 0..count.parse::<usize>().expect("a number") {
-        let turn =
-            Rotation3::from_euler_angles(random.uniform(-0.6, 0.6), random.uniform(-0.6, 0.6), 0.1);
-        let place = [(k % 3) as f64 * 0.6 - 0.6, (k / 3 % 3) as f64 * 0.4 - 0.4];
-        let middle = Vector3::new(place[0], place[1], random.uniform(4.2, 5.2));
-        let picture = RenderedBoard {
-            lens,
-            corners: (9, 7),
-            square_m: 0.1,
-            bow_m: [0.0; 2],
-            camera_from_board: turn,
-            origin_m: middle - turn * Vector3::new(0.4, 0.3, 0.0),
-            blur_px: 0.7,
-            noise: 1.0,
-            pane: None,
-        };
-        let raster = picture.render(&mut random).expect("an image");
-        let file = std::path::Path::new(directory).join(format!("board-{k:02}.jpg"));
-        jpeg_encoder::Encoder::new_file(file, 95)
-            .and_then(|e| e.encode(raster.luma(), width, height, jpeg_encoder::ColorType::Luma))
-            .expect("a file");
-    }
-}
-
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     match arguments.as_slice() {
         [set_, device, id, value] if set_ == "set" => set(device, id, value),
         [lines_, socket] if lines_ == "lines" => lines(socket),
-        [boards_, directory, count, scale] if boards_ == "boards" => {
-            boards(directory, count, scale)
-        }
         [device, fourcc, control, sent, frames @ ..] => play(device, fourcc, control, sent, frames),
         _ => panic!(
-            "feed DEVICE FOURCC CONTROL SENT FRAME.jpg…, feed set DEVICE ID VALUE, feed lines SOCKET, or feed boards DIRECTORY COUNT"
+            "feed DEVICE FOURCC CONTROL SENT FRAME.jpg…, feed set DEVICE ID VALUE, or feed lines SOCKET"
         ),
     }
 }

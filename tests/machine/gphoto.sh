@@ -5,7 +5,6 @@
 set +e
 WINGD=${WINGD:?path of the wingd binary}
 FRAMES=${FRAMES:?directory of JPEG frames}
-FEED=${FEED:?path of the feed example}
 # The camera alone; daemon.sh does more of it with the whole recorder.
 ROUNDS=$(((${FAULT_ROUNDS:-2} + 3) / 4))
 IOLIBS=$("$MACHINE/vcamera.sh"); export IOLIBS
@@ -118,16 +117,3 @@ shoot 1 1; status=$?
 cmp -s "$work/cam/out/recovered-000" "$work/cam/shots/02.jpg" || status=1
 [ -z "$(find "$work/cam/card/DCIM" -name '*.JPG')" ] || status=1
 verdict $status "gphoto: a picture left on the card by an interrupted series is recovered, then deleted there"
-
-# 6. A calibration takes its pictures with the camera until the verdict is good, and leaves none on the card.
-mkdir "$work/boards"; "$FEED" boards "$work/boards" 30 1 || die "no photographs of a board"
-fresh 1; fresh_camera "$work/live" 30 "$work"/boards/*.jpg
-printf '%s\n' 'pattern = "checkerboard"' 'columns = 9' 'rows = 7' 'square_m = 0.1' >"$work/live/board.toml"
-"$WINGD" calibrate --live --config "$work/cam/wingd.toml" --board "$work/live/board.toml" \
-    --output "$work/live/camera.toml" >"$work/live/said" 2>"$work/cam/errors"; status=$?
-taken=$(grep -c '^image .* points of the board' "$work/cam/errors")
-grep -q '^verdict = "good"' "$work/live/camera.toml" && [ "$taken" -gt 3 ] && [ "$taken" -lt 30 ] || status=1
-[ -z "$(find "$work/live/card/DCIM" -name '*.JPG')" ] || status=1
-fx=$(sed -n 's/^fx = //p' "$work/live/camera.toml")
-awk "BEGIN { exit !($fx > 1245 && $fx < 1255) }" || status=1
-verdict $status "gphoto: calibrate --live: good after $taken pictures, fx $fx of 1250 px, none left on the card"

@@ -14,7 +14,7 @@ cached=; [ "${1:-}" != --cached ] || { cached=yes; shift; }
 [ $# -gt 0 ] || set -- unit gphoto daemon package start v4l release power boot aarch64
 lines=$(mktemp); trap 'rm -f "$lines"' EXIT
 
-fed() { # what plays pictures and draws boards
+fed() { # what plays pictures
     [ -x "$FEED" ] || (cd "$ROOT" && "${CARGO:-cargo}" build --release --locked --example feed)
 }
 guest() { # SCRIPT: in the virtual machine, with what it needs
@@ -34,7 +34,6 @@ for part in "$@"; do
             if [ -n "$cached" ] && ! "$ROOT/packaging/aarch64.sh" --cached >/dev/null 2>&1; then
                 uncrossed=yes; continue
             fi ;;
-        gphoto) fed ;;
     esac
     case $part in
         start | v4l | live | release | power) guest "$part" 2>&1 | tee -a "$lines" ;;

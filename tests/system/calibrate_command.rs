@@ -93,7 +93,7 @@ fn pictures_become_a_camera_a_report_and_corners_that_give_the_same_camera() {
         (first["parameters"]["fx"].as_f64().unwrap() - 1250.0).abs()
             < 5.0 * first["sigma"]["fx"].as_f64().unwrap()
     );
-    assert!(first["halves"]["difference_px"].is_number() && first["t_values"]["k1"].is_number());
+    assert!(first["halves_px"][0].is_number() && first["board_bow_m"][0].is_number());
     let page = std::fs::read_to_string(&page).unwrap();
     for words in [
         "<svg",
@@ -142,7 +142,7 @@ fn pictures_become_a_camera_a_report_and_corners_that_give_the_same_camera() {
             .unwrap()
             .split(',')
             .count(),
-        11
+        10
     );
     // Squares counted instead of inner corners.
     std::fs::write(
@@ -272,44 +272,6 @@ fn a_calibration_that_one_reason_refuses_can_be_accepted_and_stays_marked() {
         text(&empty.stderr).contains("needs a reason in words"),
         "{}",
         text(&empty.stderr)
-    );
-}
-
-#[test]
-fn live_takes_images_until_the_verdict_is_good_and_reports_missing_coverage() {
-    let directory = tempfile::tempdir().unwrap();
-    let at = |name: &str| directory.path().join(name).display().to_string();
-    std::fs::write(at("board.toml"), BOARD).unwrap();
-    let folder = directory.path().join("p");
-    pictures(&folder, 30);
-    // Text as saved by other systems; its folder is relative to the file.
-    let config = "\u{feff}[camera]\r\nkind = \"replay\"\r\nfolder = \"p\"\r\nloop = false\r\n";
-    std::fs::write(at("wingd.toml"), config).unwrap();
-    let (board, camera, configuration) = (at("board.toml"), at("camera.toml"), at("wingd.toml"));
-    let done = run(&[
-        "calibrate",
-        "--live",
-        "--json",
-        "--board",
-        &board,
-        "--output",
-        &camera,
-        "--config",
-        &configuration,
-    ]);
-    let printed = text(&done.stderr);
-    assert!(done.status.success(), "{printed}");
-    let found: Value = serde_json::from_slice(&done.stdout).unwrap();
-    assert_eq!(found["verdict"], "good", "{printed}");
-    let taken = found["images"].as_array().unwrap().len();
-    assert!((4..30).contains(&taken), "{taken} images: {printed}");
-    assert!(
-        printed.contains("poor: ") || printed.contains("refused: "),
-        "{printed}"
-    );
-    assert!(
-        printed.contains("show") || printed.contains("tilt"),
-        "{printed}"
     );
 }
 

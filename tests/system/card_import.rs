@@ -222,7 +222,7 @@ fn every_standard_tag_and_spelling_gives_the_time() {
 }
 
 #[test]
-fn a_damaged_block_is_named_and_an_image_between_its_neighbours_stays_there() {
+fn a_damaged_block_is_named_and_its_image_has_no_time() {
     let at = |second: usize| {
         jpeg(
             &[text(
@@ -243,18 +243,11 @@ fn a_damaged_block_is_named_and_an_image_between_its_neighbours_stays_there() {
     assert!(status == Some(0), "{printed}");
     for words in [
         "the Exif block of 1 images (first IMG_1.JPG) without a time is damaged",
-        "1 images without a time are placed between those before and after them, first IMG_1.JPG",
-        "1 images have no time: kept in the order of the files",
-        "f0001/s000001  3 imported",
+        "2 images have no time: kept in the order of the files",
+        "f0001/s000001  2 imported",
     ] {
         assert!(printed.contains(words), "{words}: {printed}");
     }
-    let shots = card.shots("store");
-    assert_eq!(
-        shots[1],
-        ("2026-06-01T08:00:01.000000Z".into(), "IMG_1.JPG".into()),
-        "{shots:?}"
-    );
 }
 
 #[test]

@@ -547,7 +547,7 @@ fn tie_points_that_contradict_survey_or_each_other_are_refused_with_their_cause(
         (
             ties(7, false, exchanged),
             "",
-            &["contradict each other", "T2 by", "T3 by"],
+            &["contradict each other", "of T2 and T3 are exchanged"],
         ),
         (
             ties(3, false, |k, p| off(k, 2, p)),

@@ -43,7 +43,7 @@ fn number(value: &Value) -> f64 {
 }
 
 #[test]
-fn the_json_contains_a_finite_positive_prediction_for_every_marker_and_along_the_span() {
+fn the_json_contains_a_finite_positive_prediction_for_every_marker() {
     let plan = plan(installation("").path(), &[]);
     let markers = plan["markers"].as_array().unwrap();
     assert_eq!(markers.len(), 21);
@@ -55,22 +55,6 @@ fn the_json_contains_a_finite_positive_prediction_for_every_marker_and_along_the
         }
         assert!(number(&m["ground"]["spanwise_mm"]) > number(&m["ground"]["streamwise_mm"]));
     }
-    let span = plan["span"].as_array().unwrap();
-    assert!(span.len() > 20);
-    assert!(
-        span.windows(2)
-            .all(|w| number(&w[1]["span_m"]) > number(&w[0]["span_m"]))
-    );
-    assert!(
-        span.iter()
-            .skip(1)
-            .all(|p| number(&p["sigma_deflection_m"]) > 0.0 && number(&p["sigma_twist_deg"]) > 0.0)
-    );
-    // Uncertainty grows from the root, which does not bend.
-    assert!(
-        number(&span[span.len() - 1]["sigma_deflection_m"])
-            > 3.0 * number(&span[0]["sigma_deflection_m"])
-    );
 }
 
 #[test]
@@ -166,8 +150,6 @@ fn planned_standard_deviations_are_those_of_the_adjustment() {
         "spatial",
         "--sigma",
         "prior",
-        "--curvature-terms",
-        "8",
         "--json",
     ]);
     let solved: Value = serde_json::from_str(solved.trim()).unwrap();

@@ -8,9 +8,7 @@ use wingd_measure::calibrate;
 use wingd_measure::calibrate::ImageRejection;
 use wingd_measure::calibrate::Verdict;
 use wingd_measure::calibrate::{Board, BoardMismatch};
-use wingd_measure::calibrate::{
-    BoardPoint, BoardView, CalibrateError, Calibration, CalibrationOptions,
-};
+use wingd_measure::calibrate::{BoardView, CalibrateError, Calibration, CalibrationOptions};
 
 /// An image of the board: its size and points, or the reason why it has none.
 pub struct BoardImage {
@@ -50,25 +48,16 @@ impl From<ImageCorners> for BoardImage {
     }
 }
 
-/// Returns the corners of all images that show the board, after a calibration also which of them it used.
-pub fn board_corners(
-    pictures: &[BoardImage],
-    calibration: Option<&Calibration>,
-) -> Vec<ImageCorners> {
-    let corners = |(k, p): (usize, &BoardImage)| {
-        let (size, view) = (p.size?, p.view.clone().ok()?);
-        let used = calibration.map_or(vec![], |c| {
-            let took_part = |q: &BoardPoint| c.residuals[k].iter().any(|(at, _)| *at == q.pixel);
-            view.iter().map(took_part).collect()
-        });
+/// Returns the corners of all images that show the board.
+pub fn board_corners(pictures: &[BoardImage]) -> Vec<ImageCorners> {
+    let corners = |p: &BoardImage| {
         Some(ImageCorners {
             image: p.name.clone(),
-            size,
-            view,
-            used,
+            size: p.size?,
+            view: p.view.clone().ok()?,
         })
     };
-    pictures.iter().enumerate().filter_map(corners).collect()
+    pictures.iter().filter_map(corners).collect()
 }
 
 /// Returns the reason why an image was not used.

@@ -15,7 +15,7 @@ use wingd_base::text::printable_path;
 use wingd_evaluation::frame_format::file_extension;
 use wingd_evaluation::frame_format::format_from_path;
 use wingd_evaluation::inputs::image_files::split_at_pauses;
-use wingd_evaluation::inputs::image_times::{DatedImage, TimeSource};
+use wingd_evaluation::inputs::image_times::DatedImage;
 use wingd_store::manifest::{SeriesCause, SeriesManifest, SeriesState, Shot};
 use wingd_store::{
     FlightRef, NewFrame, OpenSeries, SeriesPlan, Store, StoreConfig, catalogue, layout, sha256_hex,
@@ -163,12 +163,12 @@ impl<'a> Importer<'a> {
         };
         let changed = |p: &&DatedImage| match self.stored.get(&p.digest) {
             None => false,
-            Some(known) if p.has_own_time() => {
+            Some(known) if p.source.is_some() => {
                 known.time.is_none()
                     || shift_s(p).is_some_and(|s| s.abs() > SAME_TIME_S)
                     || other_sigma(p)
             }
-            Some(_) => p.source == Some(TimeSource::Start),
+            Some(_) => false,
         };
         let changed: Vec<&DatedImage> = series.iter().flatten().filter(changed).collect();
         let Some(first) = changed.first() else {
@@ -347,7 +347,7 @@ impl<'a> Importer<'a> {
             }
             let number = u32::try_from(k + 1).unwrap_or(u32::MAX);
             let stamp = began.image_stamp(picture, k);
-            let exposure = (picture.has_own_time() && picture.utc.is_some()).then(|| {
+            let exposure = picture.utc.is_some().then(|| {
                 Exposure::from_camera_clock(&stamp, picture.clock_step_s(), self.clock_sigma_s)
             });
             let format = format_from_path(&picture.file);

@@ -7,7 +7,6 @@
 extern crate wingd_base;
 
 pub mod aircraft_table;
-pub mod board_camera;
 #[cfg(feature = "boards")]
 pub mod calibration;
 pub mod commands;

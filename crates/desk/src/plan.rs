@@ -54,7 +54,7 @@ pub fn flight_precision(
     }))
 }
 
-/// Predicts the precision with the flight prior; `None` without a prior, or if it has another number of curvature terms.
+/// Predicts the precision with the flight prior; `None` without a prior.
 ///
 /// # Errors
 /// Returns an error if the layout cannot be adjusted.
@@ -72,10 +72,9 @@ pub fn prior_precision(
     let Some(stored) = stored else {
         return Ok(None);
     };
-    let prior = stored
-        .prior_without(&[], setup)
-        .filter(|t| t.matches_curvature_terms(options.curvature_terms));
-    let Some(prior) = prior else { return Ok(None) };
+    let Some(prior) = stored.prior_without(&[], setup) else {
+        return Ok(None);
+    };
     let expected =
         plan::predict_precision(setup, orientation.as_ref(), options, frames, Some(&prior));
     Ok(Some(FlightPrecision {

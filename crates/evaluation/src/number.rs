@@ -41,21 +41,6 @@ pub fn format_measured(value: Option<f64>, sigma: Option<f64>, fallback: usize) 
     }
 }
 
-/// Formats a number of any magnitude with 4 significant digits, in scientific notation if that is shorter.
-pub fn format_general(value: f64) -> String {
-    let magnitude = value.abs();
-    if !value.is_finite() {
-        NONE.to_owned()
-    } else if magnitude == 0.0 {
-        "0".to_owned()
-    } else if !(1e-3..1e5).contains(&magnitude) {
-        format!("{value:.3e}")
-    } else {
-        let n = (3.0 - magnitude.log10().floor()).clamp(0.0, 6.0) as usize;
-        format!("{value:.n$}")
-    }
-}
-
 /// Formats a count with its noun: 1 marker, 2 markers, 1 series, 2 series.
 pub fn count_text(number: usize, noun: &str) -> String {
     let plural = if number == 1 || noun.ends_with("series") {
@@ -97,8 +82,5 @@ mod tests {
             format_rounded(Some(1.0), Some(f64::INFINITY), 2),
             ("1.00".into(), "-".into())
         );
-        assert_eq!(format_general(f64::NAN), "-");
-        assert_eq!(format_general(0.00219), "0.002190");
-        assert_eq!(format_general(5.9e-6), "5.900e-6");
     }
 }

@@ -10,21 +10,18 @@ mod precision;
 mod prediction;
 mod requirement;
 mod resolution;
-mod terms;
 mod view;
 
 pub use draft::{LayoutDraft, best_layout, even_layout};
 pub use narrow_widths::{NarrowWidth, find_narrow_widths};
 pub use optics::{Optics, OpticsPlan};
 pub use precision::{LayoutPrecision, MarkerSigma, TipSigma};
-pub use prediction::{AlternativeLayout, LayoutPrediction};
+pub use prediction::LayoutPrediction;
 pub use requirement::{
-    Remedy, Requirement, RequirementResult, VarianceFraction, assumed_attitude, check_requirement,
-    predict_precision,
+    Remedy, Requirement, RequirementResult, assumed_attitude, check_requirement, predict_precision,
 };
 pub use resolution::{Footprint, SkinProfile, skin_footprint};
 
-use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::adjust::{AdjustResult, Options};
@@ -40,8 +37,6 @@ pub struct PlanOptions {
     pub pixel_sigma: f64,
     /// Lens and sensor, for depth of field and diffraction.
     pub optics: Option<Optics>,
-    /// Number of terms of the curvature.
-    pub curvature_terms: usize,
 }
 
 impl Default for PlanOptions {
@@ -50,7 +45,6 @@ impl Default for PlanOptions {
             tip_deflection_m: 2.5,
             pixel_sigma: 0.1,
             optics: None,
-            curvature_terms: 8,
         }
     }
 }
@@ -84,19 +78,6 @@ pub struct MarkerPlan {
     pub sigma: Option<MarkerSigma>,
 }
 
-/// Resolution and precision at a point along the span.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct SpanPlan {
-    /// Span from the projection centre, m.
-    pub span_m: f64,
-    /// Footprint of a pixel on the ground.
-    pub ground: Footprint,
-    /// Standard deviation of the bending axis' deflection, m.
-    pub sigma_deflection_m: Option<f64>,
-    /// Standard deviation of the twist, degrees.
-    pub sigma_twist_deg: Option<f64>,
-}
-
 /// Plan of an installation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct InstallationPlan {
@@ -110,8 +91,6 @@ pub struct InstallationPlan {
     pub pixel_sigma: f64,
     /// Markers of the survey.
     pub markers: Vec<MarkerPlan>,
-    /// Points from the bending root to the outermost marker.
-    pub span: Vec<SpanPlan>,
     /// Depth of field and diffraction, if data of the lens are given.
     pub optics: Option<OpticsPlan>,
     /// Predicted uncertainty.
@@ -120,8 +99,6 @@ pub struct InstallationPlan {
     pub remarks: Vec<String>,
 }
 
-/// Number of points of [`InstallationPlan::span`].
-const SPAN_POINTS: usize = 33;
 /// Smallest image of a circle that is measured well, px across its small axis.
 const MIN_IMAGE_PX: f64 = 5.0;
 /// Largest blur disc with which a marker is measured, px across: the standard deviation of a disc is a quarter of its
@@ -174,7 +151,6 @@ pub fn plan_installation(
         focal_px: setup.lens.focal_px(),
         tip_deflection_m: options.tip_deflection_m,
         pixel_sigma: options.pixel_sigma,
-        span: predict_along_span(setup, &simulation.skin, &markers, prediction.as_ref()),
         markers,
         optics,
         prediction,
@@ -223,31 +199,6 @@ fn plan_markers(
     setup.markers.iter().enumerate().map(one).collect()
 }
 
-fn predict_along_span(
-    setup: &Setup,
-    skin: &SkinProfile,
-    markers: &[MarkerPlan],
-    prediction: Option<&LayoutPrediction>,
-) -> Vec<SpanPlan> {
-    let tip = markers.iter().fold(0.0, |tip: f64, m| tip.max(m.span_m));
-    let root = setup.root_offset_m.max(0.0);
-    let point = |k: usize| {
-        let span_m = root + (tip - root) * k as f64 / (SPAN_POINTS - 1) as f64;
-        let curve = prediction.and_then(|p| p.sigmas_at(span_m));
-        SpanPlan {
-            span_m,
-            ground: skin_footprint(
-                &Vector3::new(span_m, skin.height_m(span_m), 0.0),
-                skin.slope(span_m),
-                setup.lens.focal_px(),
-            ),
-            sigma_deflection_m: curve.map(|c| c.0),
-            sigma_twist_deg: curve.and_then(|c| c.1),
-        }
-    };
-    (0..SPAN_POINTS).map(point).collect()
-}
-
 fn layout_fault_remarks(plan: &InstallationPlan) -> Vec<String> {
     let mut remarks = Vec::new();
     let ids = |select: &dyn Fn(&MarkerPlan) -> bool| {
@@ -292,10 +243,9 @@ fn layout_fault_remarks(plan: &InstallationPlan) -> Vec<String> {
 }
 
 /// Returns the options of the simulated adjustment: with exact observations, nothing is rejected or selected.
-fn adjustment_options(options: &PlanOptions) -> Options {
+fn adjustment_options() -> Options {
     Options {
         sigma: super::adjust::SigmaKind::Prior,
-        curvature_terms: Some(options.curvature_terms),
         snooping_alpha: 0.0,
         ..Options::default()
     }

@@ -1,6 +1,7 @@
 //! Configuration of an aircraft as numbers: camera, survey, wing. The installation reads it from disk.
 
 use nalgebra::{Rotation3, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::geometry::{Lens, WingFrame};
 use super::observation::Observation;
@@ -114,12 +115,15 @@ pub mod fixed_target {
     }
 }
 
-/// Height of the skin above the bending axis, linear along the span.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Height of the skin above the bending axis, linear along the span, as in `wing.skin_height_m`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct SkinHeight {
     /// Height at the bending root, m.
+    #[serde(rename = "root")]
     pub root_m: f64,
     /// Height at `tip_span_m`, m.
+    #[serde(rename = "tip")]
     pub tip_m: f64,
     /// Span from the bending root to the point of `tip_m`, m.
     pub tip_span_m: f64,
@@ -231,10 +235,6 @@ pub struct Window {
     pub pane: Option<Pane>,
 }
 
-/// Default of the lowest bending frequency, Hz: transport aircraft have 1 to 3 (a conservative assumption, because it
-/// requires more samples).
-pub const DEFAULT_BENDING_HZ: f64 = 3.0;
-
 /// Section of the wing with known stiffness.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StiffnessSection {
@@ -244,10 +244,6 @@ pub struct StiffnessSection {
     pub ei_n_m2: f64,
     /// Standard deviation of the stiffness, N m^2.
     pub sigma_ei_n_m2: f64,
-    /// Moment on the ground, N m; 0 if not given.
-    pub ground_n_m: f64,
-    /// Moment at which the section fails, N m.
-    pub ultimate_n_m: Option<f64>,
 }
 
 /// Configuration of an aircraft: everything known before the flight.

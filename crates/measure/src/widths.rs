@@ -130,21 +130,19 @@ pub struct WidthRow {
     pub max: f64,
     /// Whether it belongs to an effect of flight, which a laboratory does not have.
     pub of_flight: bool,
-    /// Name of the quantity in `wingd plan`, which predicts the precision with it known; several widths may share one.
-    pub known_name: Option<&'static str>,
     /// Unknowns whose prior it is after a remount.
     pub unknowns: &'static [Unknown],
     /// Meaning, as in the table of keys.
     pub meaning: &'static str,
 }
 
-/// Declares [`Width`]: its meaning, section and key, unit, default, largest value, `flight` or `laboratory`, name in
-/// `wingd plan`, and the unknowns whose prior it is. The defaults have their reasons in docs/adjustment/installation.md.
+/// Declares [`Width`]: its meaning, section and key, unit, default, largest value, `flight` or `laboratory`,
+/// and the unknowns whose prior it is. The defaults have their reasons in docs/adjustment/installation.md.
 macro_rules! widths {
     (@flight flight) => { true };
     (@flight laboratory) => { false };
     ($($(#[doc = $meaning:literal])+ $width:ident = $section:literal $key:literal, $unit:ident, $default:literal,
-        max $max:literal, $where:ident, $known:expr, [$($unknown:ident),*];)+) => {
+        max $max:literal, $where:ident, [$($unknown:ident),*];)+) => {
         /// Prior standard deviation that a key of `installation.toml` states. A value of 0 fixes the unknown.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum Width {
@@ -161,7 +159,6 @@ macro_rules! widths {
                 default: $default,
                 max: $max,
                 of_flight: widths!(@flight $where),
-                known_name: $known,
                 unknowns: &[$(Unknown::$unknown),*],
                 meaning: concat!($($meaning),+),
             }),+];
@@ -172,73 +169,61 @@ macro_rules! widths {
 widths! {
     /// standard deviation of that height, its mean along the span. Markers on the skin move inboard by height times slope
     /// when the wing bends
-    SkinHeight = "wing" "skin_height_sigma_m", METRE, 0.1, max 5.0, laboratory,
-        Some("height of the bending axis"), [AxisHeight];
+    SkinHeight = "wing" "skin_height_sigma_m", METRE, 0.1, max 5.0, laboratory, [AxisHeight];
     /// its standard deviation
-    RootOffset = "wing" "root_offset_sigma_m", METRE, 0.3, max 5.0, laboratory, Some("root offset"), [RootOffset];
+    RootOffset = "wing" "root_offset_sigma_m", METRE, 0.3, max 5.0, laboratory, [RootOffset];
     /// its standard deviation
-    ChordOffset = "wing" "axis_chord_offset_sigma_m", METRE, 0.3, max 5.0, laboratory,
-        Some("chord offset of the axis"), [ChordOffset];
+    ChordOffset = "wing" "axis_chord_offset_sigma_m", METRE, 0.3, max 5.0, laboratory, [ChordOffset];
     /// its standard deviation
-    SpanDirection = "wing" "span_direction_sigma_deg", DEGREE, 1.0, max 20.0, laboratory,
-        Some("span direction"), [SpanDirection];
+    SpanDirection = "wing" "span_direction_sigma_deg", DEGREE, 1.0, max 20.0, laboratory, [SpanDirection];
     /// standard deviation of the sweep outboard of the breaks with `sweep_deg`
-    Sweep = "wing" "sweep_sigma_deg", DEGREE, 1.0, max 20.0, laboratory, None, [Sweep];
+    Sweep = "wing" "sweep_sigma_deg", DEGREE, 1.0, max 20.0, laboratory, [Sweep];
     /// standard deviation of the projection centre's shift between two mountings. The largest contribution to a single
     /// frame's deflection
-    MountShift = "camera" "mount_shift_m", METRE, 0.002, max 0.5, laboratory,
-        Some("shift of the mounting"), [MountingShift];
+    MountShift = "camera" "mount_shift_m", METRE, 0.002, max 0.5, laboratory, [MountingShift];
     /// standard deviation of the rotation since the ground frame of a camera whose mounting is called `ground`
-    StayTurn = "camera" "stay_turn_mrad", MILLIRADIAN, 0.2, max 100.0, laboratory, None, [];
+    StayTurn = "camera" "stay_turn_mrad", MILLIRADIAN, 0.2, max 100.0, laboratory, [];
     /// standard deviation of its shift. `wingd mount-check` with a ground frame after the flight proves smaller ones
-    StayShift = "camera" "stay_shift_m", METRE, 1e-3, max 0.5, laboratory, None, [];
+    StayShift = "camera" "stay_shift_m", METRE, 1e-3, max 0.5, laboratory, [];
     /// standard deviation of the bending between survey and ground frame (fuel, jacks, sun), at the tip
-    GroundBend = "survey" "bend_sigma_m", METRE, 0.010, max 5.0, flight, Some("bend since the survey"), [GroundBend];
+    GroundBend = "survey" "bend_sigma_m", METRE, 0.010, max 5.0, flight, [GroundBend];
     /// standard deviation of the twist between survey and ground frame (fuel, jacks, sun), at the tip
-    GroundTwist = "survey" "twist_sigma_deg", DEGREE, 0.15, max 20.0, flight, Some("twist since the survey"), [GroundTwist];
+    GroundTwist = "survey" "twist_sigma_deg", DEGREE, 0.15, max 20.0, flight, [GroundTwist];
     /// standard deviation of the rotation with the load of root and joints over the curvature of the root: the length inboard
     /// of the root that bends like the root
-    RootFlexibility = "wing" "root_flexibility_sigma_m", METRE, 0.25, max 20.0, flight,
-        Some("flexibility of the root"), [RootFlexibility, Joints];
+    RootFlexibility = "wing" "root_flexibility_sigma_m", METRE, 0.25, max 20.0, flight, [RootFlexibility, Joints];
     /// standard deviation of a bending offset common to all frames of a flight, independent of the load, at the tip
-    ConstantBend = "wing" "constant_bend_sigma_m", METRE, 0.015, max 5.0, flight,
-        Some("constant bend"), [ConstantBend];
+    ConstantBend = "wing" "constant_bend_sigma_m", METRE, 0.015, max 5.0, flight, [ConstantBend];
     /// standard deviation of the skin's motion along its normal at each marker in flight, constant over a flight's frames.
     /// The common motion of neighbouring markers is 2.5 times as large. A configured value is not estimated
-    SkinMotion = "wing" "skin_motion_m", METRE, 3e-4, max 0.1, flight,
-        Some("motion of the skin"), [SkinMotion, SkinBulges];
+    SkinMotion = "wing" "skin_motion_m", METRE, 3e-4, max 0.1, flight, [SkinMotion, SkinBulges];
     /// standard deviation of the root's rotation against the cabin since the ground frame, each axis
-    RootRotation = "wing" "root_rotation_sigma_mrad", MILLIRADIAN, 0.5, max 100.0, flight,
-        Some("motion of the root"), [RootRotation];
+    RootRotation = "wing" "root_rotation_sigma_mrad", MILLIRADIAN, 0.5, max 100.0, flight, [RootRotation];
     /// standard deviation of the root's shift against the cabin since the ground frame, each axis
-    RootTranslation = "wing" "root_translation_sigma_m", METRE, 1e-3, max 1.0, flight,
-        Some("motion of the root"), [RootShift];
+    RootTranslation = "wing" "root_translation_sigma_m", METRE, 1e-3, max 1.0, flight, [RootShift];
     /// standard deviation of the bending in the wing's plane, at the tip (0.9 of it common to a flight's frames, 0.436
     /// independent per frame)
-    InPlane = "wing" "in_plane_sigma_m", METRE, 0.05, max 5.0, flight, Some("in-plane bending"), [InPlane];
+    InPlane = "wing" "in_plane_sigma_m", METRE, 0.05, max 5.0, flight, [InPlane];
     /// relative standard deviation of the focal length in flight over the one on the ground: cold and focus
-    FlightScale = "camera" "flight_scale_sigma", RATIO, 2e-4, max 0.1, flight,
-        Some("interior orientation in flight"), [FlightScale, Aspect];
+    FlightScale = "camera" "flight_scale_sigma", RATIO, 2e-4, max 0.1, flight, [FlightScale, Aspect];
     /// standard deviation of the principal point in flight against the one on the ground
-    PrincipalPoint = "camera" "flight_principal_point_sigma_px", PIXEL, 0.3, max 1000.0, flight,
-        Some("interior orientation in flight"), [FlightPrincipalPoint];
+    PrincipalPoint = "camera" "flight_principal_point_sigma_px", PIXEL, 0.3, max 1000.0, flight, [FlightPrincipalPoint];
     /// root mean square of a smooth field of image shifts along the wing between ground frame and flight: wavy panes, shocks
     /// and shimmer of a camera that was remounted
-    RayField = "camera" "ray_field_px", PIXEL, 0.1, max 10.0, flight, Some("bend of rays"), [RayField];
+    RayField = "camera" "ray_field_px", PIXEL, 0.1, max 10.0, flight, [RayField];
     /// standard deviation of the image's shift from frame to frame by stabilisation of lens or sensor, each axis. 0: it has
     /// none, or it is switched off
-    Stabilisation = "camera" "stabilised_px", PIXEL, 0.0, max 1000.0, flight, None, [ImageShift];
+    Stabilisation = "camera" "stabilised_px", PIXEL, 0.0, max 1000.0, flight, [ImageShift];
     /// standard deviation of the twist caused by a control surface's torque, at its position: four positions from 0.45 to
     /// 0.9 of the length (0.9 of it common to a flight's frames, 0.436 independent per frame)
-    Torque = "wing" "torque_sigma_deg", DEGREE, 1.0, max 20.0, flight, Some("control-surface torque"), [Torque];
+    Torque = "wing" "torque_sigma_deg", DEGREE, 1.0, max 20.0, flight, [Torque];
     /// from the exposure of the first row to the last row's (rolling shutter), 0 for a global shutter. Positions refer
     /// to the time of the middle row
-    Readout = "camera" "readout_s", SECOND, 0.03, max 1.0, flight,
-        Some("rolling shutter"), [WingVibration, CameraShake];
+    Readout = "camera" "readout_s", SECOND, 0.03, max 1.0, flight, [WingVibration, CameraShake];
     /// standard deviation of the camera's rotation between two frames of one mounting
-    MountDrift = "camera" "mount_drift_mrad", MILLIRADIAN, 0.05, max 100.0, laboratory, None, [MountingRotation];
+    MountDrift = "camera" "mount_drift_mrad", MILLIRADIAN, 0.05, max 100.0, laboratory, [MountingRotation];
     /// standard deviation of the survey's vertical about each horizontal axis. Deflections are measured along the vertical
-    Vertical = "survey" "vertical_sigma_deg", DEGREE, 0.1, max 20.0, flight, None, [Vertical];
+    Vertical = "survey" "vertical_sigma_deg", DEGREE, 0.1, max 20.0, flight, [Vertical];
 }
 
 /// Length of the wing, from the root to the outermost marker, with an airliner's defaults, m.

@@ -14,7 +14,7 @@ use wingd_base::output::{print_json, print_line};
 use wingd_evaluation::inputs::image_files;
 use wingd_evaluation::pipeline::SolveJob;
 use wingd_evaluation::record::ImageRecord;
-use wingd_evaluation::results::{ReportBuilder, protocol, table};
+use wingd_evaluation::results::{ReportBuilder, table};
 use wingd_measure::adjust::{AdjustmentMethod, Options, SigmaKind};
 use wingd_store::layout;
 
@@ -85,9 +85,6 @@ pub struct SolveArgs {
     /// For a store: ignore manual marks in its frames (`wingd mark`)
     #[arg(long)]
     no_marks: bool,
-    /// Print a readable protocol of each adjustment
-    #[arg(long, conflicts_with = "json")]
-    protocol: bool,
     /// Print one JSON object per image
     #[arg(long)]
     json: bool,
@@ -177,8 +174,8 @@ fn job_from_args(args: &SolveArgs) -> SolveJob {
     SolveJob { method, options }
 }
 
-/// Output of records: lines and protocols at once, so that finished results are kept; the table at the end, when its column
-/// widths are known.
+/// Output of records: lines at once, so that finished results are kept; the table at the end, when its column widths are
+/// known.
 struct ResultOutput<'a> {
     args: &'a SolveArgs,
     records: Vec<ImageRecord>,
@@ -201,9 +198,6 @@ impl<'a> ResultOutput<'a> {
         self.all_solved &= record.is_solved();
         if let Some(kept) = &mut self.kept {
             kept.push(record.clone());
-        }
-        if self.args.protocol {
-            return print_line(&protocol::adjustment_protocol(&record));
         }
         if self.args.json {
             return print_json(&record);

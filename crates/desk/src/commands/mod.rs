@@ -13,13 +13,11 @@ mod report;
 
 use wingd_simulate::command as simulate;
 
-use crate::board_camera::OpenCamera;
-
 commands! {
-    DeskCommand(cameras: OpenCamera)
+    DeskCommand()
     /// Estimate the interior orientation from images of a board
     #[cfg(feature = "boards")]
-    Calibrate(calibrate::CalibrateArgs) => calibrate::run [cameras], Prepare [
+    Calibrate(calibrate::CalibrateArgs) => calibrate::run, Prepare [
         "wingd calibrate --board board.toml --output camera.toml --report calibration.html board/*.jpg",
     ];
     /// Predict resolution and standard deviations

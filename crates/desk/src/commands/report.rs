@@ -9,13 +9,11 @@ use wingd_base::failure::{Completion, TaskResult};
 use wingd_base::output::{print_json, print_line, print_notes, write_output};
 use wingd_evaluation::inputs::default_paths::load_setup;
 use wingd_evaluation::inputs::stopping::run_long_task;
-use wingd_evaluation::number::count_text;
 use wingd_evaluation::record::variant_name;
 use wingd_evaluation::results::source;
 use wingd_evaluation::results::source::ResultChoice;
 use wingd_evaluation::results::summary::SeriesSummary;
-use wingd_evaluation::results::{ReportData, overview, summary, table};
-use wingd_store::RealDisk;
+use wingd_evaluation::results::{ReportData, summary, table};
 
 /// Write a flight's figures and tables as one HTML file.
 #[derive(clap::Args)]
@@ -25,9 +23,6 @@ pub struct ReportArgs {
     /// Flight, for example f0001 [default: the newest]
     #[arg(long)]
     flight: Option<String>,
-    /// Show all flights on one page: the deflection over time of each
-    #[arg(long, conflicts_with_all = ["flight", "inputs", "installation"])]
-    all_flights: bool,
     /// Results to use if a flight was solved with several inputs: first characters of their key [default: newest complete
     /// solve]
     #[arg(long, value_name = "KEY")]
@@ -36,10 +31,10 @@ pub struct ReportArgs {
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
     /// Number of frames shown as images, those with warnings first; each adds about 200 kB to the page
-    #[arg(long, value_name = "COUNT", default_value_t = source::DEFAULT_PICTURES, conflicts_with = "all_flights")]
+    #[arg(long, value_name = "COUNT", default_value_t = source::DEFAULT_PICTURES)]
     pictures: usize,
     /// Text in the head of the page, for example --field author="A. Engineer"; can be given several times
-    #[arg(long, value_name = "NAME=TEXT", value_parser = parse_field, conflicts_with = "all_flights")]
+    #[arg(long, value_name = "NAME=TEXT", value_parser = parse_field)]
     field: Vec<(String, String)>,
     /// Show all columns of the table [default: those that fit 80 characters]
     #[arg(long)]
@@ -53,9 +48,6 @@ pub struct ReportArgs {
 }
 
 pub(super) fn run(args: &ReportArgs) -> TaskResult<Completion> {
-    if args.all_flights {
-        return report_all_flights(args);
-    }
     let setup = load_setup(args.installation.as_deref())?;
     let choice = ResultChoice {
         flight: args.flight.as_deref(),
@@ -106,33 +98,3 @@ fn parse_field(text: &str) -> Result<(String, String), String> {
 
 /// Remedy for a page that cannot be written.
 const OTHER_OUTPUT: &str = "choose another file with --output";
-
-fn report_all_flights(args: &ReportArgs) -> TaskResult<Completion> {
-    let flights = source::selected_flights(&args.store, None)?;
-    let read = flights
-        .iter()
-        .map(|flight| overview::read_overview(&RealDisk, flight));
-    let all = read.collect::<Result<Vec<_>, _>>()?;
-    print_notes(all.iter().flat_map(|f| f.warning.iter().chain(&f.notes)));
-    write_output(&args.output, html::flights_page(&all), OTHER_OUTPUT)?;
-    if args.json {
-        for flight in &flights {
-            let choice = ResultChoice::for_flight(&flight.id);
-            print_series_json(&source::read_flight_with_pictures(
-                &args.store,
-                choice,
-                None,
-                0,
-            )?)?;
-        }
-    } else {
-        print_line(&format!(
-            "Report of {}: {}",
-            count_text(all.len(), "flight"),
-            args.output.display()
-        ))?;
-    }
-    Ok(Completion::from_success(
-        all.iter().all(|f| f.notes.is_empty()),
-    ))
-}

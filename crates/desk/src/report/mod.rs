@@ -6,7 +6,6 @@ mod budget;
 #[cfg(feature = "boards")]
 pub mod calibration;
 mod figures;
-mod flights;
 mod frames;
 mod tables;
 mod views;
@@ -14,14 +13,13 @@ mod views;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use wingd_base::clock::Stamp;
-use wingd_evaluation::number::{count_text, format_fixed, format_measured};
+use wingd_evaluation::number::{count_text, format_fixed};
 use wingd_evaluation::record::ImageRecord;
 use wingd_evaluation::results::source::PICTURES_FLIGHT;
-use wingd_evaluation::results::summary::{Mean, SeriesSummary, summarise_series};
-use wingd_evaluation::results::{ReportBuilder, ReportData, SeriesData, distinct_values, table};
+use wingd_evaluation::results::summary::{SeriesSummary, summarise_series};
+use wingd_evaluation::results::{ReportBuilder, ReportData, SeriesData, distinct_values};
 use wingd_measure::adjust::DeflectionReference;
 
-pub use flights::flights_page;
 pub use wingd_evaluation::figures::plot::{Axis, round_step};
 
 /// Style sheet of the report.
@@ -69,7 +67,6 @@ pub fn report_page(data: &ReportData) -> String {
     let main = html! {
         (report_header(data))
         (answer::answer_section(data, &summaries))
-        (summary_tiles(&summaries))
         (tables::references_section(data, &summaries))
         (contents_links())
         (deflection_section(data, &summaries))
@@ -110,75 +107,9 @@ fn report_header(data: &ReportData) -> Markup {
             p.sub { (report_title(data)) " | " (recording_period(data)) }
             @for (name, value) in &data.fields { p.sub { (name) ": " b { (value) } } }
             @if !data.other_flights.is_empty() {
-                p.sub { "Other flights of the store: " (data.other_flights.join(", ")) ". " code { "wingd report STORE --flight NAME" } " shows one, " code { "--all-flights" } " all." }
+                p.sub { "Other flights of the store: " (data.other_flights.join(", ")) ". " code { "wingd report STORE --flight NAME" } " shows one." }
             }
         }
-    }
-}
-
-fn summary_tiles(summaries: &[SeriesSummary]) -> Markup {
-    let sum = |f: fn(&SeriesSummary) -> usize| summaries.iter().map(f).sum::<usize>();
-    let (frames, solved) = (sum(|s| s.shots), sum(|s| s.solved));
-    let (passed, made) = (sum(|s| s.tests_passed), sum(|s| s.tests_made));
-    html! {
-        div.tiles {
-            (greatest_tile(summaries))
-            (change_tile(summaries))
-            div.tile.warn[solved < frames] { b { (solved) " of " (frames) } span { "frames may be used, in " (summaries.len()) " series" } }
-            @if made > 0 { div.tile.warn[passed < made] { b { (passed) " of " (made) } span { "global tests passed" } } }
-        }
-    }
-}
-
-/// Returns the largest deflection of a single frame; empty if no frame has one.
-fn greatest_tile(summaries: &[SeriesSummary]) -> Markup {
-    let with_deflection = summaries
-        .iter()
-        .filter_map(|s| Some((s, s.greatest.as_ref()?)));
-    let Some((s, one)) =
-        with_deflection.max_by(|a, b| a.1.deflection_m.total_cmp(&b.1.deflection_m))
-    else {
-        return html! {};
-    };
-    html! {
-        div.tile {
-            b { (format_measured(Some(one.deflection_m), one.sigma_m, 3)) " m" }
-            span { "largest tip deflection (" (one.marker) ") ± 1 sigma, " (s.reference.description()) "; " (s.name) "/" (one.image) }
-        }
-    }
-}
-
-/// Returns the change from the first series with a deflection to the last one; for one series its mean and scatter.
-fn change_tile(summaries: &[SeriesSummary]) -> Markup {
-    let means: Vec<_> = summaries
-        .iter()
-        .filter_map(|s| Some((s, s.tip_deflection_m?)))
-        .collect();
-    let tip = |s: &SeriesSummary| {
-        s.greatest
-            .as_ref()
-            .map_or(String::new(), |one| format!(" ({})", one.marker))
-    };
-    let scatter = |mean: Mean| table::scatter_text(Some(mean));
-    match means.as_slice() {
-        [(s, mean)] if mean.count > 1 => html! {
-            div.tile { b { (format_fixed(Some(mean.value), 3)) " m" } span { "mean tip deflection" (tip(s)) ", " (s.reference.description()) ", of " (mean.count) " frames; scatter of single frames " (scatter(*mean)) " m" } }
-        },
-        [(first, a), .., (last, b)] => {
-            // Errors common to both series (survey, mounting) cancel, so this is an upper limit.
-            let both = a.sigma.zip(b.sigma).map(|(a, b)| a.hypot(b));
-            let scattered = a.scatter.or(b.scatter).is_some();
-            html! {
-                div.tile {
-                    b { (format_measured(Some(b.value - a.value), both, 3)) " m" }
-                    span {
-                        "change of the mean" (tip(last)) " from " (first.name) " to " (last.name) " ± 1 sigma at most"
-                        @if scattered { "; scatter of frames " (scatter(*a)) " and " (scatter(*b)) " m" }
-                    }
-                }
-            }
-        }
-        _ => html! {},
     }
 }
 

@@ -8,11 +8,10 @@ use wingd_evaluation::grid::ColumnDefinition::{One, Pair};
 use wingd_evaluation::grid::Grid;
 use wingd_evaluation::number;
 use wingd_evaluation::number::{NONE, count_text, format_fixed};
-use wingd_evaluation::record::{ImageRecord, Provenance, json_fields, json_text, variant_name};
+use wingd_evaluation::record::{Provenance, json_fields, json_text, variant_name};
 use wingd_evaluation::results::summary::{Mean, SeriesSummary};
 use wingd_evaluation::results::{ReportData, SeriesData, ShotData, summary, table};
 use wingd_measure::adjust::DeflectionReference;
-use wingd_measure::estimation::quality::GlobalTest;
 
 /// Returns the section of the series means.
 pub fn series_section(summaries: &[SeriesSummary]) -> Markup {
@@ -137,7 +136,12 @@ pub fn quality_section(data: &ReportData) -> Markup {
     let unused = table::unused_markers(records().map(|(s, r)| (format!("{}/", s.name), r)));
     html! {
         h2 id="quality" { "Quality" }
-        (global_test_text(records().map(|(_, r)| r)))
+        p {
+            "A passed global test says that the residuals are consistent with the model and the specified standard deviations. "
+            "It cannot rule out errors that leave no residuals, such as a wrong root, axis, lens or window. "
+            "Their specified uncertainties are in the " a href="#budget" { "uncertainty budget" } ". "
+            "Unless configured otherwise, standard deviations are a posteriori where the test rejects."
+        }
         @if let Some(cad) = records().filter_map(|(_, r)| r.quality.cad.as_ref()).next_back() {
             p { "CAD frame: " (cad.describe()) "." }
         }
@@ -149,27 +153,6 @@ pub fn quality_section(data: &ReportData) -> Markup {
         @if !camera.rows.is_empty() {
             h3 { "Camera failures" }
             (camera.html())
-        }
-    }
-}
-
-fn global_test_text<'a>(records: impl Iterator<Item = &'a ImageRecord>) -> Markup {
-    let (mut passed, mut rejected) = (0, 0);
-    for verdict in records.filter_map(|r| r.global_test) {
-        passed += usize::from(verdict == GlobalTest::Passed);
-        rejected += usize::from(verdict == GlobalTest::Rejected);
-    }
-    html! {
-        @if passed + rejected == 0 {
-            p { "No global test could be made." }
-        } @else if rejected == 0 {
-            p {
-                @if passed == 1 { "The global test" } @else { "All " (passed) " global tests" } " passed: the residuals are consistent with the model and the specified standard deviations. "
-                "A passed test cannot rule out errors that leave no residuals, such as a wrong root, axis, lens or window. "
-                "Their specified uncertainties are in the " a href="#budget" { "uncertainty budget" } "."
-            }
-        } @else {
-            p.warning { (rejected) " of " (passed + rejected) " global tests rejected the model or the specified standard deviations; unless configured otherwise, the standard deviations of those frames are a posteriori." }
         }
     }
 }

@@ -1,6 +1,5 @@
 //! Corners of a board measured in images, for other programs and for an adjustment without the images.
 
-use std::fmt::Write as _;
 use std::path::Path;
 
 use nalgebra::{Matrix2, Vector2};
@@ -35,38 +34,40 @@ pub struct ImageCorners {
     pub size: (u32, u32),
     /// Measured corners.
     pub view: BoardView,
-    /// Use of each corner in a calibration; empty before one.
-    pub used: Vec<bool>,
 }
 
-/// Writes the corners of all images as CSV: one line per corner with covariance and use.
+/// Writes the corners of all images as CSV: one line per corner with its covariance.
 pub fn write_corners(file: &Path, images: &[ImageCorners]) -> std::io::Result<()> {
-    let mut text = COLUMNS.join(",") + ",used\n";
-    for image in images {
-        let name = if image.image.contains([',', '"', '\n']) {
-            format!("\"{}\"", image.image.replace('"', "\"\""))
+    let mut csv = csv::Writer::from_writer(vec![]);
+    csv.write_record(COLUMNS)?;
+    for (image, p) in images
+        .iter()
+        .flat_map(|image| image.view.iter().map(move |p| (image, p)))
+    {
+        let c = &p.covariance_px2;
+        let (su, sv) = (c[(0, 0)].sqrt(), c[(1, 1)].sqrt());
+        let correlation = if su * sv > 0.0 {
+            c[(0, 1)] / (su * sv)
         } else {
-            image.image.clone()
+            0.0
         };
-        for (k, p) in image.view.iter().enumerate() {
-            let used = image
-                .used
-                .get(k)
-                .map_or("", |u| if *u { "yes" } else { "no" });
-            let c = &p.covariance_px2;
-            let (su, sv) = (c[(0, 0)].sqrt(), c[(1, 1)].sqrt());
-            let correlation = if su * sv > 0.0 {
-                c[(0, 1)] / (su * sv)
-            } else {
-                0.0
-            };
-            let _ = writeln!(
-                text,
-                "{name},{},{},{},{},{:.5},{:.5},{su:.6},{sv:.6},{correlation:.5},{used}",
-                image.size.0, image.size.1, p.board_m.x, p.board_m.y, p.pixel.x, p.pixel.y,
-            );
-        }
+        let (width, height) = image.size;
+        csv.write_record([
+            image.image.clone(),
+            width.to_string(),
+            height.to_string(),
+            p.board_m.x.to_string(),
+            p.board_m.y.to_string(),
+            format!("{:.5}", p.pixel.x),
+            format!("{:.5}", p.pixel.y),
+            format!("{su:.6}"),
+            format!("{sv:.6}"),
+            format!("{correlation:.5}"),
+        ])?;
     }
+    let text = csv
+        .into_inner()
+        .map_err(|error| std::io::Error::other(error.to_string()))?;
     write_atomically(file, &text)
 }
 
@@ -112,7 +113,6 @@ fn read_corners_table(reader: &mut Reader, name: &Path) -> Option<Vec<ImageCorne
                 image,
                 size,
                 view: vec![point],
-                used: vec![],
             }),
         }
     }

@@ -30,11 +30,6 @@ pub struct DatedImage {
 }
 
 impl DatedImage {
-    /// Returns whether the time is that of this image, not one assumed by its place among others.
-    pub fn has_own_time(&self) -> bool {
-        !matches!(self.source, None | Some(TimeSource::Neighbours))
-    }
-
     /// Resolution of the clock that gave the time, s.
     pub fn clock_step_s(&self) -> f64 {
         0.1f64.powi(self.digits as i32)
@@ -86,6 +81,4 @@ pub enum TimeSource {
     Name,
     /// Begin and interval given by the user.
     Start,
-    /// Images before and after it.
-    Neighbours,
 }

@@ -7,7 +7,6 @@ use jiff::tz::Offset;
 use jiff::{SignedDuration, Timestamp};
 
 pub use super::dated_image::{DatedImage, TimeSource};
-use super::position_fixes::{WrongFix, find_wrong_fixes};
 use super::time_list::{FIRST_YEAR, TimeList};
 use wingd_base::clock::written_time::{WrittenTime, duration_text, offset_text};
 use wingd_base::failure::{Failure, TaskResult};
@@ -60,7 +59,7 @@ pub fn date_images(
     dating: &DatingOptions,
 ) -> TaskResult<Vec<TimeRemark>> {
     let mut remarks = take_listed_times(pictures, dating)?;
-    remarks.extend(drop_wrong_fixes(pictures, dating));
+    remarks.extend(drop_repeated_fixes(pictures, dating));
     take_camera_times(pictures, dating);
     remarks.extend(take_name_times(pictures, dating));
     remarks.extend(zone_remarks(pictures, dating));
@@ -136,28 +135,41 @@ fn take_listed_times(
     Ok(missing.into_iter().chain(other).collect())
 }
 
-/// Removes position fixes that cannot be the times of their images; returns remarks.
-fn drop_wrong_fixes(pictures: &mut [DatedImage], dating: &DatingOptions) -> Vec<TimeRemark> {
+/// Removes position fixes that a camera repeats without reception: images of other times have the same one.
+fn drop_repeated_fixes(pictures: &mut [DatedImage], dating: &DatingOptions) -> Option<TimeRemark> {
     let clock = |p: &DatedImage| camera_time(p.taken.time.as_ref()?, dating);
-    let images = pictures.iter().map(|p| (p.taken.gps_utc, clock(p)));
-    let wrong = find_wrong_fixes(&images.collect::<Vec<_>>());
-    let remedy = "they are not used; if the images have no other time, give --times FILE.csv";
-    let mut remarks = vec![];
-    for kind in [WrongFix::Repeated, WrongFix::Rollover] {
-        let of_kind = pictures
-            .iter()
-            .zip(&wrong)
-            .filter(|(_, w)| **w == Some(kind));
-        let selected: Vec<&DatedImage> = of_kind.map(|(p, _)| p).collect();
-        if !selected.is_empty() {
-            let what = format!("{} {}", count_images(&selected), kind.text());
-            remarks.push((what, remedy.to_owned()));
-        }
+    let mut sharing: BTreeMap<Timestamp, Vec<Option<Timestamp>>> = BTreeMap::new();
+    for picture in pictures.iter() {
+        let clocks = picture
+            .taken
+            .gps_utc
+            .map(|fix| sharing.entry(fix).or_default());
+        clocks.into_iter().for_each(|all| all.push(clock(picture)));
     }
-    for (picture, _) in pictures.iter_mut().zip(&wrong).filter(|(_, w)| w.is_some()) {
+    sharing.retain(|_, clocks| is_repeated(clocks));
+    let repeats = |p: &DatedImage| {
+        p.taken
+            .gps_utc
+            .is_some_and(|fix| sharing.contains_key(&fix))
+    };
+    let count = count_images(&select_images(pictures, repeats)?);
+    for picture in pictures.iter_mut().filter(|p| repeats(p)) {
         picture.taken.gps_utc = None;
     }
-    remarks
+    Some((
+        format!("{count} repeat the position fix of another image"),
+        "they are not used; if the images have no other time, give --times FILE.csv".into(),
+    ))
+}
+
+/// Largest time for which images of one burst can share a position fix.
+const FIX_STEP: SignedDuration = SignedDuration::from_secs(2);
+
+/// Returns whether images with these times of the camera's clock cannot share a position fix.
+fn is_repeated(clocks: &[Option<Timestamp>]) -> bool {
+    let known = clocks.iter().copied().collect::<Option<Vec<_>>>();
+    let span = known.and_then(|k| Some((*k.iter().min()?, *k.iter().max()?)));
+    clocks.len() > 1 && span.is_none_or(|(first, last)| last.duration_since(first) > FIX_STEP)
 }
 
 /// Takes the times of the camera's clock and, without one, of the position fix.
@@ -345,16 +357,15 @@ fn clock_remarks(pictures: &[DatedImage], dating: &DatingOptions) -> Vec<TimeRem
     remarks
 }
 
-/// Dates images without a time: from the time given, or between their neighbours.
+/// Dates images without a time from the time given.
 fn date_remaining(pictures: &mut [DatedImage], dating: &DatingOptions) -> Vec<TimeRemark> {
     let undated: Vec<usize> = (0..pictures.len())
         .filter(|k| pictures[*k].source.is_none())
         .collect();
-    let Some(first) = undated.first() else {
+    if undated.is_empty() {
         return vec![];
-    };
+    }
     let count = format!("{} images have no time", undated.len());
-    let name = pictures[*first].name.clone();
     let mut remarks = vec![];
     if let Some(damaged) = select_images(pictures, |p| p.source.is_none() && p.taken.damaged) {
         let what = format!(
@@ -381,56 +392,21 @@ fn date_remaining(pictures: &mut [DatedImage], dating: &DatingOptions) -> Vec<Ti
         remarks.push((what, "as given by --start and --every".into()));
         return remarks;
     }
-    let between = place_between_neighbours(pictures, &undated, dating.gap);
-    if between > 0 {
-        let what = format!(
-            "{between} images without a time are placed between those before and after them, first {name}"
-        );
-        remarks.push((what, "their own times stay unknown".into()));
-    }
-    if between < undated.len() {
-        let what = format!(
-            "{} images have no time: kept in the order of the files",
-            undated.len() - between
-        );
-        remarks.push((
-            what,
-            "give --start and --every, or --times FILE.csv, if you know them".into(),
-        ));
-    }
+    remarks.push((
+        format!("{count}: kept in the order of the files"),
+        "give --start and --every, or --times FILE.csv, if you know them".into(),
+    ));
     remarks
 }
 
-/// Dates images without a time whose neighbours in the order of the files are of one series, evenly between them; returns
-/// their number.
-fn place_between_neighbours(
-    pictures: &mut [DatedImage],
-    undated: &[usize],
-    gap: Duration,
-) -> usize {
-    let gap = SignedDuration::try_from(gap).unwrap_or_default();
-    let mut placed = 0;
-    for run in undated.chunk_by(|a, b| a + 1 == *b) {
-        let (Some(first), Some(last)) = (run.first(), run.last()) else {
-            continue;
-        };
-        let before = first.checked_sub(1).and_then(|k| pictures[k].utc);
-        let after = pictures.get(last + 1).and_then(|p| p.utc);
-        let Some((before, after)) = before.zip(after) else {
-            continue;
-        };
-        let pause = after.duration_since(before);
-        let parts = run.len() as i32 + 1;
-        if pause.is_negative() || pause / parts > gap {
-            continue;
-        }
-        for (index, part) in run.iter().zip(1..) {
-            let utc = (pause / parts)
-                .checked_mul(part)
-                .and_then(|since| before.checked_add(since).ok());
-            pictures[*index].set_time(utc, None, TimeSource::Neighbours);
-            placed += 1;
-        }
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fix_of_images_at_other_times_is_repeated() {
+        let at = |s: i64| Some(Timestamp::from_second(1_780_300_800 + s).unwrap());
+        assert!(is_repeated(&[at(0), at(60)]) && is_repeated(&[None, None]));
+        assert!(!is_repeated(&[at(0), at(1)]) && !is_repeated(&[at(0)]));
     }
-    placed
 }

@@ -9,7 +9,6 @@ pub mod image_names;
 pub mod image_times;
 pub mod manual_points;
 pub mod mount_comparison;
-mod position_fixes;
 pub mod stopping;
 pub mod stored_flights;
 pub mod stored_frames;

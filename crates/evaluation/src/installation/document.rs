@@ -5,14 +5,16 @@ use std::path::Path;
 use nalgebra::{Vector2, Vector3};
 
 use super::plausible::SpanSkew;
-use super::structure::{self, Structure};
-use super::tables::{self, BreakTable, InstallationDocument, OpticsTable, VibrationTable};
+use super::tables::{self, BreakTable, InstallationDocument, VibrationTable};
 use super::ties::CadModel;
-use super::{INSTALLATION_FILE, Reader, camera, plausible, ranges, survey, ties, window};
+use super::{
+    INSTALLATION_FILE, Reader, camera, plausible, ranges, structure, survey, ties, window,
+};
+use wingd_measure::plan::Optics;
 use wingd_measure::setup::Width;
 use wingd_measure::setup::{
-    DEFAULT_REPEATABILITY_PX, Setup, SkinHeight, SurveyMarker, Thermal, TorsionPair, WingBreak,
-    WingSide,
+    DEFAULT_REPEATABILITY_PX, Setup, StiffnessSection, SurveyMarker, Thermal, TorsionPair,
+    WingBreak, WingSide,
 };
 use wingd_measure::setup::{SetupUncertainty, Vibration};
 
@@ -24,8 +26,8 @@ pub(super) struct InstallationParts {
     pub setup: Setup,
     /// Tie points of a CAD model; `None` without one, or with errors.
     pub cad: Option<CadModel>,
-    pub optics: Option<OpticsTable>,
-    pub structure: Option<Structure>,
+    pub optics: Option<Optics>,
+    pub structure: Option<Vec<StiffnessSection>>,
     /// Names of the camera file and the survey file.
     pub sources: [String; 2],
     /// Reason for accepting a refused calibration of the camera.
@@ -45,12 +47,11 @@ pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
         .as_ref()
         .and_then(|cad| ties::read_cad(reader, cad));
     let before = reader.faults.len();
-    check_numbers(reader, &file, &text, &document);
+    check_numbers(reader, &file, &document);
     let in_range = reader.faults.len() == before;
     let torsion = resolve_torsion_pairs(reader, &file, &document, markers.as_deref());
     let window = window::read_window(reader, &file, document.window.as_ref());
     let structure = structure::read_structure(reader, document.structure.as_ref());
-    let skin = document.wing.skin_height_m.as_ref();
     let camera = lens?;
     let mut setup = Setup {
         name: document.name.clone().unwrap_or_else(|| "unnamed".into()),
@@ -80,11 +81,7 @@ pub(super) fn read_document(reader: &mut Reader) -> Option<InstallationParts> {
             .map(wing_break)
             .collect(),
         axis_chord_offset_m: document.wing.axis_chord_offset_m,
-        skin_height: skin.map(|s| SkinHeight {
-            root_m: s.root,
-            tip_m: s.tip,
-            tip_span_m: s.tip_span_m,
-        }),
+        skin_height: document.wing.skin_height_m,
         uncertainty: SetupUncertainty::DEFAULT,
         thermal: document.thermal.as_ref().map(thermal_from_table),
         torsion,
@@ -190,11 +187,7 @@ fn thermal_from_table(t: &tables::ThermalTable) -> Thermal {
         expansion_sigma_per_k: t.expansion_sigma_per_k,
         ground_temperature_c: t.ground_temperature_c,
         flight_temperature_c: t.flight_temperature_c,
-        flight_temperature_sigma_k: Some(
-            t.sigma_k
-                .or(t.flight_temperature_sigma_k)
-                .unwrap_or(DEFAULT_TEMPERATURE_SIGMA_K),
-        ),
+        flight_temperature_sigma_k: Some(t.sigma_k.unwrap_or(DEFAULT_TEMPERATURE_SIGMA_K)),
     }
 }
 
@@ -245,10 +238,10 @@ const CENTRE_KEY: &str = "camera.projection_centre_m";
 const SPAN_KEY: &str = "wing.span_direction";
 const ROOT_KEY: &str = "wing.root_offset_m";
 
-fn check_numbers(reader: &mut Reader, file: &Path, text: &str, document: &InstallationDocument) {
+fn check_numbers(reader: &mut Reader, file: &Path, document: &InstallationDocument) {
     let blanks = check_blanks(reader, file, document);
     let wing = &document.wing;
-    ranges::check_ranges(reader, file, text, &blanks);
+    ranges::check_ranges(reader, file, document, &blanks);
     if wing.vibration.is_some() && document.configured_width(Width::Readout) == Some(0.0) {
         let remedy =
             "delete it, or give the time from an image's first row to its last as camera.readout_s";

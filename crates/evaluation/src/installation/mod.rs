@@ -61,8 +61,6 @@ pub use orientation::write_orientation;
 pub(crate) use reader::Reader;
 pub use rows::{Row, RowsError, parse_rows};
 pub(crate) use rows::{TableLine, parse_records, read_table};
-pub use structure::{Structure, read_stiffness};
-pub use tables::OpticsTable;
 pub use ties::{CAD_ALPHA, CadModel};
 pub use warnings::find_warnings;
 pub use wingd_base::fault::{Fault, KeyFault};
@@ -73,7 +71,8 @@ pub use wingd_base::toml_fault::parse_toml;
 pub use write_setup::write_installation;
 
 use wingd_measure::geometry::TransformFit;
-use wingd_measure::setup::{Orientation, Setup};
+use wingd_measure::plan::Optics;
+use wingd_measure::setup::{Orientation, Setup, StiffnessSection};
 
 /// Installation that was read without errors.
 #[derive(Clone, Debug)]
@@ -91,9 +90,9 @@ pub struct Installation {
     /// Tie points and axes of the CAD model.
     pub cad_model: Option<CadModel>,
     /// Data of the lens and sensor, for planning.
-    pub optics: Option<OpticsTable>,
-    /// Beam model of the wing, for moments.
-    pub structure: Option<Structure>,
+    pub optics: Option<Optics>,
+    /// Bending stiffness at stations from root to tip, for moments.
+    pub structure: Option<Vec<StiffnessSection>>,
     /// Name and SHA-256 of every file that was read, for provenance.
     pub digests: Vec<(String, String)>,
     /// Names of the camera and survey files, which an orientation depends on.

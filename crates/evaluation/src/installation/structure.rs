@@ -4,9 +4,9 @@ use std::path::Path;
 
 use super::{Reader, tables};
 use crate::installation::{TableLine, read_table};
-use wingd_base::fault::Fault;
-use wingd_measure::setup::{DEFAULT_BENDING_HZ, StiffnessSection};
+use wingd_measure::setup::StiffnessSection;
 
+/// Columns. The last two are optional, and read by `wingd-loads` alone.
 const COLUMNS: [&str; 5] = [
     "s_m",
     "ei_n_m2",
@@ -14,40 +14,14 @@ const COLUMNS: [&str; 5] = [
     "ground_n_m",
     "ultimate_n_m",
 ];
-/// Columns that may be missing.
-const OPTIONAL_COLUMNS: [&str; 2] = ["ground_n_m", "ultimate_n_m"];
 
-/// Beam model of the wing.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Structure {
-    /// Stiffness at stations from root to tip.
-    pub sections: Vec<StiffnessSection>,
-    /// Lowest bending frequency, Hz.
-    pub bending_hz: f64,
-}
-
-/// Reads `[structure]` of an installation.
+/// Reads the stiffness at stations from root to tip that `[structure]` of an installation names.
 pub(super) fn read_structure(
     reader: &mut Reader,
     structure: Option<&tables::StructureTable>,
-) -> Option<Structure> {
-    let structure = structure?;
-    let bending_hz = structure.bending_hz.unwrap_or(DEFAULT_BENDING_HZ);
+) -> Option<Vec<StiffnessSection>> {
     let remedy = "name the file in structure.stiffness of installation.toml";
-    let sections = read_sections(reader, &structure.stiffness, remedy)?;
-    Some(Structure {
-        sections,
-        bending_hz,
-    })
-}
-
-/// Reads a table of stiffness in any directory.
-pub fn read_stiffness(file: &Path) -> Result<Vec<StiffnessSection>, Vec<Fault>> {
-    let remedy = format!(
-        "name a file with the columns {},{},{}",
-        COLUMNS[0], COLUMNS[1], COLUMNS[2]
-    );
-    Reader::read_file(file, |reader, name| read_sections(reader, name, &remedy))
+    read_sections(reader, &structure?.stiffness, remedy)
 }
 
 fn read_sections(
@@ -55,7 +29,7 @@ fn read_sections(
     name: impl AsRef<Path>,
     remedy: &str,
 ) -> Option<Vec<StiffnessSection>> {
-    let (file, lines) = read_table(reader, name, remedy, COLUMNS, &OPTIONAL_COLUMNS)?;
+    let (file, lines) = read_table(reader, name, remedy, COLUMNS, &COLUMNS[3..])?;
     if lines.is_empty() {
         reader.fault(
             &file,
@@ -86,24 +60,11 @@ fn read_sections(
 }
 
 fn parse_section(reader: &mut Reader, line: &TableLine<5>) -> Option<StiffnessSection> {
-    let mut cell = |k: usize| line.parse_number(reader, k);
-    let (s_m, ei, sigma) = (cell(0), cell(1), cell(2));
-    let ground_n_m = if line.cells[3].is_empty() {
-        Some(0.0)
-    } else {
-        cell(3)
-    };
-    let ultimate = if line.cells[4].is_empty() {
-        Some(None)
-    } else {
-        cell(4).map(Some)
-    };
+    let [s_m, ei_n_m2, sigma_ei_n_m2] = line.parse_numbers(reader, 0)?;
     let section = StiffnessSection {
-        s_m: s_m?,
-        ei_n_m2: ei?,
-        sigma_ei_n_m2: sigma?,
-        ground_n_m: ground_n_m?,
-        ultimate_n_m: ultimate?,
+        s_m,
+        ei_n_m2,
+        sigma_ei_n_m2,
     };
     let sigma_range = 0.0..=section.ei_n_m2.max(0.0);
     let checks = [
@@ -122,11 +83,6 @@ fn parse_section(reader: &mut Reader, line: &TableLine<5>) -> Option<StiffnessSe
             sigma_range.contains(&section.sigma_ei_n_m2),
             "give the standard deviation in N m^2, from 0 to the stiffness",
         ),
-        (
-            4,
-            section.ultimate_n_m.is_none_or(|m| m > 0.0),
-            "give the moment at failure in N m, above 0, or leave the cell empty",
-        ),
     ];
     for (k, _, remedy) in checks.into_iter().filter(|(_, holds, _)| !holds) {
         line.cell_fault(reader, k, format!("is {}", line.cells[k]), remedy);
@@ -138,27 +94,21 @@ fn parse_section(reader: &mut Reader, line: &TableLine<5>) -> Option<StiffnessSe
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
+    use wingd_base::fault::Fault;
 
     fn read(text: &str) -> Result<Vec<StiffnessSection>, Vec<Fault>> {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("structure.csv");
         std::fs::write(&file, text).unwrap();
-        read_stiffness(&file)
+        Reader::read_file(&file, |reader, name| read_sections(reader, name, ""))
     }
 
     #[test]
     fn columns_may_be_omitted_and_cells_empty() {
         let found = read("s_m,ei_n_m2,sigma_ei_n_m2\n0,2e9,1e8\n10,1e9,5e7\n").unwrap();
-        assert_eq!(
-            (found.len(), found[1].s_m, found[1].ground_n_m),
-            (2, 10.0, 0.0)
-        );
-        let found =
-            read("s_m,ei_n_m2,sigma_ei_n_m2,ultimate_n_m\n0,2e9,1e8,\n1,2e9,1e8,4e7\n").unwrap();
-        assert_eq!(
-            (found[0].ultimate_n_m, found[1].ultimate_n_m),
-            (None, Some(4e7))
-        );
+        assert_eq!((found.len(), found[1].s_m), (2, 10.0));
+        let found = read("s_m,ei_n_m2,sigma_ei_n_m2,ultimate_n_m\n0,2e9,1e8,\n1,2e9,1e8,4e7\n");
+        assert_eq!(found.unwrap().len(), 2);
     }
 
     #[test]

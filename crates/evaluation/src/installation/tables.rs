@@ -4,6 +4,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::section::{Section, SectionTable};
+use wingd_measure::plan::Optics;
+use wingd_measure::setup::SkinHeight;
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -28,20 +30,7 @@ pub(super) struct CameraTable {
     pub projection_centre_m: [f64; 3],
     pub projection_centre_sigma_m: Option<f64>,
     pub mount_repeatability_px: Option<f64>,
-    pub optics: Option<OpticsTable>,
-}
-
-/// Nominal data of the lens and sensor, for depth of field and diffraction.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct OpticsTable {
-    pub focal_length_mm: f64,
-    /// Aperture number.
-    pub f_number: f64,
-    /// Distance between pixel centres, micrometres.
-    pub pixel_pitch_um: f64,
-    /// Circle of confusion, micrometres; two pixels if not given.
-    pub circle_of_confusion_um: Option<f64>,
+    pub optics: Option<Optics>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -55,7 +44,7 @@ pub(super) struct WingTable {
     pub root_offset_m: f64,
     pub breaks: Option<Vec<BreakTable>>,
     pub axis_chord_offset_m: Option<f64>,
-    pub skin_height_m: Option<SkinTable>,
+    pub skin_height_m: Option<SkinHeight>,
     pub vibration: Option<Vec<VibrationTable>>,
 }
 
@@ -119,20 +108,11 @@ fn or_blank<'de, const N: usize, D: serde::Deserializer<'de>>(
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct SkinTable {
-    pub root: f64,
-    pub tip: f64,
-    pub tip_span_m: f64,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub(super) struct ThermalTable {
     pub expansion_per_k: f64,
     pub expansion_sigma_per_k: Option<f64>,
     pub ground_temperature_c: f64,
     pub flight_temperature_c: f64,
-    pub flight_temperature_sigma_k: Option<f64>,
     pub sigma_k: Option<f64>,
 }
 
@@ -160,7 +140,6 @@ pub(super) struct CadTable {
 #[serde(deny_unknown_fields)]
 pub(super) struct StructureTable {
     pub stiffness: String,
-    pub bending_hz: Option<f64>,
 }
 
 #[derive(Serialize, Deserialize)]

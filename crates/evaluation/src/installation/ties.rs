@@ -303,6 +303,13 @@ impl CadModel {
         Err((TIES, problem, remedy))
     }
 
+    /// Returns whether the points pass the test with a change.
+    fn passes_with(&self, change: impl Fn(&mut [PointPair])) -> bool {
+        let mut points = self.points.clone();
+        change(&mut points);
+        TransformFit::estimate(&points, self.similarity).is_ok_and(|fit| passes(&fit))
+    }
+
     /// Names the points or the axis whose correction makes the others agree.
     fn explain_rejection(&self, fit: Result<&TransformFit, FitError>) -> CadFault {
         let contradict = |cause: String| {
@@ -312,11 +319,6 @@ impl CadModel {
             });
             format!("contradict each other{factor}: {cause}")
         };
-        let is_right = |change: &dyn Fn(&mut Vec<PointPair>)| {
-            let mut points = self.points.clone();
-            change(&mut points);
-            TransformFit::estimate(&points, self.similarity).is_ok_and(|fit| passes(&fit))
-        };
         let mirrored = || {
             (
                 TIES,
@@ -324,7 +326,7 @@ impl CadModel {
                 "correct the sign of an axis".into(),
             )
         };
-        if is_right(&|points| points.iter_mut().for_each(|p| p.target_m.x *= -1.0)) {
+        if self.passes_with(|points| points.iter_mut().for_each(|p| p.target_m.x *= -1.0)) {
             return mirrored();
         }
         let mut suspects: Vec<usize> = (0..self.points.len()).collect();
@@ -373,6 +375,16 @@ impl CadModel {
             let (k, fit) = others.min_by(|a, b| factor(&a.1).total_cmp(&factor(&b.1)))?;
             left_out.push(k);
             if passes(&fit) {
+                if let [a, b] = left_out[..] {
+                    let exchange = |points: &mut [PointPair]| {
+                        (points[a].target_m, points[b].target_m) =
+                            (points[b].target_m, points[a].target_m);
+                    };
+                    if self.passes_with(exchange) {
+                        let [a, b] = [&self.ids[a.min(b)], &self.ids[a.max(b)]];
+                        return Some(format!("the CAD coordinates of {a} and {b} are exchanged"));
+                    }
+                }
                 let off = |k: &usize| {
                     let off =
                         self.points[*k].target_m - fit.transform.apply(&self.points[*k].source_m);

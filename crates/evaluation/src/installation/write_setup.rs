@@ -6,15 +6,13 @@ use std::path::{Path, PathBuf};
 use super::document::{DEFAULT_CENTRE_SIGMA_M, DEFAULT_TEMPERATURE_SIGMA_K};
 use super::section::{GivenWidths, Section, SectionTable};
 use super::tables::{
-    BreakTable, CameraTable, InstallationDocument, Side, SkinTable, SurveyTable, ThermalTable,
-    TorsionTable, VibrationTable, WingTable,
+    BreakTable, CameraTable, InstallationDocument, Side, SurveyTable, ThermalTable, TorsionTable,
+    VibrationTable, WingTable,
 };
 use super::{INSTALLATION_FILE, write_camera};
 use wingd_measure::setup::Vibration;
 use wingd_measure::setup::Width;
-use wingd_measure::setup::{
-    Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, WingBreak, WingSide,
-};
+use wingd_measure::setup::{Setup, Shape, SurveyMarker, Thermal, TorsionPair, WingBreak, WingSide};
 use wingd_measure::widths::WidthRow;
 
 /// Names of the written camera file and survey.
@@ -93,7 +91,6 @@ fn installation_document(setup: &Setup) -> InstallationDocument {
         expansion_sigma_per_k: thermal.expansion_sigma_per_k,
         ground_temperature_c: thermal.ground_temperature_c,
         flight_temperature_c: thermal.flight_temperature_c,
-        flight_temperature_sigma_k: None,
         sigma_k: thermal
             .flight_temperature_sigma_k
             .and_then(|sigma| nondefault(sigma, DEFAULT_TEMPERATURE_SIGMA_K)),
@@ -158,11 +155,6 @@ fn camera_table(setup: &Setup) -> CameraTable {
 }
 
 fn wing_table(setup: &Setup) -> WingTable {
-    let skin = |skin: SkinHeight| SkinTable {
-        root: skin.root_m,
-        tip: skin.tip_m,
-        tip_span_m: skin.tip_span_m,
-    };
     let Vibration {
         amplitude,
         frequency_hz,
@@ -188,7 +180,7 @@ fn wing_table(setup: &Setup) -> WingTable {
         breaks: Some(setup.breaks.iter().map(break_table).collect())
             .filter(|all: &Vec<_>| !all.is_empty()),
         axis_chord_offset_m: setup.axis_chord_offset_m,
-        skin_height_m: setup.skin_height.map(skin),
+        skin_height_m: setup.skin_height,
         vibration: vibrates.then(|| {
             vec![VibrationTable {
                 frequency_hz,

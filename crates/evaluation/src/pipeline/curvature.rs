@@ -57,7 +57,7 @@ impl CurvatureEstimate {
 
 /// Returns the bending moments at the sections whose stiffness the installation gives.
 pub(super) fn moment_records(installation: &Installation, s: &Solution) -> Vec<MomentRecord> {
-    let sections = installation.structure.as_ref().map(|of| &of.sections);
+    let sections = installation.structure.as_ref();
     let estimate = CurvatureEstimate::from_solution(s);
     let curvature = estimate.map(|estimate| BendingCurvature {
         covariance: estimate.covariance_matrix(),

@@ -54,18 +54,6 @@ pub struct Correlation {
 }
 
 impl Correlation {
-    /// Returns the matrix if it is square, complete and has a name for each row.
-    pub fn complete(&self) -> Option<Vec<Vec<f64>>> {
-        let count = self.parameters.len();
-        let square = self.matrix.len() == count && self.matrix.iter().all(|row| row.len() == count);
-        let row = |row: &Vec<Option<f64>>| row.iter().copied().collect::<Option<Vec<_>>>();
-        self.matrix
-            .iter()
-            .map(row)
-            .collect::<Option<_>>()
-            .filter(|_| square)
-    }
-
     /// Returns the correlation of two parameters, given by name.
     pub fn coefficient(&self, one: &str, other: &str) -> Option<f64> {
         let place = |name: &str| self.parameters.iter().position(|known| known == name);

@@ -9,13 +9,11 @@
 //! | `kinds` | messages of many frames | one line for each kind of message |
 //! | `frame_ranking` | records | the frames to check first |
 //! | `overview` | a store | one line per series of a flight, without reading full records |
-//! | `protocol` | the record of an image | the protocol of its adjustment as text |
 
 pub mod aircraft;
 pub mod frame_ranking;
 pub mod kinds;
 pub mod overview;
-pub mod protocol;
 pub mod source;
 pub mod summary;
 pub mod table;

@@ -15,8 +15,6 @@ pub struct Mean {
     pub sigma: Option<f64>,
     /// Standard deviation of a single shot about the mean; `None` with one shot.
     pub scatter: Option<f64>,
-    /// Number of shots.
-    pub count: usize,
 }
 
 impl Mean {
@@ -38,7 +36,6 @@ impl Mean {
             value,
             sigma,
             scatter,
-            count: finite.len(),
         })
     }
 }
@@ -336,7 +333,7 @@ mod tests {
     fn the_mean_keeps_common_errors_and_shows_the_scatter() {
         let mean =
             Mean::from_values(&[(1.0, Some(0.3)), (3.0, Some(0.4)), (f64::NAN, None)]).unwrap();
-        assert_eq!((mean.value, mean.count), (2.0, 2));
+        assert_eq!(mean.value, 2.0);
         assert!((mean.sigma.unwrap() - 0.125_f64.sqrt()).abs() < 1e-12);
         assert!((mean.scatter.unwrap() - 2.0_f64.sqrt()).abs() < 1e-12);
         assert_eq!(Mean::from_values(&[]), None);

@@ -8,7 +8,7 @@ use super::summary::{Mean, SeriesSummary};
 use crate::grid::ColumnDefinition::{One, Pair};
 use crate::grid::Grid;
 use crate::number::{NONE, count_text, decimals_for, format_fixed, format_rounded};
-use crate::record::{ImageRecord, MarkerRecord, Tip, TorsionRecord, variant_name};
+use crate::record::{ImageRecord, MarkerRecord, RecordStatus, Tip, TorsionRecord, variant_name};
 use wingd_measure::adjust::{DeflectionReference, VarianceShare};
 use wingd_measure::detect::{Detection, Detections};
 
@@ -249,7 +249,6 @@ pub fn image_table(
     };
     Grid::for_rows(&rows).columns(&[
         One("<image", &|(r, _)| r.image.clone()),
-        One("~<status", &|(r, _)| variant_name(r.status)),
         One("~<method", &|(r, _)| {
             if r.flight {
                 "flight".to_owned()
@@ -271,10 +270,16 @@ pub fn image_table(
         One("variance factor", &|(r, _)| {
             format_fixed(r.variance_factor, 2)
         }),
-        One("<global test", &|(r, _)| {
-            r.global_test.map_or(NONE.to_owned(), variant_name)
-        }),
+        One("<verdict", &|(r, _)| verdict_text(r)),
     ])
+}
+
+/// Returns the verdict of the global test, or the status of a result that must not be used.
+fn verdict_text(record: &ImageRecord) -> String {
+    match record.status {
+        RecordStatus::Ok => record.global_test.map_or(NONE.to_owned(), variant_name),
+        other => variant_name(other),
+    }
 }
 
 /// Builds the table of the markers of one image, for the terminal and the report.
@@ -359,6 +364,19 @@ mod tests {
         ] {
             assert!(text.contains(word), "{word} is missing in\n{text}");
         }
+    }
+
+    #[test]
+    fn a_doubtful_image_is_not_said_to_have_passed() {
+        let doubtful = ImageRecord {
+            status: RecordStatus::Doubtful,
+            ..sample::record("f01.jpg", 2.93)
+        };
+        let text = results_text(&[doubtful], true);
+        assert!(
+            text.contains("doubtful") && !text.contains("passed"),
+            "{text}"
+        );
     }
 
     #[test]

@@ -261,16 +261,6 @@ impl FlightPrior {
         }
     }
 
-    /// Returns whether the prior belongs to a curvature of `terms` terms.
-    pub fn matches_curvature_terms(&self, terms: usize) -> bool {
-        self.unknowns
-            .iter()
-            .filter(|parameter| parameter.unknown == Unknown::Shape)
-            .count()
-            + 1
-            == terms
-    }
-
     /// Remark about the prior for a result.
     pub fn remark(&self, used: bool) -> String {
         let flights = if self.flights == 1 {

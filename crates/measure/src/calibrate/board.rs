@@ -32,7 +32,9 @@ pub enum Board {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BoardError {
     /// No board in the image.
-    #[error("no board found; show the complete board, in focus and evenly lit")]
+    #[error(
+        "no board found; show the complete board (an AprilGrid with its small squares), in focus, evenly lit and not mirrored"
+    )]
     NotFound,
     /// Board found, but cut off or of another size.
     #[error(

@@ -6,6 +6,7 @@
 //! edge that jumps from pixel to pixel has no slope to follow.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
+use statrs::function::erf::erf;
 
 use crate::raster::Raster;
 
@@ -176,8 +177,8 @@ fn edge_profile(d: &Vector2<f64>, angle: f64, curvature: f64, blur: f64) -> (f64
     let along = cos * d.x + sin * d.y;
     let side = cos * d.y - sin * d.x - 0.5 * curvature * along * along;
     let q = side / blur;
-    let (erf, density) = erf(q * std::f64::consts::FRAC_1_SQRT_2);
-    let by_side = density * std::f64::consts::FRAC_1_SQRT_2 / blur;
+    let erf = erf(q * std::f64::consts::FRAC_1_SQRT_2);
+    let by_side = 2.0 * (-0.5 * q * q).exp() / (std::f64::consts::TAU.sqrt() * blur);
     (
         erf,
         [
@@ -186,20 +187,6 @@ fn edge_profile(d: &Vector2<f64>, angle: f64, curvature: f64, blur: f64) -> (f64
             -by_side * along,
             -by_side * q,
         ],
-    )
-}
-
-/// Returns the error function (Abramowitz and Stegun 7.1.26, error below 1.5e-7) and its derivative.
-fn erf(x: f64) -> (f64, f64) {
-    let gauss = (-x * x).exp();
-    let t = 1.0 / (1.0 + 0.327_591_1 * x.abs());
-    let series = t
-        * (0.254_829_592
-            + t * (-0.284_496_736
-                + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
-    (
-        (1.0 - series * gauss).copysign(x),
-        gauss * std::f64::consts::FRAC_2_SQRT_PI,
     )
 }
 

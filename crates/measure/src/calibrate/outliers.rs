@@ -149,10 +149,7 @@ impl Selection {
         let residuals = adjusted.residuals(&self.used);
         let squares = adjusted.normalized_squares(&self.used, &residuals);
         let zoomed = self.zoom_outlier(adjusted, &residuals);
-        let worst = zoomed.or_else(|| {
-            self.residual_outlier(&residuals, &squares)
-                .map(|(k, reason)| self.prefer_zoom_reason(adjusted, &residuals, k, reason))
-        });
+        let worst = zoomed.or_else(|| self.residual_outlier(&residuals, &squares));
         match worst.filter(|_| self.used.len() > MIN_VIEWS) {
             Some((k, reason)) => {
                 let (index, _) = self.used.remove(k);
@@ -192,28 +189,6 @@ impl Selection {
             times: over(k),
         };
         (over(k) > student_limit(own.len(), 2.0)).then_some((k, reason))
-    }
-
-    /// Replaces the reason by another focal length if that explains the image's residuals.
-    fn prefer_zoom_reason(
-        &self,
-        adjusted: &CameraAdjustment,
-        residuals: &[Vec<Vector2<f64>>],
-        k: usize,
-        reason: ImageRejection,
-    ) -> (usize, ImageRejection) {
-        match own_camera_constant(adjusted, k, &self.used[k].1, &residuals[k]) {
-            Some((change, sigma)) if change.abs() > sigma * student_limit(residuals.len(), 2.0) => {
-                (
-                    k,
-                    ImageRejection::OtherZoom {
-                        percent: 100.0 * change,
-                        times: change.abs() / sigma,
-                    },
-                )
-            }
-            _ => (k, reason),
-        }
     }
 
     /// Finds the image with the largest normalised residuals.

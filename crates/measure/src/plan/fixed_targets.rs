@@ -6,9 +6,6 @@ use crate::estimation::robust::median;
 use crate::observation::Observation;
 use crate::setup::{Orientation, Setup, Shape, SurveyMarker, fixed_target};
 
-/// Numbers of additional targets that are predicted.
-pub(super) const COUNTS: [usize; 3] = [1, 2, 4];
-
 /// Free distance between a target and a marker of the wing, in diameters of the target's image.
 const CLEARANCE: f64 = 0.75;
 /// Shifts from the corner towards the middle of the image, over its width and height, at which a target may be.

@@ -1,7 +1,6 @@
 //! Widths that an installation states much smaller than usual, and what they hide.
 
-use super::PlanOptions;
-use super::prediction::SimulatedFlight;
+use super::{PlanOptions, predict_precision};
 use crate::adjust::causes::{NARROW_FRACTION, SENSITIVE_RATIO};
 use crate::setup::{DEFAULT_REPEATABILITY_PX, Setup};
 use crate::widths::Width;
@@ -24,7 +23,7 @@ pub struct NarrowWidth {
 pub fn find_narrow_widths(setup: &Setup) -> Vec<NarrowWidth> {
     let options = PlanOptions::default();
     let tip_sigma_m = |setup: &Setup| {
-        let precision = SimulatedFlight::new(setup, None, &options)?.predict_single_frame()?;
+        let precision = predict_precision(setup, None, &options, 1, None)?;
         Ok::<_, crate::adjust::AdjustError>(precision.sigma_tip_deflection_m)
     };
     let Ok(stated_m) = tip_sigma_m(setup) else {

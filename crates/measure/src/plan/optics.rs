@@ -1,9 +1,10 @@
 //! Depth of field and diffraction.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
-/// Nominal data of lens and sensor.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+/// Nominal data of lens and sensor, as in `[camera.optics]`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Optics {
     pub focal_length_mm: f64,
     pub f_number: f64,

@@ -9,21 +9,13 @@ use super::precision::{
     LayoutPrecision, MarkerSigma, TipSigma, layout_precision, marker_sigmas, tip_sigma,
 };
 use super::view::{bend_markers, camera_attitude};
-use super::{PlanOptions, SkinProfile, adjustment_options, fixed_targets};
+use super::{PlanOptions, SkinProfile, adjustment_options};
 use crate::adjust::flight_prior::FlightPrior;
 use crate::adjust::ground::GroundShape;
 use crate::adjust::{self, AdjustError, AdjustResult, Mounting, Observation, Options, Solution};
 use crate::environment::apparent_point;
 use crate::points;
 use crate::setup::{Orientation, Setup};
-
-/// The layout under another assumption.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct AlternativeLayout {
-    pub name: String,
-    /// Predicted precision; `None` if the layout could not be adjusted.
-    pub expected: Option<LayoutPrecision>,
-}
 
 /// Predicted uncertainty of a layout.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -40,32 +32,6 @@ pub struct LayoutPrediction {
     /// Torsion pairs of the installation: name, standard deviations of angle and twist, degrees.
     pub torsion: Vec<(String, Option<f64>, Option<f64>)>,
     pub pitch_bending_correlation: Option<f64>,
-    /// Layouts with 1, 2 and 4 additional fixed targets.
-    pub fixed_targets: Vec<AlternativeLayout>,
-    /// Standard deviations along the span: (span from the projection centre, deflection m, twist degrees).
-    curve: Vec<(f64, f64, Option<f64>)>,
-}
-
-impl LayoutPrediction {
-    /// Interpolates the standard deviations of deflection (m) and twist (degrees) at a span, m, linearly.
-    pub fn sigmas_at(&self, span_m: f64) -> Option<(f64, Option<f64>)> {
-        let next = self
-            .curve
-            .iter()
-            .position(|p| p.0 >= span_m)
-            .or(self.curve.len().checked_sub(1))?;
-        let (b, a) = (
-            self.curve.get(next)?,
-            self.curve.get(next.saturating_sub(1))?,
-        );
-        let share = if b.0 > a.0 {
-            ((span_m - a.0) / (b.0 - a.0)).clamp(0.0, 1.0)
-        } else {
-            1.0
-        };
-        let mix = |x: f64, y: f64| x + share * (y - x);
-        Some((mix(a.1, b.1), a.2.zip(b.2).map(|(x, y)| mix(x, y))))
-    }
 }
 
 /// Lowest deflection of a flight's frames over the highest: from full tanks at taxi speed to a gust.
@@ -202,18 +168,16 @@ impl<'a> SimulatedFlight<'a> {
             + 2.0 * self.a_per_m * (flight.x - self.setup.root_offset_m).max(0.0)
     }
 
-    /// Predicts the uncertainty of the frame and of each changed layout.
+    /// Predicts the uncertainty of the frame.
     ///
     /// # Errors
     /// Returns an error if the layout cannot be adjusted.
     pub fn predict_layout(&self) -> AdjustResult<LayoutPrediction> {
-        let solution = self.adjust_frame(&self.observations)?;
+        let solution = self.adjust_frame()?;
         let degrees = |e: Option<adjust::Estimate>| e.and_then(|e| e.sigma).map(f64::to_degrees);
         Ok(LayoutPrediction {
             redundancy: solution.redundancy,
-            expected: layout_precision(&solution, self.setup).ok_or_else(|| {
-                AdjustError::Input("the adjustment gives no standard deviations".into())
-            })?,
+            expected: self.layout_precision(&solution)?,
             tip: tip_sigma(&solution, self.setup),
             budget: solution
                 .budget
@@ -227,42 +191,42 @@ impl<'a> SimulatedFlight<'a> {
                 .map(|t| (t.name.clone(), degrees(t.angle_rad), degrees(t.twist_rad)))
                 .collect(),
             pitch_bending_correlation: solution.pitch_bending_correlation,
-            fixed_targets: fixed_targets::COUNTS
-                .iter()
-                .map(|count| self.predict_with_fixed_targets(*count))
-                .collect(),
-            curve: solution
-                .curve
-                .iter()
-                .filter_map(|p| {
-                    let twist = p.twist_rad.and_then(|t| t.sigma).map(f64::to_degrees);
-                    Some((p.span_m, p.deflection_m.sigma?, twist))
-                })
-                .collect(),
         })
     }
 
-    /// Predicts the precision of the frame adjusted alone.
+    /// Extracts the precision of a solution.
     ///
     /// # Errors
-    /// Returns an error if the layout cannot be adjusted.
-    pub fn predict_single_frame(&self) -> AdjustResult<LayoutPrecision> {
-        let precision = layout_precision(&self.adjust_frame(&self.observations)?, self.setup);
-        precision
+    /// Returns an error if the solution has no standard deviations.
+    pub fn layout_precision(&self, solution: &Solution) -> AdjustResult<LayoutPrecision> {
+        layout_precision(solution, self.setup)
             .ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
     }
 
-    /// Predicts the precision of `frames` frames of one mounting adjusted together, for the frame with the largest
+    /// Adjusts the frame alone.
+    ///
+    /// # Errors
+    /// Returns an error if the layout cannot be adjusted.
+    pub fn adjust_frame(&self) -> AdjustResult<Solution> {
+        adjust::solve_spatial(
+            self.setup,
+            &self.orientation,
+            &self.observations,
+            &adjustment_options(),
+        )
+    }
+
+    /// Adjusts `frames` frames of one mounting together, and returns the solution of the frame with the largest
     /// deflection. The tip deflections range from [`MIN_DEFLECTION_FRACTION`] of the deflection to all of it.
     /// `flight_prior`: prior from earlier flights.
     ///
     /// # Errors
     /// Returns an error if the layout cannot be adjusted.
-    pub fn predict_flight(
+    pub fn adjust_flight(
         &self,
         frames: usize,
         flight_prior: Option<&FlightPrior>,
-    ) -> AdjustResult<LayoutPrecision> {
+    ) -> AdjustResult<Solution> {
         let share = |k: usize| {
             1.0 - (1.0 - MIN_DEFLECTION_FRACTION) * k as f64 / (frames.max(2) - 1) as f64
         };
@@ -281,59 +245,18 @@ impl<'a> SimulatedFlight<'a> {
         let options = Options {
             mountings,
             flight_prior,
-            ..adjustment_options(self.options)
+            ..adjustment_options()
         };
         // Observations without noise would show that nothing moves.
         let mut setup = self.setup.clone();
         setup.uncertainty = setup.uncertainty.without_frame_scaling();
-        let solutions = match &seen[..] {
-            [one] => vec![adjust::solve_spatial(
-                &setup,
-                &self.orientation,
-                one,
-                &options,
-            )?],
-            _ => adjust::solve_flight(&setup, &self.orientation, &seen, &options)?,
-        };
-        let first = solutions
-            .first()
-            .and_then(|solution| layout_precision(solution, self.setup));
-        first
-            .ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
-    }
-
-    fn adjust_frame(&self, observations: &[Observation]) -> AdjustResult<Solution> {
-        adjust::solve_spatial(
-            self.setup,
-            &self.orientation,
-            observations,
-            &adjustment_options(self.options),
-        )
-    }
-
-    fn predict_with_fixed_targets(&self, count: usize) -> AlternativeLayout {
-        let request = (0, count, self.options.pixel_sigma);
-        let other = fixed_targets::add_fixed_targets(
-            self.setup,
-            &self.orientation,
-            request,
-            &self.taken_places(),
-        );
-        let name = format!("{count} fixed target{}", if count == 1 { "" } else { "s" });
-        AlternativeLayout {
-            name,
-            expected: other.and_then(|(setup, orientation)| {
-                self.predict_precision_of_setup(&setup, &orientation)
-            }),
+        match &seen[..] {
+            [one] => adjust::solve_spatial(&setup, &self.orientation, one, &options),
+            _ => {
+                let solutions = adjust::solve_flight(&setup, &self.orientation, &seen, &options)?;
+                let first = solutions.into_iter().next();
+                first.ok_or_else(|| AdjustError::Input("the flight has no frame".into()))
+            }
         }
-    }
-
-    fn predict_precision_of_setup(
-        &self,
-        setup: &Setup,
-        orientation: &Orientation,
-    ) -> Option<LayoutPrecision> {
-        let other = SimulatedFlight::new(setup, Some(orientation), self.options).ok()?;
-        layout_precision(&other.adjust_frame(&other.observations).ok()?, setup)
     }
 }

@@ -5,9 +5,9 @@ use serde::Serialize;
 
 use super::precision::LayoutPrecision;
 use super::prediction::SimulatedFlight;
-use super::{PlanOptions, fixed_targets, terms};
-use crate::adjust::AdjustResult;
+use super::{PlanOptions, fixed_targets};
 use crate::adjust::flight_prior::FlightPrior;
+use crate::adjust::{AdjustResult, Solution, VarianceShare};
 use crate::ordering::sort_by_value;
 use crate::setup::{Orientation, Setup, SurveyMarker, Width};
 
@@ -18,15 +18,6 @@ pub struct Requirement {
     pub sigma_m: f64,
     /// Number of frames of a flight adjusted together; 1: each frame alone.
     pub frames: usize,
-}
-
-/// Contribution of a source to the variance.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct VarianceFraction {
-    /// Uncertain term of the installation, or images and survey.
-    pub source: String,
-    /// Fraction of the variance of the tip's deflection; the sum is 1.
-    pub share: f64,
 }
 
 /// A possible improvement.
@@ -55,8 +46,8 @@ pub struct RequirementResult {
     pub frames: usize,
     /// Standard deviation of the planned layout, m; NaN if it cannot be adjusted.
     pub sigma_tip_deflection_m: f64,
-    /// Uncertainty budget, largest contribution first.
-    pub sources: Vec<VarianceFraction>,
+    /// Uncertainty budget of the reported deflection of the planned layout, largest contribution first.
+    pub sources: Vec<VarianceShare>,
     /// Possible improvements, cheapest first.
     pub remedies: Vec<Remedy>,
     /// Whether the proposal, with the accepted improvements, meets the requirement.
@@ -124,9 +115,12 @@ pub fn check_requirement(
         orientation: attitude,
         frames: requirement.frames.max(1),
     };
-    let sigma_m = match predict_campaign_precision(&planned, options) {
-        Ok(precision) => precision.sigma_tip_deflection_m,
-        Err(_) if obstacle.is_some() => f64::NAN,
+    let (sigma_m, sources) = match planned.adjust(options) {
+        Ok((sigma_m, solution)) => {
+            let budget = solution.budget.map(|budget| budget.shares);
+            (sigma_m, budget.unwrap_or_default())
+        }
+        Err(_) if obstacle.is_some() => (f64::NAN, vec![]),
         Err(error) => return Err(error),
     };
     let (remedies, proposal, proposal_m) =
@@ -140,7 +134,7 @@ pub fn check_requirement(
         want_m: requirement.sigma_m,
         frames: planned.frames,
         sigma_tip_deflection_m: sigma_m,
-        sources: variance_sources(&planned, options, sigma_m),
+        sources,
         remedies,
         proposal_reached: proposal_m <= requirement.sigma_m && proposal_obstacle.is_none(),
         proposal_sigma_m: proposal_m,
@@ -162,10 +156,11 @@ pub fn predict_precision(
     flight_prior: Option<&FlightPrior>,
 ) -> AdjustResult<LayoutPrecision> {
     let simulation = SimulatedFlight::new(setup, orientation, options)?;
-    match (frames, flight_prior) {
-        (..=1, None) => simulation.predict_single_frame(),
-        _ => simulation.predict_flight(frames, flight_prior),
-    }
+    let solution = match (frames, flight_prior) {
+        (..=1, None) => simulation.adjust_frame(),
+        _ => simulation.adjust_flight(frames, flight_prior),
+    };
+    simulation.layout_precision(&solution?)
 }
 
 /// Returns the attitude of the camera; without an orientation it looks at the middle of the wing, upright.
@@ -180,17 +175,17 @@ pub fn assumed_attitude(
     Ok(SimulatedFlight::new(setup, orientation, options)?.orientation)
 }
 
-fn predict_campaign_precision(
-    campaign: &Campaign,
-    options: &PlanOptions,
-) -> AdjustResult<LayoutPrecision> {
-    predict_precision(
-        &campaign.setup,
-        Some(&campaign.orientation),
-        options,
-        campaign.frames,
-        None,
-    )
+impl Campaign {
+    /// Returns the standard deviation of the tip's deflection, m, and the solution of the frame with the largest one.
+    fn adjust(&self, options: &PlanOptions) -> AdjustResult<(f64, Solution)> {
+        let simulation = SimulatedFlight::new(&self.setup, Some(&self.orientation), options)?;
+        let solution = match self.frames {
+            ..=1 => simulation.adjust_frame(),
+            frames => simulation.adjust_flight(frames, None),
+        }?;
+        let precision = simulation.layout_precision(&solution)?;
+        Ok((precision.sigma_tip_deflection_m, solution))
+    }
 }
 
 /// Evaluates each improvement alone and after those before it, and builds the proposal from as many as it needs.
@@ -208,17 +203,16 @@ fn apply_remedies(
         };
         // Alone it may be another improvement: two targets if the proposal already has two.
         let change_alone = change(planned, options).filter(|(other, _)| *other == remedy);
-        let alone = change_alone
-            .and_then(|(_, campaign)| predict_campaign_precision(&campaign, options).ok());
+        let alone = change_alone.and_then(|(_, campaign)| campaign.adjust(options).ok());
         let mut taken_m = None;
         if reached_m > want_m
-            && let Ok(better) = predict_campaign_precision(&next, options)
-            && better.sigma_tip_deflection_m < (1.0 - MIN_IMPROVEMENT) * reached_m
+            && let Ok((better_m, _)) = next.adjust(options)
+            && better_m < (1.0 - MIN_IMPROVEMENT) * reached_m
         {
-            (proposal, reached_m) = (next, better.sigma_tip_deflection_m);
+            (proposal, reached_m) = (next, better_m);
             taken_m = Some(reached_m);
         }
-        let sigma_alone_m = alone.map(|e| e.sigma_tip_deflection_m);
+        let sigma_alone_m = alone.map(|(sigma_m, _)| sigma_m);
         if !all.iter().any(|known| known.remedy == remedy) {
             all.push(Remedy {
                 remedy,
@@ -229,52 +223,6 @@ fn apply_remedies(
         }
     }
     (all, proposal, reached_m)
-}
-
-/// Returns the decrease of the variance if each uncertain term were known; the rest is images and survey. Terms that can
-/// replace each other count twice, so all are scaled to a sum of 1.
-fn variance_sources(
-    planned: &Campaign,
-    options: &PlanOptions,
-    sigma_m: f64,
-) -> Vec<VarianceFraction> {
-    let variance = |setup: &Setup| {
-        let campaign = Campaign {
-            setup: setup.clone(),
-            ..planned.clone()
-        };
-        predict_campaign_precision(&campaign, options)
-            .ok()
-            .map(|e| (e.sigma_tip_deflection_m / sigma_m).powi(2))
-    };
-    let mut left = 1.0;
-    let mut all: Vec<VarianceFraction> = Vec::new();
-    for (name, setup) in terms::setups_with_known_terms(&planned.setup) {
-        let Some(rest) = variance(&setup).map(|rest| rest.min(1.0)) else {
-            continue;
-        };
-        if name == terms::ALL_TERMS {
-            left = rest;
-            continue;
-        }
-        all.push(VarianceFraction {
-            source: name.to_owned(),
-            share: 1.0 - rest,
-        });
-    }
-    if all.len() == 1 {
-        left = 1.0 - all[0].share;
-    }
-    let sum: f64 = all.iter().map(|s| s.share).sum();
-    let scale = if sum > 0.0 { (1.0 - left) / sum } else { 0.0 };
-    all.iter_mut().for_each(|s| s.share *= scale);
-    let known: f64 = all.iter().map(|s| s.share).sum();
-    all.push(VarianceFraction {
-        source: "images, survey and rotation of the mounting".to_owned(),
-        share: 1.0 - known,
-    });
-    sort_by_value(&mut all, |one| -one.share);
-    all
 }
 
 fn propose_more_frames(campaign: &Campaign, _: &PlanOptions) -> Option<(String, Campaign)> {

@@ -63,12 +63,6 @@ impl SkinProfile {
         Self { coefficients }
     }
 
-    /// Returns the height at a span, m.
-    pub fn height_m(&self, span_m: f64) -> f64 {
-        self.coefficients
-            .dot(&Vector3::new(1.0, span_m, span_m * span_m))
-    }
-
     /// Returns the slope dY/dX at a span.
     pub fn slope(&self, span_m: f64) -> f64 {
         self.coefficients.y + 2.0 * self.coefficients.z * span_m
@@ -84,14 +78,11 @@ mod tests {
         let on = |x: f64| Vector3::new(x, -2.0 + 0.08 * x - 0.001 * x * x, 0.3);
         let many: Vec<_> = (0..9).map(|k| on(6.0 + 3.0 * f64::from(k))).collect();
         let skin = SkinProfile::from_points(&many);
-        assert!((skin.slope(20.0) - 0.04).abs() < 1e-9 && (skin.height_m(20.0) + 0.8).abs() < 1e-9);
+        assert!((skin.slope(20.0) - 0.04).abs() < 1e-9);
         let line = SkinProfile::from_points(&many[..2]);
-        assert!(
-            (line.height_m(6.0) - many[0].y).abs() < 1e-9
-                && (line.slope(0.0) - line.slope(9.0)).abs() < 1e-12
-        );
+        assert!((line.slope(0.0) - line.slope(9.0)).abs() < 1e-12);
         assert_eq!(SkinProfile::from_points(&many[..1]).slope(3.0), 0.0);
-        assert_eq!(SkinProfile::from_points(&[]).height_m(3.0), 0.0);
+        assert_eq!(SkinProfile::from_points(&[]).slope(3.0), 0.0);
         assert_eq!(
             SkinProfile::from_points(&[many[0], many[0], many[0]]).slope(3.0),
             0.0

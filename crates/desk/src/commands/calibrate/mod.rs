@@ -1,11 +1,9 @@
 //! `wingd calibrate` estimates the interior orientation from images of a board.
 
-mod live;
 mod output;
 
 use std::path::PathBuf;
 
-use crate::board_camera::OpenCamera;
 use crate::calibration::{
     BoardImage, JudgedCalibration, board_corners, calibrate_and_judge, calibration_report,
     exclusion_reason,
@@ -13,14 +11,13 @@ use crate::calibration::{
 use crate::report;
 use wingd_base::failure::CHECK_WRITE_ACCESS;
 use wingd_base::failure::{Completion, Failure, TaskResult};
-use wingd_base::output::{print_line, write_output};
+use wingd_base::output::{print_json, print_line, write_output};
 use wingd_evaluation::boards;
 use wingd_evaluation::inputs::batch;
 use wingd_evaluation::inputs::stopping::run_long_task;
 use wingd_evaluation::installation;
 use wingd_evaluation::record::Reason;
 use wingd_measure::calibrate::Board;
-use wingd_measure::calibrate::Calibration;
 use wingd_measure::calibrate::Verdict;
 
 /// Estimate the interior orientation from images of a board.
@@ -47,43 +44,24 @@ pub struct CalibrateArgs {
     /// Write a calibration that is refused for a single reason, and record your reason for accepting it
     #[arg(long, value_name = "REASON")]
     accept: Option<String>,
-    /// Take images with the camera of --config until the verdict is good, and show what is missing
-    #[arg(long, requires = "config", conflicts_with = "images")]
-    live: bool,
-    /// Configuration whose [camera] takes the images
-    #[arg(long, value_name = "wingd.toml")]
-    config: Option<PathBuf>,
-    /// Maximum number of images taken by --live
-    #[arg(long, default_value_t = 100)]
-    shots: usize,
     /// Images processed in parallel [default: number of cores]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     jobs: usize,
     /// Images of the board in different attitudes, up to the corners of the image
-    #[arg(required_unless_present_any = ["corners", "live"], value_name = "IMAGE")]
+    #[arg(required_unless_present = "corners", value_name = "IMAGE")]
     images: Vec<PathBuf>,
 }
 
 /// Calibrates a camera from images of a board or their corners, and writes the calibration, its page and corners.
-pub(super) fn run(args: &CalibrateArgs, cameras: OpenCamera) -> TaskResult<Completion> {
+pub(super) fn run(args: &CalibrateArgs) -> TaskResult<Completion> {
     let board = boards::load_board(&args.board)?;
-    let mut pictures = match &args.config {
-        Some(config) if args.live => live::take_images(args, config, &board, cameras)?,
-        _ => read_images(args, &board.board)?,
-    };
-    let corners = args
-        .corners
-        .as_ref()
-        .filter(|_| args.live || !args.images.is_empty());
-    let write_corners = |pictures: &[BoardImage], calibration: Option<&Calibration>| {
-        let Some(file) = corners else { return Ok(()) };
-        boards::write_corners(file, &board_corners(pictures, calibration))
-            .map_err(|error| Failure::from_write_error(file, &error, CHECK_WRITE_ACCESS))
-    };
-    write_corners(&pictures, None)?;
+    let mut pictures = read_images(args, &board.board)?;
+    if let Some(file) = args.corners.as_ref().filter(|_| !args.images.is_empty()) {
+        boards::write_corners(file, &board_corners(&pictures))
+            .map_err(|error| Failure::from_write_error(file, &error, CHECK_WRITE_ACCESS))?;
+    }
     let judge = || calibrate_and_judge(&mut pictures, &board, args.select);
     let judged = run_long_task("calibrating", judge)?;
-    write_corners(&pictures, Some(&judged.calibration))?;
     write_and_report(args, &pictures, &judged)
 }
 
@@ -146,11 +124,16 @@ fn write_and_report(
             eprintln!("{}: excluded: {reason}", picture.name);
         }
     }
-    print_line(&if args.json {
-        output::result_json(calibration, &written, reasons, pictures)
+    if args.json {
+        print_json(&output::result_json(
+            calibration,
+            &written,
+            reasons,
+            pictures,
+        ))?;
     } else {
-        output::result_text(&args.output, calibration, &written)
-    })?;
+        print_line(&output::result_text(&args.output, calibration, &written))?;
+    }
     if *verdict == Verdict::Refused && accepted.is_none() {
         let list: String = reasons.iter().map(|r| format!("\n  {r}")).collect();
         return Err(Failure::Failed(format!(

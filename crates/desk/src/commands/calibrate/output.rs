@@ -2,53 +2,40 @@
 
 use std::path::Path;
 
+use serde_json::{Map, Value, json};
+
 use crate::calibration::{BoardImage, exclusion_reason};
-use crate::report::calibration::{
-    FIRST_DISTORTION, SIGNIFICANT_RATIO, parameter_correlation, parameter_values,
-};
+use crate::report::calibration::{FIRST_DISTORTION, SIGNIFICANT_RATIO, parameter_values};
 use wingd_evaluation::installation::CalibrationReport;
 use wingd_evaluation::number::format_rounded;
+use wingd_evaluation::record::json_fields;
 use wingd_measure::calibrate::Calibration;
 use wingd_measure::calibrate::Verdict;
 use wingd_measure::geometry::Lens;
 
 const DENOMINATOR_NAMES: [&str; 3] = ["k4", "k5", "k6"];
 
+/// Returns the verdict, the parameters with their standard deviations, the images and the quality as JSON.
 pub(super) fn result_json(
     calibration: &Calibration,
     report: &CalibrationReport,
     reasons: &[String],
     pictures: &[BoardImage],
-) -> String {
-    let by_name = |values: [Option<f64>; 9]| -> serde_json::Map<String, serde_json::Value> {
-        Lens::PARAMETERS
-            .iter()
-            .zip(values)
-            .map(|(n, v)| ((*n).to_owned(), v.into()))
-            .collect()
-    };
-    let parameters = parameter_values(calibration).map(Some);
-    let mut camera = serde_json::Map::new();
-    camera.insert("width".into(), calibration.lens.width.into());
-    camera.insert("height".into(), calibration.lens.height.into());
-    camera.extend(by_name(parameters));
+) -> Map<String, Value> {
+    let values = parameter_values(calibration).map(Value::from);
+    let names = Lens::PARAMETERS.map(str::to_owned);
+    let mut parameters: Map<String, Value> = names.into_iter().zip(values).collect();
+    let sigmas = report.sigma.map(Value::from);
+    let mut sigma: Map<String, Value> = parameters.keys().cloned().zip(sigmas).collect();
     let rational = calibration.lens.denominator != [0.0; 3];
-    let denominator = |values: [f64; 3]| -> serde_json::Map<String, serde_json::Value> {
-        DENOMINATOR_NAMES
-            .iter()
-            .zip(values)
-            .map(|(n, v)| ((*n).to_owned(), v.into()))
-            .collect()
-    };
-    let mut parameters = by_name(parameters);
-    let mut sigma = by_name(report.sigma);
     if rational {
-        camera.extend(denominator(calibration.lens.denominator));
-        parameters.extend(denominator(calibration.lens.denominator));
-        sigma.extend(denominator(calibration.denominator_sigma));
+        for (k, name) in DENOMINATOR_NAMES.iter().enumerate() {
+            parameters.insert((*name).into(), calibration.lens.denominator[k].into());
+            sigma.insert((*name).into(), calibration.denominator_sigma[k].into());
+        }
     }
     let image = |(k, p): (usize, &BoardImage)| {
-        serde_json::json!({
+        json!({
             "image": p.name,
             "used": calibration.view_rms_px[k].is_some(),
             "reason": exclusion_reason(calibration, k, p),
@@ -58,32 +45,27 @@ pub(super) fn result_json(
             "tilt_deg": calibration.tilt_deg[k],
         })
     };
-    let images: Vec<_> = pictures.iter().enumerate().map(image).collect();
-    serde_json::json!({
-        "status": if report.verdict == Verdict::Refused.name() && report.accepted.is_none() { "refused" } else { "ok" },
-        "verdict": report.verdict,
-        "reasons": reasons,
-        "parameters": parameters,
-        "sigma": sigma,
-        "model": if rational { "rational" } else { "brown" },
-        "t_values": by_name(std::array::from_fn(|k| t_value(calibration, report, k))),
-        "correlation": (0..9).map(|i| (0..9).map(|j| parameter_correlation(calibration, i, j)).collect::<Vec<_>>()).collect::<Vec<_>>(),
-        "halves": calibration.halves.map(|h| serde_json::json!({
-            "distance_m": h.distance_m, "difference_px": h.difference_px, "predicted_px": h.predicted_px,
-        })),
-        "pattern": { "image_px": calibration.pattern.image_px, "board_px": calibration.pattern.board_px },
-        "model_sigma_px": calibration.model_sigma_px,
-        "board_bow_m": report.board_bow_m,
-        "board_bow_sigma_m": report.board_bow_sigma_m,
-        "board_stretch": calibration.stretch.map(|s| serde_json::json!({
-            "value": s.value, "sigma": s.sigma, "projection_px": s.projection_change_px, "stated_sigma": s.prior_sigma,
-        })),
-        "projection_sigma_px": report.projection_sigma_px,
-        "camera": camera,
-        "calibration": report,
-        "images": images,
-    })
-    .to_string()
+    let is_refused = report.verdict == Verdict::Refused.name() && report.accepted.is_none();
+    let mut all = Map::new();
+    all.insert(
+        "status".into(),
+        if is_refused { "refused" } else { "ok" }.into(),
+    );
+    all.extend(json_fields(report));
+    all.extend([
+        ("reasons".to_owned(), json!(reasons)),
+        (
+            "model".to_owned(),
+            if rational { "rational" } else { "brown" }.into(),
+        ),
+        ("parameters".to_owned(), parameters.into()),
+        ("sigma".to_owned(), sigma.into()),
+        (
+            "images".to_owned(),
+            pictures.iter().enumerate().map(image).collect(),
+        ),
+    ]);
+    all
 }
 
 /// Returns a distortion term divided by its standard deviation.

@@ -20,10 +20,9 @@ use wingd_evaluation::number::format_fixed;
 use wingd_evaluation::results::table;
 use wingd_measure::adjust::DeflectionReference;
 use wingd_measure::plan;
-use wingd_measure::plan::Optics;
 use wingd_measure::plan::Requirement;
-use wingd_measure::plan::{AlternativeLayout, LayoutPrecision, LayoutPrediction, TipSigma};
 use wingd_measure::plan::{InstallationPlan, MarkerPlan, PlanOptions};
+use wingd_measure::plan::{LayoutPrediction, TipSigma};
 use wingd_measure::setup::Setup;
 
 /// Predict resolution, depth of field and standard deviations of an installation.
@@ -51,9 +50,6 @@ pub struct PlanArgs {
     /// Planned standard deviation of an image coordinate, px
     #[arg(long, value_name = "PX", default_value_t = PlanOptions::default().pixel_sigma)]
     pixel_sigma: f64,
-    /// Number of curvature terms, 1 to 10
-    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=10))]
-    curvature_terms: u8,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -131,19 +127,10 @@ pub(super) fn run(args: &PlanArgs) -> TaskResult<Completion> {
 }
 
 fn plan_options(args: &PlanArgs, installation: Option<&Installation>) -> PlanOptions {
-    let optics = installation
-        .and_then(|i| i.optics.as_ref())
-        .map(|o| Optics {
-            focal_length_mm: o.focal_length_mm,
-            f_number: o.f_number,
-            pixel_pitch_um: o.pixel_pitch_um,
-            circle_of_confusion_um: o.circle_of_confusion_um,
-        });
     PlanOptions {
         tip_deflection_m: args.tip_deflection,
         pixel_sigma: args.pixel_sigma,
-        optics,
-        curvature_terms: usize::from(args.curvature_terms),
+        optics: installation.and_then(|i| i.optics),
     }
 }
 
@@ -167,11 +154,6 @@ fn plan_text(plan: &InstallationPlan, wide: bool) -> String {
         out.push_str(&format!(
             "\nUncertainty budget of that deflection\n{}",
             budget.text()
-        ));
-        let marks = alternative_table(prediction, &prediction.fixed_targets);
-        out.push_str(&format!(
-            "\nAdditional fixed targets, rigid to the cabin, in the corners of the image\n{}",
-            marks.text()
         ));
     }
     for remark in &plan.remarks {
@@ -282,30 +264,4 @@ fn tip_deflection_text(tip: &TipSigma) -> String {
         tip.marker,
         all.join("; ")
     )
-}
-
-/// Returns the change of the tip deflection's standard deviation relative to the layout as surveyed, in percent.
-fn relative_change(prediction: &LayoutPrediction, e: Option<LayoutPrecision>) -> String {
-    let before = prediction.expected.sigma_tip_deflection_m;
-    let change = e.map(|e| 100.0 * (e.sigma_tip_deflection_m / before - 1.0));
-    change.map_or_else(|| format_fixed(None, 0), |c| format!("{c:+.1} %"))
-}
-
-fn format_sigma_mm(e: Option<LayoutPrecision>, pick: fn(&LayoutPrecision) -> f64) -> String {
-    format_fixed(e.as_ref().map(|e| 1e3 * pick(e)), 2)
-}
-
-fn alternative_table(prediction: &LayoutPrediction, list: &[AlternativeLayout]) -> Grid {
-    Grid::for_rows(list).columns(&[
-        One("<assumed", &|one| one.name.clone()),
-        One("tip deflection / mm", &|one| {
-            format_sigma_mm(one.expected, |e| e.sigma_tip_deflection_m)
-        }),
-        One("mean deflection / mm", &|one| {
-            format_sigma_mm(one.expected, |e| e.sigma_mean_deflection_m)
-        }),
-        One("tip deflection changes by", &|one| {
-            relative_change(prediction, one.expected)
-        }),
-    ])
 }

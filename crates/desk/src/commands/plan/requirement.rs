@@ -7,6 +7,7 @@ use wingd_evaluation::grid::ColumnDefinition::One;
 use wingd_evaluation::grid::Grid;
 use wingd_evaluation::number::{count_text, format_fixed};
 use wingd_evaluation::record::json_fields;
+use wingd_evaluation::results::table;
 use wingd_measure::plan::InstallationPlan;
 use wingd_measure::plan::RequirementResult;
 use wingd_measure::setup::{Orientation, Setup};
@@ -147,16 +148,14 @@ pub fn first_line(
 }
 
 fn answer_text(answer: &RequirementResult, proposal: &Setup) -> String {
-    let mut out = format!(
-        "\nUncertainty budget with {}\n{}",
-        count_frames(answer.frames),
-        Grid::for_rows(&answer.sources)
-            .columns(&[
-                One("<source", &|s| s.source.clone()),
-                One("share / %", &|s| format_fixed(Some(100.0 * s.share), 0)),
-            ])
-            .text()
-    );
+    let mut out = String::new();
+    if answer.frames > 1 {
+        out.push_str(&format!(
+            "\nUncertainty budget of the reported deflection with {}\n{}",
+            count_frames(answer.frames),
+            table::budget_table(&answer.sources).text()
+        ));
+    }
     let taken = |sigma: Option<f64>| format_fixed(sigma.map(|m| 1e3 * m), 1);
     out.push_str(&format!(
         "\nPossible improvements, cheapest first\n{}",

@@ -23,7 +23,7 @@ pub(super) fn describe_places(
     installation: &Installation,
     attributes: Vec<(&'static str, Value)>,
 ) -> ArrayDataset {
-    let sections = installation.structure.as_ref().map(|s| &s.sections[..]);
+    let sections = installation.structure.as_deref();
     let sections = sections.unwrap_or_default();
     let of_fit = installation
         .cad

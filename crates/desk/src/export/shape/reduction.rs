@@ -17,7 +17,7 @@ pub(super) fn append_moments(
     joint: &JointShape,
     installation: &Installation,
 ) -> DMatrix<f64> {
-    let sections = installation.structure.as_ref().map(|s| &s.sections[..]);
+    let sections = installation.structure.as_deref();
     let sections = sections.unwrap_or_default();
     let (first, count) = (joint.curvature_function(), joint.curvature_terms);
     let curvature = BendingCurvature {

@@ -22,7 +22,7 @@ pub fn parameter_values(c: &Calibration) -> [f64; 9] {
 }
 
 /// Returns the correlation of two parameters; `None` if one of them was fixed.
-pub fn parameter_correlation(c: &Calibration, one: usize, other: usize) -> Option<f64> {
+fn parameter_correlation(c: &Calibration, one: usize, other: usize) -> Option<f64> {
     let product = (c.covariance[(one, one)] * c.covariance[(other, other)]).sqrt();
     (product > 0.0).then(|| c.covariance[(one, other)] / product)
 }
