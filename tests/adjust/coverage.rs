@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector, Matrix2, Vector2, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, GlobalTest, Options, SigmaKind, Solution};
 use wingd::measure::estimation::quality::global_test;
-use wingd::measure::estimation::{Block, Group, Linearised, Problem, SolveOptions, solve_groups};
+use wingd::measure::estimation::{Block, Group, Linearised, Problem, solve};
 
 const RUNS: usize = 500;
 
@@ -160,17 +160,18 @@ fn the_global_test_rejects_at_its_level() {
             known: None,
             groups: (0..12).map(|k| group(k as f64, &mut rng)).collect(),
         };
-        let fit = solve_groups(&problem, &SolveOptions::default(), |at, blocks| {
+        let fit = solve(&problem, |at| {
             let x = at.group as f64;
-            let computed = at.global[0] + at.global[1] * x;
-            *blocks = vec![Linearised {
-                misclosure: DVector::from_element(1, computed - at.observed[0][0]),
+            Ok(Linearised {
+                misclosure: DVector::from_element(
+                    1,
+                    at.global[0] + at.global[1] * x - at.observed[0],
+                ),
                 columns: vec![0, 1],
                 global: DMatrix::from_row_slice(1, 2, &[1.0, x]),
                 local: DMatrix::zeros(1, 0),
                 observations: DMatrix::from_element(1, 1, -1.0),
-            }];
-            Ok(())
+            })
         })
         .unwrap();
         rejected += usize::from(

@@ -5,7 +5,7 @@ use super::{INSTALLATION_FILE, Installation, ORIENTATION_FILE};
 use std::path::Path;
 
 use wingd_base::fault::Fault;
-use wingd_measure::adjust::ground::{default_skin_height, find_skin_outliers};
+use wingd_measure::adjust::ground::find_skin_outliers;
 use wingd_measure::setup::Setup;
 
 /// Returns warnings about the survey and the calibration.
@@ -68,8 +68,8 @@ pub fn find_warnings(installation: &Installation) -> Vec<Fault> {
     .collect()
 }
 
-/// Range of the span of the tip's height, fractions of the markers' length.
-const TIP_SPAN: (f64, f64) = (0.7, 1.5);
+/// Ranges of the skin's heights (default ± 3 sigma) and of the span of the tip's height, fractions of the markers' length.
+const SKIN_RANGES: [(f64, f64); 3] = [(-0.006, 0.036), (-0.017, 0.025), (0.7, 1.5)];
 /// Distance of the bending axis from markers on one line, m: three standard deviations of its default.
 const AXIS_ROOM_M: f64 = 0.9;
 /// Largest warming from ground to flight, K: by the sun.
@@ -99,16 +99,19 @@ fn find_contradictions(setup: &Setup, file: &Path) -> Vec<Fault> {
             .map(|z_m| ("wing.axis_chord_offset_m", z_m, chord, "the markers")),
     );
     if let Some(skin) = &setup.skin_height {
-        let (usual, sigma_m) = default_skin_height(reach_m);
-        // ± 3 sigma.
-        let near = |m: f64| (m - 3.0 * sigma_m, m + 3.0 * sigma_m);
-        let span_m = (TIP_SPAN.0 * reach_m, TIP_SPAN.1 * reach_m);
-        let ranges = [
-            ("wing.skin_height_m.root", skin.root_m, near(usual.root_m)),
-            ("wing.skin_height_m.tip", skin.tip_m, near(usual.tip_m)),
-            ("wing.skin_height_m.tip_span_m", skin.tip_span_m, span_m),
+        let values = [
+            ("wing.skin_height_m.root", skin.root_m),
+            ("wing.skin_height_m.tip", skin.tip_m),
+            ("wing.skin_height_m.tip_span_m", skin.tip_span_m),
         ];
-        all.extend(ranges.map(|(key, m, range)| (key, m, range, "the markers' length")));
+        for ((key, value_m), (low, high)) in values.into_iter().zip(SKIN_RANGES) {
+            all.push((
+                key,
+                value_m,
+                (low * reach_m, high * reach_m),
+                "the markers' length",
+            ));
+        }
     }
     all.extend(setup.thermal.as_ref().map(|t| {
         (

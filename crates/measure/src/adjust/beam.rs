@@ -30,12 +30,8 @@ const TORSION_TAPER_AND_POWER: (f64, f64) = (0.3, 3.3);
 
 /// Longest panel of the integration, m.
 const PANEL_M: f64 = 2.5;
-/// Places on (0, 1) and weights of a quadrature.
-pub type Quadrature = [(f64, f64)];
-/// Middle of a panel: exact to a millimetre.
-pub const MIDDLE: &Quadrature = &[(0.5, 1.0)];
-/// Gauss-Legendre, three points.
-pub const GAUSS_POINTS: &Quadrature = &[
+/// Gauss-Legendre, three points on (0, 1).
+const GAUSS_POINTS: [(f64, f64); 3] = [
     (0.112_701_665_379_258_3, 5.0 / 18.0),
     (0.5, 8.0 / 18.0),
     (0.887_298_334_620_741_7, 5.0 / 18.0),
@@ -169,32 +165,26 @@ pub struct BeamGrid {
     ranks: Vec<usize>,
 }
 
-/// State of the axis at one grid point in flight.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PlacedSection {
-    /// Point on the axis, wing frame, m.
-    pub axis_m: Vector3<f64>,
-    pub slope_rad: f64,
-    /// Twist about the span, nose up positive, rad.
-    pub twist_rad: f64,
-    /// Rotation vector by twist inboard of breaks, wing frame, rad.
-    pub turned_rad: Vector3<f64>,
-    /// Height of the axis on the ground above the surveyed axis, m.
-    pub raise_m: f64,
-}
-
-/// Section at one grid point in flight, with derivatives.
+/// State of the axis at one grid point in flight, with derivatives.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BeamSection {
-    pub at: PlacedSection,
+    /// Point on the axis, wing frame, m.
+    pub axis_m: Vector3<f64>,
     /// d axis / d functions of bending: curvature coefficients, m^2, then compliances.
     pub axis_by_bending: [Vector3<f64>; BENDING_FUNCTIONS],
+    pub slope_rad: f64,
     /// d slope / d functions of bending.
     pub slope_by_bending: BendingValues,
+    /// Twist about the span, nose up positive, rad.
+    pub twist_rad: f64,
     /// d twist / d functions of bending.
     pub twist_by_bending: BendingValues,
+    /// Rotation vector by twist inboard of breaks, wing frame, rad.
+    pub turned_rad: Vector3<f64>,
     /// d motion / d twist coefficients.
     pub by_twist: TwistMotions,
+    /// Height of the axis on the ground above the surveyed axis, m.
+    pub raise_m: f64,
     /// d raise / d height coefficients.
     pub raise_by_terms: RaiseCoefficients,
     /// d axis / d height coefficients.
@@ -263,11 +253,6 @@ impl Bending<'_> {
 impl BeamGrid {
     /// Creates a grid for these arc lengths, m, in any order.
     pub fn new(ground: &GroundShape, arcs_m: &[f64]) -> Self {
-        Self::with_quadrature(ground, arcs_m, GAUSS_POINTS)
-    }
-
-    /// Creates a grid with another quadrature of each panel.
-    pub fn with_quadrature(ground: &GroundShape, arcs_m: &[f64], quadrature: &Quadrature) -> Self {
         let axis = &ground.axis;
         let mut order: Vec<usize> = (0..arcs_m.len()).collect();
         sort_by_value(&mut order, |&one| arcs_m[one]);
@@ -298,8 +283,7 @@ impl BeamGrid {
             for end in ends.into_iter().chain([to]) {
                 let panels = ((end - from) / PANEL_M).ceil().max(0.0) as usize;
                 let panel_m = (end - from) / panels.max(1) as f64;
-                for (panel, (at, weight)) in
-                    (0..panels).flat_map(|p| quadrature.iter().map(move |g| (p, g)))
+                for (panel, (at, weight)) in (0..panels).flat_map(|p| GAUSS_POINTS.map(|g| (p, g)))
                 {
                     let arc = from + panel_m * (panel as f64 + at);
                     let node = QuadratureNode {
@@ -325,43 +309,18 @@ impl BeamGrid {
         grid
     }
 
-    /// Computes the bent axis with derivatives at every grid point, in the order given to [`BeamGrid::new`].
+    /// Computes the bent axis at every grid point, in the order given to [`BeamGrid::new`].
     pub fn bend(&self, bending: &Bending) -> Vec<BeamSection> {
-        self.evaluate(
-            bending,
-            |at, node| {
-                let moved_m = at.step(node);
-                at.step_derivatives(node, moved_m);
-            },
-            AxisIntegrator::section_at,
-        )
-    }
-
-    /// Computes the bent axis at every grid point.
-    pub fn place(&self, bending: &Bending) -> Vec<PlacedSection> {
-        self.evaluate(
-            bending,
-            |at, node| _ = at.step(node),
-            AxisIntegrator::placed_at,
-        )
-    }
-
-    fn evaluate<'a, T: Clone>(
-        &self,
-        bending: &'a Bending,
-        step: impl Fn(&mut AxisIntegrator<'a>, &QuadratureNode),
-        section: impl Fn(&AxisIntegrator<'a>, &GridPoint) -> T,
-    ) -> Vec<T> {
         let mut at = AxisIntegrator::new(self.root_m, bending);
         let mut done = 0;
-        let stop_at = |stop: &GridPoint| {
+        let section = |stop: &GridPoint| {
             self.nodes[done..stop.nodes]
                 .iter()
-                .for_each(|node| step(&mut at, node));
+                .for_each(|node| at.step(node));
             done = stop.nodes;
-            section(&at, stop)
+            at.section_at(stop)
         };
-        let sections: Vec<T> = self.points.iter().map(stop_at).collect();
+        let sections: Vec<BeamSection> = self.points.iter().map(section).collect();
         self.ranks
             .iter()
             .map(|&rank| sections[rank].clone())
@@ -430,9 +389,8 @@ impl<'a> AxisIntegrator<'a> {
         }
     }
 
-    /// Advances the axis by one quadrature node: bending rotates the raised ground tangent. Returns the step along X and Y, and
-    /// sine and cosine of the bending times its length, m.
-    fn step(&mut self, node: &QuadratureNode) -> [f64; 4] {
+    /// Advances the axis by one quadrature node: bending rotates the raised ground tangent.
+    fn step(&mut self, node: &QuadratureNode) {
         let (bending, length) = (self.bending, self.bending.scale * node.weight_m);
         let bent = dot_product(&self.values, &node.bending_slopes);
         let (bent_sin, bent_cos) = bent.sin_cos();
@@ -446,17 +404,13 @@ impl<'a> AxisIntegrator<'a> {
         );
         self.axis_m.x += dx;
         self.axis_m.y += dy;
-        [dx, dy, length * bent_sin, length * bent_cos]
-    }
-
-    fn step_derivatives(&mut self, node: &QuadratureNode, [dx, dy, sin_m, cos_m]: [f64; 4]) {
         for (value, integral) in self.by_bending.iter_mut().zip(&node.bending_slopes) {
             value.x -= dy * integral;
             value.y += dx * integral;
         }
         for (value, slope) in self.by_raise.iter_mut().zip(&node.raise_slopes).skip(1) {
-            value.x -= slope * sin_m;
-            value.y += slope * cos_m;
+            value.x -= length * slope * bent_sin;
+            value.y += length * slope * bent_cos;
         }
     }
 
@@ -470,28 +424,21 @@ impl<'a> AxisIntegrator<'a> {
         by_twist
             .iter_mut()
             .for_each(|by| by.displacement_m *= bending.scale);
-        BeamSection {
-            at: self.placed_at(stop),
+        let mut section = BeamSection {
+            axis_m: self.axis_m + Vector3::z() * (bending.scale * stop.swept_m),
             axis_by_bending,
+            slope_rad: stop.slope_rad + dot_product(&self.values, &stop.bending_slopes),
             slope_by_bending,
+            twist_rad: dot_product(&self.values, &stop.twist_by_bending),
             twist_by_bending,
+            turned_rad: Vector3::zeros(),
             by_twist,
+            raise_m: dot_product(&bending.raise_m, &stop.raises),
             raise_by_terms: stop.raises,
             axis_by_raise: self.by_raise,
-        }
-    }
-
-    fn placed_at(&self, stop: &GridPoint) -> PlacedSection {
-        let bending = self.bending;
-        let mut section = PlacedSection {
-            axis_m: self.axis_m + Vector3::z() * (bending.scale * stop.swept_m),
-            slope_rad: stop.slope_rad + dot_product(&self.values, &stop.bending_slopes),
-            twist_rad: dot_product(&self.values, &stop.twist_by_bending),
-            turned_rad: Vector3::zeros(),
-            raise_m: dot_product(&bending.raise_m, &stop.raises),
         };
-        for (by, twist) in stop.by_twist.iter().zip(bending.twist_rad) {
-            section.axis_m += by.displacement_m * (*twist * bending.scale);
+        for (by, twist) in by_twist.iter().zip(bending.twist_rad) {
+            section.axis_m += by.displacement_m * *twist;
             section.turned_rad += by.rotation_rad * *twist;
             section.twist_rad += by.twist_rad * twist;
         }

@@ -40,7 +40,7 @@ pub fn survey_block<'a>(
     marker: usize,
     images: impl Iterator<Item = &'a Observation> + Clone,
 ) -> Block {
-    let mut observed = input.scene.wing.ground.stations[marker]
+    let mut observed = input.scene.ground.stations[marker]
         .surveyed_m
         .as_slice()
         .to_vec();

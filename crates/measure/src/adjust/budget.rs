@@ -78,6 +78,7 @@ pub fn with_variance_sources<T>(
     let naming = SourceNames {
         observations: &observations,
         known,
+        rest: IMAGE,
     };
     with(&VarianceSources::new(problem, fit, naming, attributed))
 }
@@ -95,6 +96,7 @@ pub fn attribute_information(
     let naming = SourceNames {
         observations: &observations,
         known: "earlier frames",
+        rest: IMAGE,
     };
     AttributedInformation::from_solution(problem, fit, invariant, blocks.members.len(), &naming)
 }
@@ -106,7 +108,7 @@ impl FrameOutcome<'_> {
         markers: &[MarkerSolution],
         sources: &VarianceSources,
     ) -> Option<VarianceBudget> {
-        let stations = &self.solved.input.scene.wing.ground.stations;
+        let stations = &self.solved.input.scene.ground.stations;
         let span =
             |m: &&MarkerSolution| stations.get(m.marker).map_or(f64::MIN, |s| s.surveyed_m.x);
         let deflected = markers.iter().filter(|m| m.deflection_m.is_some());

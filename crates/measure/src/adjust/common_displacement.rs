@@ -48,7 +48,7 @@ pub fn candidate_displacements(
     input: &AdjustmentInput,
     frame_observations: &FrameObservations,
 ) -> Vec<CommonDisplacement> {
-    let ground = &input.scene.wing.ground;
+    let ground = &input.scene.ground;
     let nose = if input.setup.side() == Some(WingSide::Left) {
         -1.0
     } else {

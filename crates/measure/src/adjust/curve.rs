@@ -29,7 +29,7 @@ pub struct AxisCurve<'a> {
 impl<'a> AxisCurve<'a> {
     /// Evaluates the axis at arc lengths (m from the bending root) for a frame's unknowns.
     pub fn new(scene: &'a WingScene, values: &'a UnknownValues, arcs_m: Vec<f64>) -> Self {
-        let grid = BeamGrid::new(&scene.wing.ground, &arcs_m);
+        let grid = BeamGrid::new(&scene.ground, &arcs_m);
         let (bent, flat) = bent_and_flat_sections(&grid, values);
         let root_m = grid.root_m() + Vector3::y() * values.raise_m[0];
         let mut curve = Self {
@@ -48,7 +48,6 @@ impl<'a> AxisCurve<'a> {
     /// Arc lengths from the root to the outermost marker at equal distances, m.
     pub fn standard_arcs_m(scene: &WingScene) -> Vec<f64> {
         let reach = scene
-            .wing
             .ground
             .stations
             .iter()
@@ -66,15 +65,15 @@ impl<'a> AxisCurve<'a> {
 
     fn motions_between(&self, bent: &[BeamSection], flat: &[BeamSection]) -> Vec<SectionMotion> {
         let motion = |(bent, flat): (&BeamSection, &BeamSection)| SectionMotion {
-            displacement_m: bent.at.axis_m
+            displacement_m: bent.axis_m
                 + self
                     .values
-                    .root_displacement_m(&(bent.at.axis_m - self.root_m))
-                - flat.at.axis_m,
-            rotation_rad: bent.at.turned_rad
-                + Vector3::z() * (bent.at.slope_rad - flat.at.slope_rad)
+                    .root_displacement_m(&(bent.axis_m - self.root_m))
+                - flat.axis_m,
+            rotation_rad: bent.turned_rad
+                + Vector3::z() * (bent.slope_rad - flat.slope_rad)
                 + self.values.root_rotation_rad,
-            twist_rad: bent.at.twist_rad,
+            twist_rad: bent.twist_rad,
         };
         bent.iter().zip(flat).map(motion).collect()
     }

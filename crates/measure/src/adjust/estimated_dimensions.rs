@@ -8,10 +8,10 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::AdjustResult;
-use super::beam::{BeamSection, Bending, GAUSS_POINTS, SectionMotion};
+use super::beam::{BeamGrid, BeamSection, Bending, SectionMotion};
 use super::ground::{GroundShape, wing_from_section};
-use super::marker_state::ESTIMATED_DIMENSIONS;
-use super::target_wing::TargetWing;
+use super::marker_arm::MarkerArm;
+use super::marker_state::{ESTIMATED_DIMENSIONS, MarkerState};
 use crate::setup::{Setup, Width};
 
 /// Steps to the neighbouring wings, in the order root offset (m), chord offset (m), span direction (rad), sweep (rad); within
@@ -40,10 +40,13 @@ pub fn dimension_sigmas(setup: &Setup) -> [f64; ESTIMATED_DIMENSIONS] {
 /// A wing that differs from the nominal wing in one estimated dimension.
 #[derive(Clone, Debug)]
 pub struct NeighbourWing {
-    /// The neighbouring wing, with the markers in its wing frame.
-    pub wing: TargetWing,
+    /// The neighbouring wing as surveyed.
+    pub ground: GroundShape,
     /// Difference from the nominal dimension, in the unit of the unknown.
     pub step: f64,
+    /// Beam grid at its markers' stations.
+    pub grid: BeamGrid,
+    arms: Vec<MarkerArm>,
     wing_from_own: Matrix3<f64>,
     /// Outboard distance of its root from the nominal root, m.
     pub root_m: f64,
@@ -93,14 +96,18 @@ impl NeighbourWing {
                 }
             }
         }
-        let ground =
-            GroundShape::with_breaks(&setup, trusted, Some(&nominal.surface.frame.breaks_x_m))?;
+        let ground = GroundShape::with_breaks(&setup, trusted, Some(&nominal.breaks_x_m))?;
+        let arcs: Vec<f64> = ground.stations.iter().map(|s| s.arc_m).collect();
+        let grid = BeamGrid::new(&ground, &arcs);
+        let mounts = MarkerArm::all_on_ground(&grid, &ground);
         let wing_from_own = nominal.frame.wing_from_survey.matrix()
             * ground.frame.wing_from_survey.matrix().transpose();
         let root_m = if which == 0 { step } else { 0.0 };
         Ok(Self {
-            wing: TargetWing::of_survey(&setup, ground, GAUSS_POINTS),
+            ground,
             step,
+            grid,
+            arms: mounts,
             wing_from_own,
             root_m,
         })
@@ -115,10 +122,10 @@ impl NeighbourWing {
         (there, own): (&SectionMotion, &BeamSection),
         scale: f64,
     ) -> SectionMotion {
-        let arm_m = self.wing_from_own.transpose() * nominal.at.axis_m - own.at.axis_m;
+        let arm_m = self.wing_from_own.transpose() * nominal.axis_m - own.axis_m;
         let bent = Rotation3::new(there.rotation_rad);
-        let tangent = wing_from_section(own.at.slope_rad).column(0).into_owned();
-        let twist = Rotation3::new(bent * tangent * (self.wing.ground.nose * there.twist_rad));
+        let tangent = wing_from_section(own.slope_rad).column(0).into_owned();
+        let twist = Rotation3::new(bent * tangent * (self.ground.nose * there.twist_rad));
         let carried_m = there.displacement_m + twist * bent * arm_m * scale - arm_m;
         SectionMotion {
             displacement_m: (self.wing_from_own * carried_m - here.displacement_m) / self.step,
@@ -127,9 +134,16 @@ impl NeighbourWing {
         }
     }
 
-    /// Returns the markers in flight, nominal wing frame, m.
-    pub fn carry(&self, bending: &Bending) -> impl Iterator<Item = Vector3<f64>> {
-        let carried = self.wing.carry(bending).into_iter();
-        carried.map(|at| self.wing_from_own * at.position_m)
+    /// Computes a marker's state in flight from its position on the ground, both in the nominal wing frame, m.
+    pub fn marker_state(
+        &self,
+        index: usize,
+        section: &BeamSection,
+        ground_m: &Vector3<f64>,
+        bending: &Bending,
+    ) -> MarkerState {
+        let own = self.wing_from_own.transpose() * ground_m;
+        let state = MarkerState::on_wing(&self.grid, &self.arms[index], section, &own, bending);
+        state.rotated(&self.wing_from_own)
     }
 }

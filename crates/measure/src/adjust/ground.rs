@@ -68,10 +68,8 @@ pub struct GroundShape {
     pub skin_height_sigma_m: f64,
     /// Sign of a nose-up twist: +1 if Z points aft (right wing), -1 if it points forward.
     pub nose: f64,
-    /// Skin through the surveyed points, over places of the straightened wing.
-    pub surface: SurveySurface,
-    /// Arc length and X at which a tip device begins, wing frame, m, and its cant against the wing, rad.
-    tip_device: Option<(f64, f64, f64)>,
+    /// Breaks of the dihedral, of a tip device too: X, wing frame, m.
+    pub breaks_x_m: Vec<f64>,
 }
 
 impl GroundShape {
@@ -129,22 +127,13 @@ impl GroundShape {
         let tip_m = surface
             .tip_device_m()
             .map(|(x_m, cant)| (interpolate_table(&axis.x_m, &axis.arc_m, x_m), x_m, cant));
-        let mut ground = Self {
-            frame,
-            axis_covariance: surface.height_covariance(axis.length_m),
-            axis,
-            stations: vec![],
-            skin_height_sigma_m,
-            nose: setup.aft_sign(),
-            surface,
-            tip_device: tip_m,
-        };
         let station = |(m, p): (&SurveyMarker, &Vector3<f64>)| {
-            let (arc_m, more_rad) = match m.fixed {
-                true => (0.0, 0.0),
-                false => ground.section_of(p),
+            let (arc_m, more_rad) = match tip_m {
+                _ if m.fixed => (0.0, 0.0),
+                Some((arc_m, x_m, cant_rad)) if p.x > x_m => (arc_m, cant_rad),
+                _ => (axis.foot_arc_length(p), 0.0),
             };
-            let skin_normal = wing_from_section(ground.axis.slope_rad(arc_m) + more_rad)
+            let skin_normal = wing_from_section(axis.slope_rad(arc_m) + more_rad)
                 .column(1)
                 .into_owned();
             Station {
@@ -153,27 +142,18 @@ impl GroundShape {
                 skin_normal,
             }
         };
-        ground.stations = setup.markers.iter().zip(&surveyed).map(station).collect();
-        Ok(ground)
-    }
-
-    /// Returns the arc length of a point's section, m, and its cant against the wing if a tip device carries it, rad.
-    pub fn section_of(&self, p: &Vector3<f64>) -> (f64, f64) {
-        match self.tip_device {
-            Some((arc_m, x_m, cant_rad)) if p.x > x_m => (arc_m, cant_rad),
-            _ => (self.axis.foot_arc_length(p), 0.0),
-        }
-    }
-
-    /// Returns height, m, and upward unit normal of the skin at X and Z of a point, wing frame.
-    pub fn skin_at(&self, p: &Vector3<f64>) -> (f64, Vector3<f64>) {
-        let arc_m = self.axis.foot_arc_length(p);
-        let straight = p - Vector3::z() * self.axis.swept_m(arc_m);
-        let turns = self.axis.breaks_inboard_of(arc_m);
-        let sweep: f64 = turns.map(|(_, one)| one.sweep_rad.tan()).sum();
-        let (height_m, [along, across]) = self.surface.height_and_slopes(&straight);
-        let normal = Vector3::new(across * sweep - along, 1.0, -across);
-        (height_m, normal.normalize())
+        let stations = setup.markers.iter().zip(&surveyed).map(station).collect();
+        let axis_covariance = surface.height_covariance(axis.length_m);
+        let breaks_x_m = surface.frame.breaks_x_m;
+        Ok(Self {
+            frame,
+            axis,
+            stations,
+            axis_covariance,
+            skin_height_sigma_m,
+            nose: setup.aft_sign(),
+            breaks_x_m,
+        })
     }
 }
 
@@ -214,19 +194,15 @@ fn skin_height(setup: &Setup, points: &[Vector3<f64>]) -> (SkinHeight, f64) {
     let reach = points
         .iter()
         .fold(0.0, |a: f64, p| a.max(p.x - setup.root_offset_m));
-    let (skin, sigma_m) = default_skin_height(reach);
-    (skin, configured.max(sigma_m))
-}
-
-/// Default height of the skin above the bending axis and its standard deviation, m, for a length to the outermost marker.
-pub fn default_skin_height(reach_m: f64) -> (SkinHeight, f64) {
     let (root, tip, sigma) = TYPICAL_HALF_THICKNESS;
-    let skin = SkinHeight {
-        root_m: root * reach_m,
-        tip_m: tip * reach_m,
-        tip_span_m: reach_m,
-    };
-    (skin, sigma * reach_m)
+    (
+        SkinHeight {
+            root_m: root * reach,
+            tip_m: tip * reach,
+            tip_span_m: reach,
+        },
+        configured.max(sigma * reach),
+    )
 }
 
 impl BendingAxis {

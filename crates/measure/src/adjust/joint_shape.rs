@@ -111,7 +111,7 @@ pub(super) struct ShapeFunctions {
 /// Stations of a scene, wing markers, and the axis on the ground.
 pub(super) fn empty_shape(outcome: &FrameOutcome, choice: &StationChoice) -> JointShape {
     let scene = outcome.solved.input.scene;
-    let (ground, length_m) = (&scene.wing.ground, scene.wing.ground.axis.length_m);
+    let (ground, length_m) = (&scene.ground, scene.ground.axis.length_m);
     let standard = AxisCurve::standard_arcs_m(scene);
     let reach_m = standard.last().copied().unwrap_or_default();
     let arcs_m = match choice {
@@ -122,7 +122,7 @@ pub(super) fn empty_shape(outcome: &FrameOutcome, choice: &StationChoice) -> Joi
     let ground_m = curve
         .flat
         .iter()
-        .map(|section| ground.frame.survey_point(&section.at.axis_m))
+        .map(|section| ground.frame.survey_point(&section.axis_m))
         .collect();
     let markers = (0..ground.stations.len())
         .filter(|k| !scene.is_fixed(*k))
@@ -149,7 +149,6 @@ impl FrameOutcome<'_> {
             .solved
             .input
             .scene
-            .wing
             .ground
             .frame
             .wing_from_survey

@@ -46,12 +46,7 @@ impl MarkerMotions {
         let skin_motion_m = input.setup.uncertainty[Width::SkinMotion];
         let first = columns.missing.len();
         let mut per_marker = vec![];
-        for (marker, station) in input
-            .setup
-            .markers
-            .iter()
-            .zip(&input.scene.wing.ground.stations)
-        {
+        for (marker, station) in input.setup.markers.iter().zip(&input.scene.ground.stations) {
             let (unknown, sigma_m, directions) = if marker.fixed {
                 let all = vec![Vector3::x(), Vector3::y(), Vector3::z()];
                 (
@@ -151,16 +146,6 @@ impl ParameterLayout {
             ParameterScope::Global(_) => vec![],
         };
         self.terms.iter().flat_map(priors_of).collect()
-    }
-
-    /// Text for the case that a local parameter cannot be determined.
-    pub fn missing_of_local(&self, parameter: usize) -> &'static str {
-        let holds = |placed: &&PlacedTerm| match placed.scope {
-            ParameterScope::Local(first) => (first..first + placed.term.size).contains(&parameter),
-            ParameterScope::Global(_) => false,
-        };
-        let placed = self.terms.iter().find(holds);
-        placed.map_or("a parameter of the frame", |placed| placed.term.missing)
     }
 
     /// Local columns of an unknown, each with its prior standard deviation (mean 0).

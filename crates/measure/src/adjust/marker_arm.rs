@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::beam::{BeamGrid, Bending, PlacedSection};
+use super::beam::{BeamGrid, BeamSection, Bending};
 use super::ground::{GroundShape, wing_from_section};
 use crate::geometry::cross_matrix;
 
@@ -23,16 +23,6 @@ pub struct CarriedMarker {
     pub by_ground: Matrix3<f64>,
 }
 
-impl CarriedMarker {
-    /// Target fixed to the cabin, which does not move in flight (wing frame, m).
-    pub fn fixed(ground_m: &Vector3<f64>) -> Self {
-        Self {
-            position_m: *ground_m,
-            by_ground: Matrix3::identity(),
-        }
-    }
-}
-
 /// Derivatives of a marker's position with respect to the angles of its section, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AngleDerivatives {
@@ -45,18 +35,18 @@ pub struct AngleDerivatives {
 impl MarkerArm {
     /// Computes the arms of all markers of a survey, which are the points of the grid.
     pub fn all_on_ground(grid: &BeamGrid, ground: &GroundShape) -> Vec<Self> {
-        let arm = |section: &PlacedSection| Self {
+        let arm = |section: &BeamSection| Self {
             section_from_wing: wing_from_section(section.slope_rad).transpose(),
             axis_m: section.axis_m,
             nose: ground.nose,
         };
-        grid.place(&Bending::UNBENT).iter().map(arm).collect()
+        grid.bend(&Bending::UNBENT).iter().map(arm).collect()
     }
 
     /// Carries a marker, which is at `ground_m` (wing frame) on the ground, into flight with its section.
     pub fn carry(
         &self,
-        section: &PlacedSection,
+        section: &BeamSection,
         ground_m: &Vector3<f64>,
         scale: f64,
     ) -> (CarriedMarker, AngleDerivatives) {

@@ -45,7 +45,10 @@ impl MarkerState {
         Self {
             marker: 0,
             from_root_m: None,
-            carried: CarriedMarker::fixed(ground_m),
+            carried: CarriedMarker {
+                position_m: *ground_m,
+                by_ground: Matrix3::identity(),
+            },
             by_bending: [none; BENDING_FUNCTIONS],
             by_twist: [none; TWIST_FUNCTIONS],
             by_scale: none,
@@ -63,7 +66,7 @@ impl MarkerState {
         ground_m: &Vector3<f64>,
         bending: &Bending,
     ) -> Self {
-        let (carried, angles) = mount.carry(&section.at, ground_m, bending.scale);
+        let (carried, angles) = mount.carry(section, ground_m, bending.scale);
         let by_bending = std::array::from_fn(|k| {
             let twisted = angles.by_twist * section.twist_by_bending[k];
             section.axis_by_bending[k] + angles.by_slope * section.slope_by_bending[k] + twisted
@@ -92,6 +95,16 @@ impl MarkerState {
             by_estimated,
             by_plane,
         }
+    }
+
+    /// Moves position and derivatives by a fraction of the difference between two wings.
+    pub fn interpolate_towards(&mut self, from: &Self, to: &Self, share: f64) {
+        self.carried.position_m += (to.carried.position_m - from.carried.position_m) * share;
+        self.carried.by_ground += (to.carried.by_ground - from.carried.by_ground) * share;
+        let ends = from.derivatives().zip(to.derivatives());
+        self.derivatives_mut()
+            .zip(ends)
+            .for_each(|(v, (from, to))| *v += (to - from) * share);
     }
 
     /// Derivatives with respect to bending, twist, axis height and scale.
@@ -173,5 +186,26 @@ impl MarkerState {
             .for_each(|v| *v = turn * *v);
         // The root is the centre of rotation and rises with the axis.
         self.by_raise[0] -= small * Vector3::y();
+    }
+
+    /// Rotates the state into another frame.
+    pub fn rotated(&self, turn: &Matrix3<f64>) -> Self {
+        let CarriedMarker {
+            position_m,
+            by_ground,
+        } = self.carried;
+        let carried = CarriedMarker {
+            position_m: turn * position_m,
+            by_ground: turn * by_ground * turn.transpose(),
+        };
+        let from_root_m = self.from_root_m.map(|from| turn * from);
+        let mut state = Self {
+            from_root_m,
+            carried,
+            by_plane: turn * self.by_plane,
+            ..*self
+        };
+        state.derivatives_mut().for_each(|v| *v = turn * *v);
+        state
     }
 }

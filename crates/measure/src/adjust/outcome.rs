@@ -13,11 +13,12 @@ pub use prior_conflict::with_prior_if_consistent;
 pub use sections::{MovedSection, MovedSections, SectionFunction};
 
 use self::cause_remarks::cause_remarks;
-use super::beam::{BeamSection, RAISE_TERMS};
+use super::beam::RAISE_TERMS;
 use super::causes::{WidenedPriors, inseparable_image};
 use super::curve::AxisCurve;
 use super::layout::{GroundPositions, ParameterLayout};
 use super::marker_state::MarkerState;
+use super::scene::BentWing;
 use super::snooping::{ResidualSum, SolvedGroup, Suspect, SuspectTarget};
 use super::values::UnknownValues;
 use super::{CurvePoint, Estimate, GlobalTest, MarkerSolution, Parameter, ParameterKind, Solution};
@@ -33,7 +34,7 @@ pub struct FrameOutcome<'a> {
     pub layout: &'a ParameterLayout,
     /// Values of the unknowns.
     pub values: UnknownValues,
-    bent: Vec<BeamSection>,
+    bent: BentWing,
     global_test: Option<GlobalTest>,
     posterior: bool,
     /// Factor of the standard deviations: 1 if they are a priori.
@@ -129,7 +130,7 @@ impl<'a> FrameOutcome<'a> {
             markers,
             torsion: self.torsions(),
             curve,
-            axis_length_m: input.scene.wing.ground.axis.length_m,
+            axis_length_m: input.scene.ground.axis.length_m,
             budget,
             variance_components: vec![],
             counted_causes,
@@ -295,7 +296,7 @@ impl<'a> FrameOutcome<'a> {
         self.add_reference_derivatives(&mut gradient, &state, &(position - ground), [4, 5, 6]);
         let deflections = self.marker_deflections(&state, &ground);
         let covariance = self.function_covariance(&gradient);
-        let frame = &self.solved.input.scene.wing.ground.frame;
+        let frame = &self.solved.input.scene.ground.frame;
         let survey_from_wing = frame.wing_from_survey.inverse();
         let in_wing = covariance.fixed_view::<3, 3>(0, 0).into_owned();
         let sigma = |k: usize| Some(covariance[(k, k)].max(0.0).sqrt());
@@ -367,7 +368,7 @@ impl<'a> FrameOutcome<'a> {
         let mut by_deflection = DVector::zeros(functions.len() * count);
         let (mut moment, mut fourth) = (0.0, 0.0);
         for (k, (section, deflection)) in curve.bent.iter().zip(&functions[0]).enumerate() {
-            let x2 = (section.at.axis_m.x - curve.root_m.x).powi(2);
+            let x2 = (section.axis_m.x - curve.root_m.x).powi(2);
             by_deflection[k] = x2;
             moment += deflection.value * x2;
             fourth += x2 * x2;
@@ -378,7 +379,7 @@ impl<'a> FrameOutcome<'a> {
         let side = self.solved.input.setup.side();
         let point = |k: usize| CurvePoint {
             arc_length_m: curve.arcs_m[k],
-            span_m: curve.bent[k].at.axis_m.x,
+            span_m: curve.bent[k].axis_m.x,
             deflection_m: all[0][k],
             other_deflections_m: Some([
                 Some(all[1][k]),

@@ -2,12 +2,12 @@
 
 use nalgebra::{Matrix2x3, Matrix3, Rotation3, SMatrix, Vector2, Vector3};
 
-use super::beam::{BeamSection, Bending, GAUSS_POINTS};
+use super::beam::{BeamGrid, BeamSection, Bending};
 use super::estimated_dimensions::NeighbourWing;
 use super::ground::GroundShape;
 use super::image_line::ImageLine;
+use super::marker_arm::MarkerArm;
 use super::marker_state::{DimensionDerivatives, ESTIMATED_DIMENSIONS, MarkerState};
-use super::target_wing::TargetWing;
 use super::values::{CameraPose, UnknownValues};
 use super::{AdjustResult, Observation};
 use crate::environment::Plate;
@@ -20,8 +20,13 @@ const BOW_STEP: f64 = 1e-3;
 /// Model of an installation: all quantities that no adjustment changes.
 #[derive(Clone, Debug)]
 pub struct WingScene {
-    /// The wing with its markers.
-    pub wing: TargetWing,
+    pub ground: GroundShape,
+    /// Beam grid at the markers' stations.
+    pub grid: BeamGrid,
+    /// Position of each marker relative to its section.
+    pub arms: Vec<MarkerArm>,
+    /// True if each marker is fixed to the cabin.
+    fixed: Vec<bool>,
     /// Neighbouring wings, one per estimated dimension; `None` for a dimension without uncertainty.
     pub neighbours: [Option<NeighbourWing>; ESTIMATED_DIMENSIONS],
     /// Image observations of the ground frames, per marker of the survey.
@@ -102,6 +107,13 @@ pub struct PredictedPixel {
     pub by_ray_field: Vector3<f64>,
 }
 
+/// The bent wing and its neighbours with the same bending: sections at the markers' stations.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BentWing {
+    sections: Vec<BeamSection>,
+    neighbours: [Vec<BeamSection>; ESTIMATED_DIMENSIONS],
+}
+
 impl WingScene {
     /// Prepares an installation.
     ///
@@ -111,6 +123,9 @@ impl WingScene {
         let trusted = trusted_markers(setup, orientation);
         let ground = GroundShape::new(setup, &trusted)?;
         let neighbours = NeighbourWing::all_from_setup(setup, &trusted, &ground)?;
+        let arcs: Vec<f64> = ground.stations.iter().map(|s| s.arc_m).collect();
+        let grid = BeamGrid::new(&ground, &arcs);
+        let mounts = MarkerArm::all_on_ground(&grid, &ground);
         let mut ground_sights = vec![None; setup.markers.len()];
         for s in &orientation.ground {
             if let Some(slot) = ground_sights.get_mut(s.marker) {
@@ -132,7 +147,10 @@ impl WingScene {
             )
         });
         let mut scene = Self {
-            wing: TargetWing::of_survey(setup, ground, GAUSS_POINTS),
+            ground,
+            grid,
+            arms: mounts,
+            fixed: setup.markers.iter().map(|m| m.fixed).collect(),
             neighbours,
             ground_observations: ground_sights,
             point_covariances_m2: vec![Matrix3::zeros(); setup.markers.len()],
@@ -143,10 +161,10 @@ impl WingScene {
         };
         scene.define_points(setup);
         let pixel_of = |k: usize| {
-            let surveyed_m = scene.wing.ground.stations[k].surveyed_m;
+            let surveyed_m = scene.ground.stations[k].surveyed_m;
             scene.lens.project(&(camera_from_wing * surveyed_m))
         };
-        let on_wing = (0..setup.markers.len()).filter(|k| !scene.is_fixed(*k));
+        let on_wing = (0..setup.markers.len()).filter(|k| !scene.fixed[*k]);
         let line = ImageLine::from_pixels(&on_wing.filter_map(pixel_of).collect::<Vec<_>>());
         scene.ray_modes = (0..setup.markers.len())
             .map(|k| pixel_of(k).map_or_else(Vector3::zeros, |pixel| line.modes(&pixel)))
@@ -164,7 +182,7 @@ impl WingScene {
             .enumerate()
             .filter(|(_, m)| m.shape == Shape::Point);
         for (k, marker) in points {
-            let station = &self.wing.ground.stations[k];
+            let station = &self.ground.stations[k];
             let point_m = station.surveyed_m;
             let facing = || -point_m.normalize();
             let normal = if marker.fixed {
@@ -278,14 +296,21 @@ impl WingScene {
         })
     }
 
-    /// Bends a frame's wing: sections at the markers' stations.
-    pub fn bend_frame(&self, values: &UnknownValues) -> Vec<BeamSection> {
-        self.wing.grid.bend(&values.bending())
+    /// Bends the wing and its neighbours.
+    pub fn bend(&self, bending: &Bending) -> BentWing {
+        let neighbours = self
+            .neighbours
+            .each_ref()
+            .map(|n| n.as_ref().map_or(vec![], |n| n.grid.bend(bending)));
+        BentWing {
+            sections: self.grid.bend(bending),
+            neighbours,
+        }
     }
 
     /// Returns whether a marker is fixed to the cabin.
     pub fn is_fixed(&self, marker: usize) -> bool {
-        self.wing.targets.get(marker).is_some_and(|target| target.1)
+        self.fixed.get(marker).copied().unwrap_or(false)
     }
 
     /// Computes a marker's state in flight with all its displacements. `ground_m`: its position on the ground including its
@@ -293,15 +318,18 @@ impl WingScene {
     pub fn marker_in_flight(
         &self,
         marker: usize,
-        bent: &[BeamSection],
+        bent: &BentWing,
         ground_m: &Vector3<f64>,
         values: &UnknownValues,
     ) -> MarkerState {
         let bending = values.bending();
-        let nominal = self.wing.state(marker, &bent[marker], ground_m, &bending);
+        let nominal = self.marker_on_beam(marker, &bent.sections[marker], ground_m, &bending);
         let mut state = nominal;
-        if let Some(answers) = &values.dimension_derivatives {
-            state.apply_dimensions(&answers[marker], &values.estimated);
+        match &values.dimension_derivatives {
+            Some(answers) => state.apply_dimensions(&answers[marker], &values.estimated),
+            None => {
+                state = self.apply_dimensions(nominal, bent, ground_m, &bending, &values.estimated)
+            }
         }
         if let Some((turn_rad, from_root_m)) = values.plane_rad.zip(nominal.from_root_m) {
             let root_m = nominal.carried.position_m - from_root_m;
@@ -309,7 +337,7 @@ impl WingScene {
             state.tilt_bending_plane(
                 turn_rad,
                 &nominal,
-                &self.wing.state(marker, &bent[marker], &there_m, &bending),
+                &self.marker_on_beam(marker, &bent.sections[marker], &there_m, &bending),
             );
         }
         state.carry_with_root(&values.root_rotation_rad, &values.root_translation_m);
@@ -317,19 +345,94 @@ impl WingScene {
         state
     }
 
-    /// Derivatives of all markers' positions with respect to the estimated dimensions, for a wing with this bending; 0 for a
-    /// dimension without uncertainty.
-    pub fn dimension_derivatives(&self, bending: &Bending) -> DimensionDerivatives {
-        let nominal = self.wing.carry(bending);
-        let mut all = vec![[Vector3::zeros(); ESTIMATED_DIMENSIONS]; nominal.len()];
-        for (k, neighbour) in self.neighbours.iter().enumerate() {
-            let there_m = neighbour.iter().flat_map(|wing| wing.carry(bending));
-            for ((by, here), there_m) in all.iter_mut().zip(&nominal).zip(there_m) {
-                let step = neighbour.as_ref().map_or(1.0, |wing| wing.step);
-                by[k] = (there_m - here.position_m) / step;
-            }
+    /// Bends a frame's wing, and its neighbours unless the derivatives with respect to the estimated dimensions are given.
+    pub fn bend_frame(&self, values: &UnknownValues) -> BentWing {
+        match values.dimension_derivatives {
+            Some(_) => BentWing {
+                sections: self.grid.bend(&values.bending()),
+                neighbours: Default::default(),
+            },
+            None => self.bend(&values.bending()),
         }
-        all.into()
+    }
+
+    /// Derivatives of all markers' positions with respect to the estimated dimensions, for a wing with this bending.
+    pub fn dimension_derivatives(&self, bending: &Bending) -> DimensionDerivatives {
+        let bent = self.bend(bending);
+        let stations = self.ground.stations.iter().enumerate();
+        stations
+            .map(|(k, s)| {
+                self.marker_with_dimensions(
+                    k,
+                    &bent,
+                    &s.surveyed_m,
+                    bending,
+                    &[0.0; ESTIMATED_DIMENSIONS],
+                )
+                .by_estimated
+            })
+            .collect()
+    }
+
+    /// Computes a marker's state on the nominal wing.
+    pub fn marker_on_beam(
+        &self,
+        index: usize,
+        section: &BeamSection,
+        ground_m: &Vector3<f64>,
+        bending: &Bending,
+    ) -> MarkerState {
+        let state = match self.fixed[index] {
+            true => MarkerState::fixed(ground_m),
+            false => {
+                MarkerState::on_wing(&self.grid, &self.arms[index], section, ground_m, bending)
+            }
+        };
+        MarkerState {
+            marker: index,
+            ..state
+        }
+    }
+
+    /// Carries a marker from its position on the ground (wing frame, m) into flight. `estimated`: corrections of the
+    /// estimated dimensions.
+    pub fn marker_with_dimensions(
+        &self,
+        index: usize,
+        bent: &BentWing,
+        ground_m: &Vector3<f64>,
+        bending: &Bending,
+        estimated: &[f64; ESTIMATED_DIMENSIONS],
+    ) -> MarkerState {
+        let nominal = self.marker_on_beam(index, &bent.sections[index], ground_m, bending);
+        self.apply_dimensions(nominal, bent, ground_m, bending, estimated)
+    }
+
+    /// Applies corrections of the estimated dimensions to a marker on the nominal wing.
+    fn apply_dimensions(
+        &self,
+        nominal: MarkerState,
+        bent: &BentWing,
+        ground_m: &Vector3<f64>,
+        bending: &Bending,
+        estimated: &[f64; ESTIMATED_DIMENSIONS],
+    ) -> MarkerState {
+        let index = nominal.marker;
+        let mut state = nominal;
+        if self.fixed[index] {
+            return state;
+        }
+        for (k, (neighbour, off)) in self.neighbours.iter().zip(estimated).enumerate() {
+            let Some(neighbour) = neighbour else { continue };
+            let other =
+                neighbour.marker_state(index, &bent.neighbours[k][index], ground_m, bending);
+            state.by_estimated[k] =
+                (other.carried.position_m - nominal.carried.position_m) / neighbour.step;
+            state.interpolate_towards(&nominal, &other, off / neighbour.step);
+        }
+        let estimated_m = state.carried.position_m - nominal.carried.position_m;
+        state.from_root_m = nominal.from_root_m.map(|from| from + estimated_m);
+        state
     }
 }
 

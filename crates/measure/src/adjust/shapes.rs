@@ -135,17 +135,6 @@ type RatioCovariance = SMatrix<f64, CURVATURE_RATIOS, CURVATURE_RATIOS>;
 /// Integrals of m P_k from 0 to eta, per unit of length.
 static SHAPES: LazyLock<Vec<CurvatureTermValues>> = LazyLock::new(tabulate_basis_integrals);
 
-/// Deflections of the tip per unit of each coefficient, over the squared length.
-pub static TIP_DEFLECTIONS: LazyLock<CurvatureTermValues> = LazyLock::new(|| {
-    let step = 0.5 / (TABLE - 1) as f64;
-    let part = |k: usize| {
-        SHAPES
-            .windows(2)
-            .map(move |at| step * (at[0][k] + at[1][k]))
-    };
-    std::array::from_fn(|k| part(k).sum())
-});
-
 static FLEET: LazyLock<FleetCovariances> = LazyLock::new(FleetCovariances::new);
 
 /// Prior covariance of the ratios c_k / c_0 of `terms` coefficients, starting with the second.

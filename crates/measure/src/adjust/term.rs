@@ -156,7 +156,7 @@ impl ParameterTerm {
                     return vec![];
                 };
                 // Scaled as the markers' displacements: 1 m at the tip, extrapolated with the square of the length.
-                let eta = arc_m / curve.scene.wing.ground.axis.length_m;
+                let eta = arc_m / curve.scene.ground.axis.length_m;
                 sections.map(|s| rise(s) * eta * eta / rise(tip)).collect()
             }
             _ => vec![],
@@ -183,7 +183,7 @@ impl ParameterTerm {
                 of_section: Some(of),
                 ..
             }) => {
-                let length_m = curve.scene.wing.ground.axis.length_m;
+                let length_m = curve.scene.ground.axis.length_m;
                 curve
                     .arcs_m
                     .iter()

@@ -48,7 +48,7 @@ pub fn allocate_shared_terms(
         wing::thermal_scale(setup.thermal.as_ref()),
     ];
     let mut placed = columns.allocate_terms(before.into_iter().flatten());
-    let height = columns.allocate_term(wing::axis_height(&scene.wing.ground));
+    let height = columns.allocate_term(wing::axis_height(&scene.ground));
     let axis_height = height.scope;
     placed.push(height);
     let lens = setup
@@ -62,7 +62,7 @@ pub fn allocate_shared_terms(
     let others = motion::ground_state(input)
         .chain(wing::compliance_terms(
             &setup.uncertainty,
-            scene.wing.ground.axis.length_m,
+            scene.ground.axis.length_m,
         ))
         .chain(camera::flight_changes(&setup.uncertainty));
     placed.extend(columns.allocate_terms(others));
@@ -73,16 +73,25 @@ pub fn allocate_shared_terms(
     }
 }
 
-/// Terms shared by the frames of one mounting, its rotation first. `stayed`: it is the mounting of the ground frames.
-pub fn mounting_terms(input: &AdjustmentInput, stayed: bool) -> Vec<ParameterTerm> {
-    let (known, shift) = if stayed {
-        (stay_prior(input.setup), Width::StayShift)
+/// Rotation of a mounting. `stayed`: it is the mounting of the ground frames.
+pub fn mounting_rotation(input: &AdjustmentInput, stayed: bool) -> ParameterTerm {
+    let known = if stayed {
+        stay_prior(input.setup)
     } else {
-        (mounting_rotation_prior(input), Width::MountShift)
+        mounting_rotation_prior(input)
+    };
+    camera::rotation_term(known)
+}
+
+/// Further terms shared by the frames of one mounting.
+pub fn mounting_terms(input: &AdjustmentInput, stayed: bool) -> Vec<ParameterTerm> {
+    let shift = if stayed {
+        Width::StayShift
+    } else {
+        Width::MountShift
     };
     let [shift_m, rays_px] = [shift, Width::RayField].map(|width| input.setup.uncertainty[width]);
     let terms = [
-        Some(camera::rotation_term(known)),
         (shift_m > 0.0).then(|| camera::mounting_shift(shift_m)),
         (rays_px > 0.0 && !stayed).then(|| camera::ray_field(rays_px)),
     ];

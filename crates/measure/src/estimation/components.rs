@@ -2,8 +2,8 @@
 //! Koch, 1986), by Fisher scoring in the logarithm of the components.
 //!
 //! ```text
-//! score_i = (v_i' Q_i^-1 v_i - r_i) / 2     r_i = tr R_ii
-//! F_ij    = tr(R_ij R_ji) / 2               R   = (Q - Q_adjusted) Q^-1
+//! score_i = (v_i' Q_i^-1 v_i - r_i) / 2     r_i = tr(R V_i)     V_i = B_i Q_i B_i'
+//! F_ij    = tr(R V_i R V_j) / 2             R   = M^-1 - M^-1 J Qxx J' M^-1
 //! ```
 //!
 //! The logarithm keeps components positive, and the inverse of `F` is their covariance. If the observations
@@ -15,8 +15,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::error::EstimationResult;
-use super::fit::{Fit, Gradient};
-use super::linear::inverse_spd;
+use super::fit::{BlockFit, Fit};
 use super::problem::{GroupPoint, Linearised, Problem};
 use super::solve::{SolveOptions, solve_groups};
 use crate::observation::deserialize_or_nan;
@@ -177,28 +176,22 @@ struct ScoringEquations {
 
 impl ScoringEquations {
     fn new(problem: &Problem, fit: &Fit, groups: &[VarianceGroup]) -> Self {
-        let observations = AdjustedObservations::new(problem, fit);
-        let members: Vec<Vec<usize>> = groups
+        let conditions = StackedConditions::new(problem, fit);
+        let products: Vec<_> = groups
             .iter()
-            .map(|group| observations.of_group(problem, group))
+            .map(|g| conditions.cofactor_product(problem, fit, g))
             .collect();
-        let sum = |group: &Vec<usize>, value: &dyn Fn(usize) -> f64| -> f64 {
-            group.iter().map(|k| value(*k)).sum()
-        };
-        let powers = &observations.redundancy;
-        let information = |i: usize, j: usize| {
-            0.5 * sum(&members[i], &|a| {
-                sum(&members[j], &|b| powers[(a, b)] * powers[(b, a)])
-            })
-        };
-        let per_group = |value: &dyn Fn(usize) -> f64| {
-            let values = members.iter().map(|group| sum(group, value));
-            values.collect()
-        };
+        let n = groups.len();
+        let information = DMatrix::from_fn(n, n, |i, j| {
+            0.5 * products[i].component_mul(&products[j].transpose()).sum()
+        });
         Self {
-            omega: per_group(&|k| observations.squares[k]),
-            redundancy: per_group(&|k| powers[(k, k)]),
-            information: DMatrix::from_fn(groups.len(), groups.len(), information),
+            omega: groups
+                .iter()
+                .map(|g| weighted_squares(problem, fit, g))
+                .collect(),
+            redundancy: products.iter().map(DMatrix::trace).collect(),
+            information,
         }
     }
 
@@ -268,59 +261,110 @@ impl ScoringEquations {
     }
 }
 
-/// Observations of all blocks in one list.
-struct AdjustedObservations {
-    /// `(Q - Q_adjusted) Q^-1`: derivatives of the residuals with respect to errors of the observations.
-    redundancy: DMatrix<f64>,
-    /// Contribution of each observation to the sum of squares.
-    squares: Vec<f64>,
-}
-
-impl AdjustedObservations {
-    fn new(problem: &Problem, fit: &Fit) -> Self {
-        let blocks = problem.groups.iter().flat_map(|group| &group.blocks);
-        let count = blocks.map(|block| block.observed.len()).sum();
-        let (mut own, mut weights) = (DMatrix::zeros(count, count), DMatrix::zeros(count, count));
-        let mut total = DMatrix::zeros(count, fit.global.len());
-        let (mut first, mut squares) = (0, vec![]);
-        for (index, group) in problem.groups.iter().enumerate() {
-            let n = group.blocks.iter().map(|block| block.observed.len()).sum();
-            let mut gradient = Gradient::empty(vec![], group.local.len(), n);
-            let mut at = 0;
-            for (k, block) in group.blocks.iter().enumerate() {
-                let m = block.observed.len();
-                let mut by = DMatrix::zeros(m, n);
-                by.columns_mut(at, m).fill_with_identity();
-                gradient.observed.push((k, by));
-                let zero = || DMatrix::zeros(m, m);
-                let weight = inverse_spd(&block.covariance).unwrap_or_else(zero);
-                let residuals = &fit.groups[index].blocks[k].residuals;
-                squares.extend((&weight * residuals).component_mul(residuals).iter());
-                let (here, size) = ((first + at, first + at), (m, m));
-                weights.view_mut(here, size).copy_from(&weight);
-                at += m;
-            }
-            let part = fit.propagate(index, &gradient);
-            own.view_mut((first, first), (n, n)).copy_from(&part.own);
-            total.rows_mut(first, n).copy_from(&part.total);
-            first += n;
-        }
-        let adjusted = &total * &fit.covariance * total.transpose() + own;
-        Self {
-            redundancy: DMatrix::identity(count, count) - adjusted * weights,
-            squares,
+/// Returns `v' Q^-1 v` of a group.
+fn weighted_squares(problem: &Problem, fit: &Fit, group: &VarianceGroup) -> f64 {
+    let mut omega = 0.0;
+    for (g, data) in problem.groups.iter().enumerate() {
+        for (b, block) in data.blocks.iter().enumerate() {
+            let members = (group.members)(g, b);
+            let Some(factor) = block
+                .covariance
+                .select_rows(&members)
+                .select_columns(&members)
+                .cholesky()
+            else {
+                continue;
+            };
+            let residuals = fit.groups[g].blocks[b].residuals.select_rows(&members);
+            omega += residuals.dot(&factor.solve(&residuals));
         }
     }
+    omega
+}
 
-    /// Returns the indices of a group's observations.
-    fn of_group(&self, problem: &Problem, group: &VarianceGroup) -> Vec<usize> {
-        let (mut first, mut members) = (0, vec![]);
-        for (g, data) in problem.groups.iter().enumerate() {
-            for (b, block) in data.blocks.iter().enumerate() {
-                members.extend((group.members)(g, b).into_iter().map(|k| first + k));
-                first += block.observed.len();
+/// Conditions of all blocks, stacked in one matrix.
+struct StackedConditions {
+    /// First row of each (group, block).
+    first: Vec<Vec<usize>>,
+    /// Matrix `R` of the module's equations.
+    cofactor: DMatrix<f64>,
+}
+
+impl StackedConditions {
+    fn new(problem: &Problem, fit: &Fit) -> Self {
+        let mut rows = 0;
+        let mut first = vec![];
+        for group in &fit.groups {
+            let start = |b: &BlockFit| {
+                rows += b.linearised.misclosure.len();
+                rows - b.linearised.misclosure.len()
+            };
+            first.push(group.blocks.iter().map(start).collect::<Vec<_>>());
+        }
+        let p = fit.global.len();
+        let mut weighted = DMatrix::zeros(rows, p);
+        let mut cofactor = DMatrix::zeros(rows, rows);
+        for (g, group) in fit.groups.iter().enumerate() {
+            let start = first[g].first().copied().unwrap_or(0);
+            let own = group
+                .blocks
+                .iter()
+                .map(|b| b.linearised.misclosure.len())
+                .sum();
+            let mut local = DMatrix::zeros(own, group.local.len());
+            for (b, block) in group.blocks.iter().enumerate() {
+                let (lin, row) = (&block.linearised, first[g][b]);
+                let n = lin.misclosure.len();
+                let normal = &lin.observations
+                    * &problem.groups[g].blocks[b].covariance
+                    * lin.observations.transpose();
+                let weight = normal
+                    .cholesky()
+                    .map_or_else(|| DMatrix::zeros(n, n), |c| c.inverse());
+                let mut total = &lin.local * &group.sensitivity;
+                for (k, &column) in lin.columns.iter().enumerate() {
+                    let mut target = total.column_mut(column);
+                    target += lin.global.column(k);
+                }
+                weighted.rows_mut(row, n).copy_from(&(&weight * total));
+                local
+                    .rows_mut(row - start, n)
+                    .copy_from(&(&weight * &lin.local));
+                cofactor.view_mut((row, row), (n, n)).copy_from(&weight);
+            }
+            if !group.local.is_empty() {
+                let mut square = cofactor.view_mut((start, start), (own, own));
+                square -= &local * &group.conditional * local.transpose();
             }
         }
-        members
+        cofactor -= &weighted * &fit.covariance * weighted.transpose();
+        Self { first, cofactor }
+    }
+
+    /// Returns `R V` of a group; `V` is block diagonal.
+    fn cofactor_product(
+        &self,
+        problem: &Problem,
+        fit: &Fit,
+        group: &VarianceGroup,
+    ) -> DMatrix<f64> {
+        let mut product = DMatrix::zeros(self.cofactor.nrows(), self.cofactor.ncols());
+        for (g, data) in problem.groups.iter().enumerate() {
+            for (b, block) in data.blocks.iter().enumerate() {
+                let members = (group.members)(g, b);
+                let by = fit.groups[g].blocks[b]
+                    .linearised
+                    .observations
+                    .select_columns(&members);
+                let own = block
+                    .covariance
+                    .select_rows(&members)
+                    .select_columns(&members);
+                let (row, n) = (self.first[g][b], by.nrows());
+                let share = self.cofactor.columns(row, n) * (&by * own * by.transpose());
+                product.columns_mut(row, n).copy_from(&share);
+            }
+        }
+        product
     }
 }

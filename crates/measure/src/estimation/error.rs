@@ -12,16 +12,6 @@ pub enum EstimationError {
         /// Parameter that cannot be determined, and the missing information.
         missing: String,
     },
-    /// The normal matrix of a group's own parameters is singular.
-    #[error(
-        "the adjustment has no unique solution: parameter {parameter} of group {group} cannot be determined"
-    )]
-    SingularGroup {
-        /// Index of the group.
-        group: usize,
-        /// Index of the group's own parameter.
-        parameter: usize,
-    },
     /// The iteration did not converge.
     #[error("{}; check for a wrong survey point or a wrong identity", self.problem())]
     NoConvergence { iterations: usize },
@@ -37,7 +27,7 @@ impl EstimationError {
             Self::NoConvergence { iterations } => {
                 format!("the adjustment did not converge after {iterations} iterations")
             }
-            Self::Singular { .. } | Self::SingularGroup { .. } | Self::Input(_) => self.to_string(),
+            Self::Singular { .. } | Self::Input(_) => self.to_string(),
         }
     }
 }

@@ -30,7 +30,7 @@ impl Whitener {
         }
         self.by.clone_from(by);
         congruence_product(by, covariance, &mut self.lower);
-        if factor_in_place(&mut self.lower).is_some() {
+        if !factor_in_place(&mut self.lower) {
             return Err(singular_error("a condition has no observation of its own"));
         }
         invert_lower(&mut self.lower);
@@ -87,10 +87,10 @@ fn congruence_product(b: &DMatrix<f64>, q: &DMatrix<f64>, out: &mut DMatrix<f64>
     }
 }
 
-/// Replaces the lower triangle by its Cholesky factor. Returns the first column, if any, whose pivot is lost in rounding.
-pub(super) fn factor_in_place(m: &mut DMatrix<f64>) -> Option<usize> {
+/// Replaces the lower triangle by its Cholesky factor. Returns `false` if a pivot is lost in rounding.
+pub(super) fn factor_in_place(m: &mut DMatrix<f64>) -> bool {
     let n = m.nrows();
-    factor_columns(m.as_mut_slice(), n, 1e-15)
+    factor_columns(m.as_mut_slice(), n, 1e-15).is_none()
 }
 
 wide! {
@@ -203,7 +203,7 @@ pub(super) fn singular_error(missing: &str) -> EstimationError {
 /// Returns `W` with `W' W` the inverse of a small symmetric positive definite matrix.
 pub(super) fn whitening_matrix(m: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let mut lower = m.clone();
-    factor_in_place(&mut lower).is_none().then(|| {
+    factor_in_place(&mut lower).then(|| {
         invert_lower(&mut lower);
         lower
     })

@@ -19,19 +19,17 @@
 //! | Gauss-Helmert model: whitening, elimination, steps, covariance | `linear.rs`, `stack.rs`, `state.rs`, `system.rs`, `solve.rs`, `secants.rs`, `fit.rs` |
 //! | spurious information from the noise of many groups' own parameters | `hessian_correction.rs` |
 //! | global test, redundancy, w-test, minimal detectable bias | `quality.rs` |
-//! | normal equations of a part | `information.rs` |
 //! | sources of a variance | `variance_budget.rs` |
 //! | variance components, robust weights | `components.rs`, `robust.rs` |
 //!
-//! To use it, fill a [`Problem`], give [`solve_groups`] a closure that returns a group's [`Linearised`] blocks at a
-//! [`GroupPoint`], and read the [`Fit`]. [`Fit::propagate`] carries the covariance to any function of
+//! To use it, fill a [`Problem`], give [`solve`] a closure that returns a [`Linearised`] block at a
+//! [`BlockPoint`], and read the [`Fit`]. [`Fit::propagate`] carries the covariance to any function of
 //! parameters, local parameters and adjusted observations.
 
 mod components;
 mod error;
 mod fit;
 mod hessian_correction;
-mod information;
 mod linear;
 mod prior;
 mod problem;
@@ -47,12 +45,11 @@ mod variance_budget;
 pub use components::{ComponentEstimate, VarianceComponent, VarianceGroup, variance_components};
 pub use error::{EstimationError, EstimationResult};
 pub use fit::{BlockFit, Fit, Gradient, GroupFit, PropagatedCovariance, symmetric_root};
-pub use information::normal_equations_at;
 pub use problem::{
-    Block, Group, GroupPoint, InformationPrior, Linearised, Prior, PriorName, Problem,
+    Block, BlockPoint, Group, GroupPoint, InformationPrior, Linearised, Prior, PriorName, Problem,
 };
 pub use quality::{GlobalTest, SigmaKind};
-pub use solve::{SolveOptions, solve_groups};
+pub use solve::{SolveOptions, solve, solve_groups};
 pub use variance_budget::{
     AttributedInformation, NamedObservations, SourceNames, VarianceContribution, VarianceSources,
 };

@@ -105,6 +105,20 @@ pub struct Problem {
     pub groups: Vec<Group>,
 }
 
+/// Point at which a block is linearised.
+#[derive(Clone, Copy, Debug)]
+pub struct BlockPoint<'a> {
+    /// Index of the group.
+    pub group: usize,
+    /// Index of the block in its group.
+    pub block: usize,
+    pub global: &'a DVector<f64>,
+    /// Local parameters of the group.
+    pub local: &'a DVector<f64>,
+    /// Adjusted observations of the block.
+    pub observed: &'a DVector<f64>,
+}
+
 /// Point at which a group is linearised.
 #[derive(Clone, Copy, Debug)]
 pub struct GroupPoint<'a> {

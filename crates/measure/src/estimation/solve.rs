@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use super::error::{EstimationError, EstimationResult};
 use super::fit::Fit;
 use super::hessian_correction;
-use super::problem::{GroupPoint, Linearised, Problem};
+use super::problem::{BlockPoint, GroupPoint, Linearised, Problem};
 use super::secants::Secants;
 use super::state::{EstimationState, residual_change};
 use super::system::NormalEquations;
@@ -39,6 +39,30 @@ const MIN_STEP_FRACTION: f64 = 0.01;
 /// global right side the gradient of the remaining sum.
 const UNSETTLED_FRACTION: f64 = 0.1;
 
+/// Minimises the problem; `linearise` returns a block's conditions at a point.
+///
+/// # Errors
+/// Returns an error if the problem is singular, does not converge or is not finite, or the error of `linearise`.
+pub fn solve(
+    problem: &Problem,
+    linearise: impl Fn(&BlockPoint) -> EstimationResult<Linearised>,
+) -> EstimationResult<Fit> {
+    solve_groups(problem, &SolveOptions::default(), |at, blocks| {
+        let point = |(block, observed)| BlockPoint {
+            group: at.group,
+            block,
+            global: at.global,
+            local: at.local,
+            observed,
+        };
+        blocks.clear();
+        for b in at.observed.iter().enumerate() {
+            blocks.push(linearise(&point(b))?);
+        }
+        Ok(())
+    })
+}
+
 /// Options of the iteration: required precision and start.
 #[derive(Clone, Debug, Default)]
 pub struct SolveOptions {
@@ -52,7 +76,7 @@ pub struct SolveOptions {
 /// contain the blocks of another point, with equal columns and sizes, to be overwritten.
 ///
 /// # Errors
-/// Returns an error if the problem is singular, does not converge or is not finite, or the error of `linearise`.
+/// Returns an error if [`solve`] would.
 pub fn solve_groups(
     problem: &Problem,
     options: &SolveOptions,

@@ -2,11 +2,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::error::{EstimationError, EstimationResult};
+use super::error::EstimationResult;
 use super::fit::{BlockFit, Fit, GroupFit};
 use super::linear::{
     NormalFactor, add_scaled, add_square, dot_product, factor_in_place, factor_normal_matrix,
-    invert_lower,
+    invert_lower, singular_error,
 };
 use super::prior::{add_prior, prior_weights};
 use super::problem::{Block, Group, GroupPoint, Linearised, Problem};
@@ -191,7 +191,7 @@ impl NormalEquations {
             self.omega_priors += add_prior(prior, weight, local, &mut part.factor, &mut part.right);
         }
         if q > 0 {
-            part.eliminate_local(&mut self.right, index)?;
+            part.eliminate_local(&mut self.right)?;
             if self.several_own {
                 self.unsettled += part.right.norm_squared();
             }
@@ -330,9 +330,11 @@ impl NormalEquations {
 
 impl GroupSystem {
     /// Factors the local parameters' normal matrix and eliminates them from the right side.
-    fn eliminate_local(&mut self, right: &mut DVector<f64>, group: usize) -> EstimationResult<()> {
-        if let Some(parameter) = factor_in_place(&mut self.factor) {
-            return Err(EstimationError::SingularGroup { group, parameter });
+    fn eliminate_local(&mut self, right: &mut DVector<f64>) -> EstimationResult<()> {
+        if !factor_in_place(&mut self.factor) {
+            return Err(singular_error(
+                "the local parameters of a group of observations",
+            ));
         }
         let p = self.coupling.nrows();
         for i in 0..self.right.len() {

@@ -4,29 +4,6 @@ use rand::{Rng, SeedableRng};
 
 use super::*;
 
-/// Point at which a block is linearised.
-struct BlockPoint<'a> {
-    global: &'a DVector<f64>,
-    local: &'a DVector<f64>,
-    observed: &'a DVector<f64>,
-}
-
-/// Solves a problem block by block.
-fn solve(
-    problem: &Problem,
-    linearise: impl Fn(&BlockPoint) -> EstimationResult<Linearised>,
-) -> EstimationResult<Fit> {
-    solve_groups(problem, &SolveOptions::default(), |at, blocks| {
-        let point = |observed| BlockPoint {
-            global: at.global,
-            local: at.local,
-            observed,
-        };
-        *blocks = (at.observed.iter().map(|o| linearise(&point(o)))).collect::<Result<_, _>>()?;
-        Ok(())
-    })
-}
-
 /// Creates the textbook Gauss-Helmert problem: a straight line y = m x + b with errors in x and y.
 fn line(points: &[(f64, f64)], sx: f64, sy: f64) -> Problem {
     let block = |&(x, y): &(f64, f64)| Group {

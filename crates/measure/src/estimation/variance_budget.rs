@@ -9,9 +9,9 @@ use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::fit::{BlockFit, Fit, Gradient};
-use super::linear::whitening_matrix;
-use super::problem::{Block, Prior, Problem};
+use super::fit::{BlockFit, Fit, Gradient, GroupFit};
+use super::linear::{inverse_spd, whitening_matrix};
+use super::problem::{Block, Group, Prior, Problem};
 
 /// A named range of a block's observations that is independent of the others.
 pub type NamedObservations = (&'static str, Range<usize>);
@@ -23,6 +23,9 @@ pub struct SourceNames<'a> {
     pub observations: &'a dyn Fn(usize, usize) -> Vec<NamedObservations>,
     /// Name of [`Problem::known`].
     pub known: &'static str,
+    /// Name of the most numerous observations: other groups' contribution of this name is computed as the remainder of the
+    /// variance, which avoids their products.
+    pub rest: &'static str,
 }
 
 /// Parts of [`Problem::known`] that keep their names in a budget: priors, and observations without parameters of their own.
@@ -73,70 +76,27 @@ pub struct VarianceContribution {
     pub if_known: Option<f64>,
 }
 
-/// Variances of a function, or information about parameters, by name in order of appearance.
+/// Variances by name, in order of appearance.
 #[derive(Default)]
-struct VarianceSum(Vec<(&'static str, DMatrix<f64>)>);
+struct VarianceSum(Vec<(&'static str, f64)>);
 
 impl VarianceSum {
-    /// Returns the sum of a source for a number of functions, 0 at first.
-    fn of_source(&mut self, source: &'static str, functions: usize) -> &mut DMatrix<f64> {
-        let at = self.0.iter().position(|(name, _)| *name == source);
-        let at = at.unwrap_or_else(|| {
-            self.0.push((source, DMatrix::zeros(functions, functions)));
-            self.0.len() - 1
-        });
-        &mut self.0[at].1
-    }
-
     fn add_variance(&mut self, source: &'static str, variance: f64) {
-        *self.of_source(source, 1) += DMatrix::from_element(1, 1, variance);
-    }
-
-    /// Adds `y' Q^-1 y` for the dependence `y` on errors with the covariance `Q`.
-    fn add_weighted(
-        &mut self,
-        source: &'static str,
-        dependence: &DMatrix<f64>,
-        covariance: &DMatrix<f64>,
-    ) {
-        if let Some(white) = whitening_matrix(covariance) {
-            let rows = white * dependence;
-            let sum = self.of_source(source, rows.ncols());
-            sum.gemm_tr(1.0, &rows, &rows, 1.0);
+        match self.0.iter_mut().find(|(name, _)| *name == source) {
+            Some((_, sum)) => *sum += variance,
+            None => self.0.push((source, variance)),
         }
     }
 
-    /// Adds the contributions of a block's observations.
-    fn add_block(
-        &mut self,
-        block: &Block,
-        dependence: &DMatrix<f64>,
-        observed: &[NamedObservations],
-    ) {
-        for (source, range) in observed {
-            let (first, count) = (range.start, range.len());
-            let covariance = block.covariance.view((first, first), (count, count));
-            let own = dependence.rows(first, count).into_owned();
-            self.add_weighted(source, &own, &covariance.into_owned());
-        }
-    }
-
-    /// Adds the contributions of the function's prior.
-    fn add_prior(&mut self, prior: &Prior, sensitivity: &DMatrix<f64>) {
-        let own = sensitivity.select_rows(&prior.columns);
-        self.add_weighted(prior.name.source, &own, &prior.covariance);
-    }
-
-    fn variance(&self, source: &str) -> f64 {
-        let own = self.0.iter().find(|(name, _)| *name == source);
-        own.map_or(0.0, |(_, variance)| variance[(0, 0)])
+    fn total(&self) -> f64 {
+        self.0.iter().map(|(_, variance)| variance).sum()
     }
 }
 
-/// Covariance of functions with the parameters, `q = N^-1 g`, one column per function.
+/// Covariance of a function with the parameters: `q = N^-1 g`.
 struct Sensitivity {
-    global: DMatrix<f64>,
-    local: DMatrix<f64>,
+    global: DVector<f64>,
+    local: DVector<f64>,
 }
 
 impl Sensitivity {
@@ -154,8 +114,9 @@ pub struct VarianceSources<'a> {
     fit: &'a Fit,
     naming: SourceNames<'a>,
     attributed: Option<&'a AttributedInformation>,
-    /// Information of all groups together about the global parameters; empty for a single group.
-    group_information: VarianceSum,
+    /// Information of all groups together about the global parameters, for each source but the rest; empty for a single
+    /// group.
+    group_information: Vec<(&'static str, DMatrix<f64>)>,
 }
 
 impl<'a> VarianceSources<'a> {
@@ -171,20 +132,10 @@ impl<'a> VarianceSources<'a> {
             fit,
             naming,
             attributed,
-            group_information: VarianceSum::default(),
+            group_information: vec![],
         };
         if problem.groups.len() > 1 {
-            let global = DMatrix::identity(fit.global.len(), fit.global.len());
-            let mut sum = VarianceSum::default();
-            for group in 0..problem.groups.len() {
-                sources.add_group(
-                    group,
-                    &sources.sensitivity_of(group, &global),
-                    &[],
-                    &mut sum,
-                );
-            }
-            sources.group_information = sum;
+            sources.group_information = sources.information_by_source();
         }
         sources
     }
@@ -195,16 +146,18 @@ impl<'a> VarianceSources<'a> {
         let (by, own) = self.fit.eliminate_observations(group, gradient);
         let sensitivity = self.function_sensitivity(group, &by);
         let mut sum = VarianceSum::default();
-        for prior in &self.problem.priors {
-            sum.add_prior(prior, &sensitivity.global);
-        }
+        self.add_prior_variances(&sensitivity.global, &mut sum);
         self.add_information_prior(&sensitivity.global, &mut sum);
-        self.add_group(group, &sensitivity, &gradient.observed, &mut sum);
+        self.add_own_group(group, &sensitivity, &gradient.observed, &mut sum);
         self.add_other_groups(group, &sensitivity.global, &mut sum);
         let total = own[(0, 0)] + sensitivity.function_variance(&by);
-        let part = |(source, variance): (&'static str, DMatrix<f64>)| VarianceContribution {
+        if self.problem.groups.len() > 1 {
+            let explained = sum.total();
+            sum.add_variance(self.naming.rest, (total - explained).max(0.0));
+        }
+        let part = |(source, variance)| VarianceContribution {
             source,
-            variance: variance[(0, 0)],
+            variance,
             if_known: self.variance_if_known(group, &sensitivity, source, total),
         };
         sum.0.into_iter().map(part).collect()
@@ -217,50 +170,59 @@ impl<'a> VarianceSources<'a> {
             .iter()
             .enumerate()
             .for_each(|(k, column)| function[*column] += by.global[(k, 0)]);
-        if by.local.nrows() > 0 {
-            function += solved.sensitivity.tr_mul(&by.local.column(0));
+        let local = by.local.column(0);
+        if local.is_empty() {
+            return Sensitivity {
+                global: &self.fit.response * function,
+                local: DVector::zeros(0),
+            };
         }
-        let global = DMatrix::from_columns(&[&self.fit.response * function]);
-        let mut sensitivity = self.sensitivity_of(group, &global);
-        if by.local.nrows() > 0 {
-            sensitivity.local += &solved.conditional * by.local.columns(0, 1);
+        function += solved.sensitivity.tr_mul(&local);
+        let global = &self.fit.response * function;
+        Sensitivity {
+            local: &solved.sensitivity * &global + &solved.conditional * local,
+            global,
         }
-        sensitivity
     }
 
-    /// Returns the sensitivity of functions of the global parameters alone, on which a group's own parameters depend.
-    fn sensitivity_of(&self, group: usize, global: &DMatrix<f64>) -> Sensitivity {
-        Sensitivity {
-            local: &self.fit.groups[group].sensitivity * global,
-            global: global.clone(),
+    fn add_prior_variances(&self, global: &DVector<f64>, sum: &mut VarianceSum) {
+        for prior in &self.problem.priors {
+            sum.add_variance(prior.name.source, prior_variance(prior, global));
         }
     }
 
     /// Adds the contributions of the prior information: its named parts and the remainder.
-    fn add_information_prior(&self, global: &DMatrix<f64>, sum: &mut VarianceSum) {
+    fn add_information_prior(&self, global: &DVector<f64>, sum: &mut VarianceSum) {
         let Some(known) = &self.problem.known else {
             return;
         };
+        let all = global.dot(&(&known.information * global));
         let mut named = VarianceSum::default();
-        if let Some(AttributedInformation { priors, blocks }) = self.attributed {
-            for prior in priors {
-                named.add_prior(prior, global);
-            }
-            for (block, solved, observed) in blocks {
-                let dependence = observation_sensitivity(solved, global, &DMatrix::zeros(0, 1));
-                named.add_block(block, &dependence, observed);
-            }
+        for prior in self
+            .attributed
+            .iter()
+            .flat_map(|attributed| &attributed.priors)
+        {
+            named.add_variance(prior.name.source, prior_variance(prior, global));
         }
-        let mut rest = global.dot(&(&known.information * global));
-        for (source, variance) in named.0 {
-            rest -= variance[(0, 0)];
-            sum.add_variance(source, variance[(0, 0)]);
+        for (block, solved, observed) in self
+            .attributed
+            .iter()
+            .flat_map(|attributed| &attributed.blocks)
+        {
+            let dependence = observation_sensitivity(solved, global, &DVector::zeros(0));
+            add_block(block, &-dependence, observed, &mut named);
         }
-        sum.add_variance(self.naming.known, rest.max(0.0));
+        let rest = (all - named.total()).max(0.0);
+        named
+            .0
+            .into_iter()
+            .for_each(|(source, variance)| sum.add_variance(source, variance));
+        sum.add_variance(self.naming.known, rest);
     }
 
-    /// Adds the contributions of a group. `observed`: derivatives of the function with respect to its adjusted observations.
-    fn add_group(
+    /// Adds the contributions of the function's own group.
+    fn add_own_group(
         &self,
         group: usize,
         sensitivity: &Sensitivity,
@@ -269,29 +231,111 @@ impl<'a> VarianceSources<'a> {
     ) {
         let (given, solved) = (&self.problem.groups[group], &self.fit.groups[group]);
         for prior in &given.priors {
-            sum.add_prior(prior, &sensitivity.local);
+            sum.add_variance(prior.name.source, prior_variance(prior, &sensitivity.local));
         }
         for (k, (block, fit)) in given.blocks.iter().zip(&solved.blocks).enumerate() {
-            let Sensitivity { global, local } = sensitivity;
-            let mut dependence = -observation_sensitivity(fit, global, local);
+            let mut dependence =
+                -observation_sensitivity(fit, &sensitivity.global, &sensitivity.local);
             for (_, derivative) in observed.iter().filter(|(index, _)| *index == k) {
-                dependence += &fit.conditional * derivative.columns(0, 1);
+                dependence += &fit.conditional * derivative.column(0);
             }
-            sum.add_block(block, &dependence, &(self.naming.observations)(group, k));
+            add_block(
+                block,
+                &dependence,
+                &(self.naming.observations)(group, k),
+                sum,
+            );
         }
     }
 
     /// Adds the contributions of the other groups, whose own parameters depend on the global ones.
-    fn add_other_groups(&self, group: usize, global: &DMatrix<f64>, sum: &mut VarianceSum) {
-        if self.group_information.0.is_empty() {
+    fn add_other_groups(&self, group: usize, global: &DVector<f64>, sum: &mut VarianceSum) {
+        if self.group_information.is_empty() {
             return;
         }
         let mut own = VarianceSum::default();
-        self.add_group(group, &self.sensitivity_of(group, global), &[], &mut own);
-        for (source, information) in &self.group_information.0 {
+        let local = &self.fit.groups[group].sensitivity * global;
+        self.add_own_group(
+            group,
+            &Sensitivity {
+                global: global.clone(),
+                local,
+            },
+            &[],
+            &mut own,
+        );
+        for (source, information) in &self.group_information {
             let all = global.dot(&(information * global));
-            sum.add_variance(source, (all - own.variance(source)).max(0.0));
+            let own = own
+                .0
+                .iter()
+                .find(|(name, _)| name == source)
+                .map_or(0.0, |(_, variance)| *variance);
+            sum.add_variance(source, (all - own).max(0.0));
         }
+    }
+
+    /// Returns the information of all groups about the global parameters, for each source but the rest.
+    fn information_by_source(&self) -> Vec<(&'static str, DMatrix<f64>)> {
+        let p = self.fit.global.len();
+        let mut all: Vec<(&'static str, DMatrix<f64>)> = vec![];
+        for (index, (group, solved)) in self.problem.groups.iter().zip(&self.fit.groups).enumerate()
+        {
+            for (source, rows) in self.weighted_rows(index, group, solved) {
+                let at = all
+                    .iter()
+                    .position(|(name, _)| *name == source)
+                    .unwrap_or_else(|| {
+                        all.push((source, DMatrix::zeros(p, p)));
+                        all.len() - 1
+                    });
+                all[at].1.gemm_tr(1.0, &rows, &rows, 1.0);
+            }
+        }
+        all
+    }
+
+    /// Returns the weighted dependence of a group on the global parameters, source by source.
+    fn weighted_rows(
+        &self,
+        index: usize,
+        group: &Group,
+        solved: &GroupFit,
+    ) -> Vec<(&'static str, DMatrix<f64>)> {
+        let mut all = vec![];
+        for prior in &group.priors {
+            let rows =
+                weights_root(&prior.covariance) * solved.sensitivity.select_rows(&prior.columns);
+            append_source_rows(&mut all, prior.name.source, &rows);
+        }
+        for (k, (block, fit)) in group.blocks.iter().zip(&solved.blocks).enumerate() {
+            let mut observed = (self.naming.observations)(index, k);
+            observed.retain(|(source, _)| *source != self.naming.rest);
+            if observed.is_empty() {
+                continue;
+            }
+            let lin = &fit.linearised;
+            let mut by_global = &lin.local * &solved.sensitivity;
+            for (column, values) in lin.columns.iter().zip(lin.global.column_iter()) {
+                by_global.column_mut(*column).axpy(1.0, &values, 1.0);
+            }
+            for (source, range) in observed {
+                let (first, count) = (range.start, range.len());
+                let covariance = block
+                    .covariance
+                    .view((first, first), (count, count))
+                    .into_owned();
+                let gain = fit.gain.rows(first, count);
+                append_source_rows(
+                    &mut all,
+                    source,
+                    &(weights_root(&covariance) * gain * &by_global),
+                );
+            }
+        }
+        all.into_iter()
+            .map(|(source, rows)| (source, DMatrix::from_rows(&rows)))
+            .collect()
     }
 
     /// Returns the function's variance if the parameters of a source were known.
@@ -335,18 +379,72 @@ impl<'a> VarianceSources<'a> {
     }
 }
 
+/// Returns `q' Sigma^-1 q` for a prior's columns.
+fn prior_variance(prior: &Prior, sensitivity: &DVector<f64>) -> f64 {
+    let own = sensitivity.select_rows(&prior.columns);
+    inverse_spd(&prior.covariance).map_or(0.0, |weight| own.dot(&(weight * &own)))
+}
+
 /// Returns `Q B' M^-1 (A, L) q` of a block.
 fn observation_sensitivity(
     block: &BlockFit,
-    global: &DMatrix<f64>,
-    local: &DMatrix<f64>,
-) -> DMatrix<f64> {
+    global: &DVector<f64>,
+    local: &DVector<f64>,
+) -> DVector<f64> {
     let lin = &block.linearised;
-    let mut conditions = &lin.global * global.select_rows(&lin.columns);
-    if !local.is_empty() {
-        conditions += &lin.local * local;
+    let mut conditions = DVector::zeros(lin.misclosure.len());
+    for (column, by) in lin.columns.iter().zip(lin.global.column_iter()) {
+        conditions.axpy(global[*column], &by, 1.0);
+    }
+    for (value, by) in local.iter().zip(lin.local.column_iter()) {
+        conditions.axpy(*value, &by, 1.0);
     }
     &block.gain * conditions
+}
+
+/// Adds `y' Q^-1 y` of a block's observations, by source.
+fn add_block(
+    block: &Block,
+    dependence: &DVector<f64>,
+    observed: &[NamedObservations],
+    sum: &mut VarianceSum,
+) {
+    for (source, range) in observed {
+        let (first, count) = (range.start, range.len());
+        let covariance = block
+            .covariance
+            .view((first, first), (count, count))
+            .into_owned();
+        let own = dependence.rows(first, count);
+        sum.add_variance(
+            source,
+            inverse_spd(&covariance).map_or(0.0, |weight| own.dot(&(weight * own))),
+        );
+    }
+}
+
+/// Returns `W` with `W' W` the inverse of a covariance; 0 if it has none.
+fn weights_root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
+    whitening_matrix(covariance).unwrap_or_else(|| covariance * 0.0)
+}
+
+type StackedRows = Vec<nalgebra::RowDVector<f64>>;
+
+fn append_source_rows(
+    all: &mut Vec<(&'static str, StackedRows)>,
+    source: &'static str,
+    rows: &DMatrix<f64>,
+) {
+    let at = all
+        .iter()
+        .position(|(name, _)| *name == source)
+        .unwrap_or_else(|| {
+            all.push((source, vec![]));
+            all.len() - 1
+        });
+    all[at]
+        .1
+        .extend(rows.row_iter().map(|row| row.into_owned()));
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Rigid and similarity transforms from corresponding points: from the survey to the CAD model.
 
-use nalgebra::{DMatrix, Matrix3, Matrix3xX, Rotation3, SMatrix, Vector3};
+use nalgebra::{DMatrix, Matrix3, Matrix3xX, Rotation3, SMatrix, SVector, Vector3};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::cross_matrix;
@@ -64,14 +64,18 @@ pub struct PointPair {
 
 /// Ratio of the second to the largest extent of the points below which they count as collinear.
 const LINE_RATIO: f64 = 1e-4;
+/// Number of Gauss-Newton steps after the closed form; one is enough except for rounding.
+const REFINEMENTS: usize = 2;
 
 /// Significance level of the test that decides on the covariance.
 const REJECTION_ALPHA: f64 = 0.01;
 
 type Matrix7 = SMatrix<f64, 7, 7>;
+type Vector7 = SVector<f64, 7>;
 
 impl TransformFit {
-    /// Estimates the transformation by weighted least squares, in closed form (Umeyama 1991, with the determinant guard).
+    /// Estimates the transformation by weighted least squares: the closed form (Umeyama 1991, with the determinant
+    /// guard), then Gauss-Newton for the last digits and the covariance.
     ///
     /// # Errors
     /// Returns an error if the points are invalid, collinear or mirrored.
@@ -87,8 +91,15 @@ impl TransformFit {
         if points.len() < 3 {
             return Err(FitError::Degenerate);
         }
-        let transform = fit_closed_form(points, with_scale)?;
-        let cofactor = cofactor_matrix(points, &transform, with_scale)?;
+        let mut transform = fit_closed_form(points, with_scale)?;
+        let mut cofactor = Matrix7::zeros();
+        for _ in 0..REFINEMENTS {
+            let step;
+            (step, cofactor) = gauss_newton_step(points, &transform, with_scale)?;
+            transform.rotation = Rotation3::new(step.fixed_rows::<3>(0)) * transform.rotation;
+            transform.translation_m += step.fixed_rows::<3>(3);
+            transform.scale += step[6];
+        }
         let mut fit = Self::from_transform(points, transform, cofactor, with_scale);
         // The standard deviations of points that contradict each other are too small.
         if let (Some(false), Some(factor)) = (fit.passes_test(REJECTION_ALPHA), fit.variance_factor)
@@ -220,16 +231,18 @@ fn parameter_jacobian(turned: &Vector3<f64>, scale: f64, with_scale: bool) -> SM
     jacobian
 }
 
-/// Returns the cofactor matrix of (rotation, translation, scale).
-fn cofactor_matrix(
+/// Returns one step and the cofactor matrix, both in (rotation, translation, scale).
+fn gauss_newton_step(
     points: &[PointPair],
     t: &Similarity,
     with_scale: bool,
-) -> Result<Matrix7, FitError> {
-    let mut normal = Matrix7::zeros();
+) -> Result<(Vector7, Matrix7), FitError> {
+    let (mut normal, mut right) = (Matrix7::zeros(), Vector7::zeros());
     for p in points {
         let jacobian = parameter_jacobian(&(t.rotation * p.source_m), t.scale, with_scale);
-        normal += jacobian.transpose() * jacobian * (t.scale * p.sigma_m).powi(-2);
+        let weight = (t.scale * p.sigma_m).powi(-2);
+        normal += jacobian.transpose() * jacobian * weight;
+        right += jacobian.transpose() * (p.target_m - t.apply(&p.source_m)) * weight;
     }
     if !with_scale {
         normal[(6, 6)] = 1.0;
@@ -238,7 +251,7 @@ fn cofactor_matrix(
     if !with_scale {
         cofactor[(6, 6)] = 0.0;
     }
-    Ok(cofactor)
+    Ok((cofactor * right, cofactor))
 }
 
 #[cfg(test)]

@@ -3,9 +3,9 @@
 use nalgebra::Vector2;
 
 use super::Identities;
+use super::beam::WingState;
 use super::outline::SkinDisc;
 use super::scene::WingView;
-use super::wing::WingState;
 use crate::detect::{CovarianceSource, Detection};
 use crate::geometry::Lens;
 use crate::setup::Shape;

@@ -1,7 +1,7 @@
 //! Ambiguous pairs: decided by likelihood ratio, or reported as undecided.
 
-use super::fit::{MatchedPair, shift_predictions};
-use super::matching::{GATE, MatchingProblem, RefinedMatch};
+use super::fit::MatchedPair;
+use super::matching::{GATE, MatchingProblem, RefinedMatch, shift_predictions};
 
 /// Minimum log odds of a match against any alternative.
 pub(super) const MIN_LOG_ODDS: f64 = 9.0;

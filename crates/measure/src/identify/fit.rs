@@ -2,20 +2,13 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::scene::{Matrix8, PredictedImage, WingView, mahalanobis_squared, turn_sigmas};
-use super::wing::WingState;
+use super::beam::WingState;
+use super::scene::{Matrix8, PredictedImage, mahalanobis_squared};
 use crate::detect::Detection;
 use crate::geometry::Lens;
 
 /// Indices of a detection and its marker.
 pub(super) type MatchedPair = (usize, usize);
-
-/// Selects the nearest pairs, each detection and each marker once, the nearest first.
-pub(super) fn select_nearest(mut all: Vec<(f64, MatchedPair)>) -> Vec<MatchedPair> {
-    all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    let selected = select_one_to_one(all).into_iter();
-    selected.map(|(_, pair)| pair).collect()
-}
 
 /// Selects pairs in their order, each detection and each marker once.
 pub(super) fn select_one_to_one(
@@ -37,27 +30,7 @@ pub(super) struct StatePrior {
     pub(super) sigma: WingState,
 }
 
-/// Standard deviation of the shape of bending over its amplitude between wings.
-const SHAPE_FRACTION: f64 = 0.5;
-/// Standard deviations of the two terms of the twist, rad: more than any wing twists.
-const TWIST_RAD: [f64; 2] = [0.06, 0.05];
-/// Standard deviation of the tip's deflection over the length if nothing is known: more than any wing bends.
-pub(super) const ANY_DEFLECTION: f64 = 0.2;
-
 impl StatePrior {
-    /// Creates the prior of a wing whose tip is deflected by a fraction of its length, with a standard deviation.
-    pub(super) fn new(view: &WingView, deflection: f64, sigma: f64) -> Self {
-        let bend = |fraction: f64| view.wing.curvature_per_m(fraction * view.wing.length_m);
-        let shape = SHAPE_FRACTION * bend(sigma.max(deflection.abs()));
-        let ([a, b], [x, y, z]) = (TWIST_RAD, turn_sigmas(view.setup));
-        let mut mean = WingState::zeros();
-        mean[0] = bend(deflection);
-        Self {
-            mean,
-            sigma: [bend(sigma), shape, shape, a, b, x, y, z].into(),
-        }
-    }
-
     pub(super) fn precision_matrix(&self) -> Matrix8 {
         Matrix8::from_diagonal(&self.sigma.map(|s| 1.0 / (s * s)))
     }
@@ -105,65 +78,6 @@ pub(super) struct StateStep {
     pub(super) cost: f64,
     /// Log evidence for the pairs against false candidates alone.
     pub(super) evidence: f64,
-}
-
-/// A state fitted to pairs.
-#[derive(Clone, Debug)]
-pub(super) struct StateFit {
-    pub(super) state: WingState,
-    pub(super) covariance: Matrix8,
-    pub(super) cost: f64,
-    /// Predicted images of the markers.
-    pub(super) predicted: Vec<Option<PredictedImage>>,
-}
-
-/// Maximum number of linear steps of a fit; four or five are typical.
-const MAX_STEPS: usize = 15;
-
-/// Fits the state to given pairs, none of which is rejected, until a step moves no prediction by `settled_px`: bending is not
-/// linear. `None` if it does not settle.
-pub(super) fn fit_pairs(
-    view: &WingView,
-    pairs: &[MatchedPair],
-    detections: &[Detection],
-    prior: &StatePrior,
-    start: &WingState,
-    settled_px: f64,
-) -> Option<StateFit> {
-    let (mut state, clutter) = (*start, Clutter::new(detections.len(), &view.setup.lens));
-    for _ in 0..MAX_STEPS {
-        let predicted = view.linearise(&state);
-        let step = solve_step(pairs, &predicted, detections, prior, &state, clutter)?;
-        state += step.delta;
-        if max_shift_px(&predicted, &step) < settled_px {
-            return state.iter().all(|v| v.is_finite()).then(|| StateFit {
-                state,
-                covariance: step.covariance,
-                cost: step.cost,
-                predicted: shift_predictions(&predicted, &step),
-            });
-        }
-    }
-    None
-}
-
-/// Returns the predictions after a linear step.
-pub(super) fn shift_predictions(
-    predicted: &[Option<PredictedImage>],
-    step: &StateStep,
-) -> Vec<Option<PredictedImage>> {
-    let shifted = |p: &PredictedImage| PredictedImage {
-        pixel: p.pixel + p.jacobian * step.delta,
-        ..*p
-    };
-    predicted.iter().map(|p| p.as_ref().map(shifted)).collect()
-}
-
-fn max_shift_px(predicted: &[Option<PredictedImage>], step: &StateStep) -> f64 {
-    let shifts = predicted.iter().flatten();
-    shifts
-        .map(|p| (p.jacobian * step.delta).norm())
-        .fold(0.0, f64::max)
 }
 
 fn pair_covariance(detection: &Detection, predicted: &PredictedImage) -> Matrix2<f64> {

@@ -1,17 +1,17 @@
 //! Orientation from ground frames: consensus, identities, then one adjustment of all frames.
 
+use super::beam::WingState;
 use super::bias::correct_centres;
 use super::consensus::{Consensus, find_consensus, pairs_from_rotation};
 use super::decide::decide_pairs;
 use super::fit::StatePrior;
 use super::flight::{MIN_IDENTIFIED, build_identities};
 use super::matching::MatchingProblem;
-use super::refine::{GroundImage, adjust_orientation, estimate_bend};
+use super::refine::{self, AdjustedOrientation, GroundImage, adjust_orientation};
 use super::scene::{WingView, is_usable, looks_like};
-use super::wing::WingState;
 use super::{IdentifyError, Identities, Misfit, OrientationFit};
 use crate::detect::Detection;
-use crate::observation::Observation;
+use crate::observation::{Estimate, Observation};
 use crate::setup::{Orientation, Setup};
 
 /// Standard deviation of the consensus rotation, rad.
@@ -71,10 +71,7 @@ pub fn estimate_orientation(
         return Err(IdentifyError::Misfit(Misfit { cause, ..misfit }));
     }
     let scene = WingView::on_ground(setup, &orientation);
-    // A bend makes the outer markers look wrong, so rejected images are used too.
-    let images = fitted.used.iter().map(|(image, _)| image);
-    let images = images.chain(&fitted.rejected).cloned().collect();
-    let bend = estimate_bend(setup, &orientation.camera_from_survey, images);
+    let bend = estimate_bend(&scene, &fitted);
     for (detections, of_frame) in frames.iter().zip(&mut identities) {
         explain_missing(&scene, detections, of_frame);
     }
@@ -124,6 +121,31 @@ fn check_marked(setup: &Setup, frames: &[Vec<Detection>]) -> Result<(), Identify
     } else {
         Ok(())
     }
+}
+
+/// Estimates how much higher the wing was than surveyed. A bend makes the outer markers look wrong, so rejected images are
+/// used too.
+fn estimate_bend(scene: &WingView, fitted: &AdjustedOrientation) -> Option<Estimate> {
+    let to_survey = scene.beam.frame.wing_from_survey.inverse();
+    let by_bend: Vec<_> = scene
+        .beam
+        .bend_displacements()
+        .iter()
+        .map(|by| to_survey * by)
+        .collect();
+    let images = fitted
+        .used
+        .iter()
+        .map(|(image, _)| image)
+        .chain(&fitted.rejected)
+        .cloned()
+        .collect();
+    refine::estimate_bend(
+        scene.setup,
+        &fitted.orientation.camera_from_survey,
+        &by_bend,
+        images,
+    )
 }
 
 /// Finds a frame that hardly fits the other frames; a single frame was decided by its consensus. Neither additional false

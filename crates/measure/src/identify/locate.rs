@@ -2,13 +2,13 @@
 //! marker found improves the prediction of the next ones. No other frame is used.
 
 use super::Identities;
+use super::beam::WingState;
 use super::fit::StatePrior;
 use super::flight::{MIN_IDENTIFIED, find_solutions};
 use super::matching::{MatchingProblem, RefinedMatch};
 use super::points::{PatchNodes, PatchPrediction};
 use super::scan::DEFLECTION_RANGE;
 use super::scene::{Matrix8, WingView};
-use super::wing::WingState;
 use crate::detect::{Detection, MarkerPrediction};
 use crate::ordering::sort_by_value;
 
@@ -26,6 +26,10 @@ const NEAR_PX: f64 = 60.0;
 const SETTLED_PX: f64 = 40.0;
 /// Distance below which two detections are equal, px.
 pub const MIN_SEPARATION_PX: f64 = 3.0;
+/// Relative variation of the curvature's shape along the span between wings, as in [`super::scan`].
+const SHAPE_FRACTION: f64 = 0.5;
+/// Standard deviation of the tip's twist, rad, as in [`super::scan`].
+const TWIST_RAD: f64 = 0.06;
 /// Half the range of the tip's deflection over the span within which a patch looks similar: it changes the length of a patch
 /// seen at grazing incidence by a fifth.
 const PATCH_DEFLECTION: f64 = 0.02;
@@ -35,12 +39,17 @@ const CRUISE_DEFLECTION: f64 = 0.05;
 impl WingView<'_> {
     /// Returns the prior before any detection: the wing may be bent as far as the identification scans.
     fn search_prior(&self) -> StatePrior {
+        let span = self.beam.length_m;
         let (low, high) = DEFLECTION_RANGE;
-        StatePrior::new(
-            self,
-            0.5 * (low + high),
-            0.5 * (high - low) / SEARCH_SIGMAS.0,
-        )
+        // A curvature c that decreases to 0 at the tip deflects the tip by c / 3 times the span squared.
+        let [middle, half] =
+            [0.5 * (low + high), 0.5 * (high - low)].map(|deflection| 3.0 * deflection / span);
+        let bend = half / SEARCH_SIGMAS.0;
+        let [x, y, z] = self.turn_sigmas();
+        let shape = SHAPE_FRACTION * bend;
+        let mean = WingState::from([middle, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let sigma = WingState::from([bend, shape, shape, TWIST_RAD, TWIST_RAD, x, y, z]);
+        StatePrior { mean, sigma }
     }
 
     /// Predicts the image of each marker for a state with a covariance.
@@ -50,11 +59,24 @@ impl WingView<'_> {
         covariance: &Matrix8,
         sigmas: f64,
     ) -> Vec<Option<MarkerPrediction>> {
-        let images = self.linearise(state);
-        self.predict_each(state, |marker, _| {
-            let off_px = images[marker].as_ref()?.sigma_px(covariance) * sigmas;
-            Some((off_px.add_scalar(MIN_DIAMETER_PX), true))
-        })
+        let markers = self
+            .setup
+            .markers
+            .iter()
+            .zip(self.marker_outlines(state))
+            .zip(self.linearise(state));
+        markers
+            .map(|((marker, outline), predicted)| {
+                let predicted = predicted?;
+                let off = predicted.sigma_px(covariance) * sigmas;
+                self.visible_prediction(
+                    marker.shape,
+                    &outline?,
+                    off.add_scalar(MIN_DIAMETER_PX),
+                    true,
+                )
+            })
+            .collect()
     }
 
     /// Predicts the markers that [`WingView::locate_markers`] searches for first.
@@ -109,8 +131,25 @@ impl WingView<'_> {
 
     /// Returns the prior of a wing whose tip is deflected by about `deflection` spans.
     fn patch_prior(&self, deflection: f64) -> StatePrior {
-        let half = PATCH_DEFLECTION / SEARCH_SIGMAS.0;
-        StatePrior::new(self, deflection, half + 0.2 * deflection.abs())
+        let span = self.beam.length_m;
+        let [mean, half] = [deflection, PATCH_DEFLECTION].map(|part| 3.0 * part / span);
+        let bend = half / SEARCH_SIGMAS.0;
+        let shape = SHAPE_FRACTION * (bend + mean.abs());
+        let [x, y, z] = self.turn_sigmas();
+        let sigma = WingState::from([
+            bend + 0.2 * mean.abs(),
+            shape,
+            shape,
+            TWIST_RAD,
+            TWIST_RAD,
+            x,
+            y,
+            z,
+        ]);
+        StatePrior {
+            mean: WingState::from([mean, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+            sigma,
+        }
     }
 
     /// Locates points as [`Self::locate_markers`] does markers, in addition to the markers `found`, on a wing whose tip is

@@ -1,12 +1,11 @@
 //! Pairs from a first guess: gated one-to-one matching and fitting in turns.
 
+use super::beam::WingState;
 use super::fit::{
-    Clutter, MatchedPair, StateFit, StatePrior, StateStep, fit_pairs, select_nearest,
-    shift_predictions, solve_step, squared_distance,
+    Clutter, MatchedPair, StatePrior, StateStep, select_one_to_one, solve_step, squared_distance,
 };
 use super::outline::DiscOutline;
 use super::scene::{Matrix8, PredictedImage, WingView, is_usable, looks_like, outline_fits};
-use super::wing::WingState;
 use crate::detect::Detection;
 use crate::ordering::sort_by_value;
 
@@ -17,6 +16,8 @@ pub(super) const GATE: f64 = 18.4;
 const RESIDUAL_GATE: f64 = 9.2;
 /// Maximum number of rounds of matching and fitting; pairs settle in two or three.
 const MAX_ROUNDS: usize = 8;
+/// Maximum number of linear steps of a fit; bending settles in three.
+const MAX_STEPS: usize = 8;
 /// Step below which the fit is linear, px: less than the predictions' noise.
 const SETTLED_PX: f64 = 2.0;
 /// Bounds of the variance factor that scales the covariance of the state during matching.
@@ -46,6 +47,14 @@ pub(super) struct RefinedMatch {
     pub(super) outlines: Vec<Option<DiscOutline>>,
 }
 
+/// A state fitted to pairs.
+struct StateFit {
+    state: WingState,
+    covariance: Matrix8,
+    cost: f64,
+    predicted: Vec<Option<PredictedImage>>,
+}
+
 impl<'a> MatchingProblem<'a> {
     pub(super) fn new(scene: &'a WingView<'a>, detections: &'a [Detection]) -> Self {
         let lens = &scene.setup.lens;
@@ -54,9 +63,9 @@ impl<'a> MatchingProblem<'a> {
             .setup
             .markers
             .iter()
-            .zip(&scene.wing.targets)
+            .zip(&scene.beam.ground_m)
             .enumerate()
-            .map(|(j, (marker, (p, _)))| {
+            .map(|(j, (marker, p))| {
                 let major = 0.5 * marker.diameter_m * lens.focal_px() / p.norm();
                 let fits = |d: &Detection| is_usable(d) && looks_like(d, scene.setup, j, major);
                 (0..detections.len())
@@ -115,10 +124,7 @@ impl<'a> MatchingProblem<'a> {
 
     /// Matches and fits in turns until nothing changes, without pairs that were outliers once; `None` below [`MIN_PAIRS`].
     fn refine_from(&self, prior: &StatePrior, mut pairs: Vec<MatchedPair>) -> Option<RefinedMatch> {
-        let fit_from = |pairs: &[MatchedPair], start: &WingState| {
-            fit_pairs(self.scene, pairs, self.detections, prior, start, SETTLED_PX)
-        };
-        let mut fit = fit_from(&pairs, &prior.mean)?;
+        let mut fit = self.fit_pairs(&pairs, prior, &prior.mean)?;
         let mut outliers: Vec<MatchedPair> = Vec::new();
         let mut round = 0;
         loop {
@@ -147,8 +153,33 @@ impl<'a> MatchingProblem<'a> {
                 next = kept;
             }
             pairs = next;
-            fit = fit_from(&pairs, &fit.state)?;
+            fit = self.fit_pairs(&pairs, prior, &fit.state)?;
         }
+    }
+
+    /// Fits given pairs to convergence without rejecting any, because bending is not linear.
+    fn fit_pairs(
+        &self,
+        pairs: &[MatchedPair],
+        prior: &StatePrior,
+        start: &WingState,
+    ) -> Option<StateFit> {
+        let mut state = *start;
+        for _ in 0..MAX_STEPS {
+            let predicted = self.scene.linearise(&state);
+            let step = self.solve_step(pairs, &predicted, prior, &state)?;
+            state += step.delta;
+            if max_shift_px(&predicted, &step) < SETTLED_PX {
+                let predicted = shift_predictions(&predicted, &step);
+                return Some(StateFit {
+                    state,
+                    covariance: step.covariance,
+                    cost: step.cost,
+                    predicted,
+                });
+            }
+        }
+        None
     }
 
     /// Chooses first pairs marker by marker, the most precise prediction first; each pair improves the next prediction.
@@ -226,7 +257,11 @@ impl<'a> MatchingProblem<'a> {
                 }
             }
         }
-        let mut pairs = select_nearest(all);
+        all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut pairs: Vec<MatchedPair> = select_one_to_one(all)
+            .into_iter()
+            .map(|(_, pair)| pair)
+            .collect();
         pairs.sort_by_key(|p| p.1);
         pairs
     }
@@ -271,4 +306,28 @@ impl<'a> MatchingProblem<'a> {
             }
         }
     }
+}
+
+/// Returns the predictions after a linear step.
+pub(super) fn shift_predictions(
+    predicted: &[Option<PredictedImage>],
+    step: &StateStep,
+) -> Vec<Option<PredictedImage>> {
+    predicted
+        .iter()
+        .map(|p| {
+            p.map(|p| PredictedImage {
+                pixel: p.pixel + p.jacobian * step.delta,
+                ..p
+            })
+        })
+        .collect()
+}
+
+fn max_shift_px(predicted: &[Option<PredictedImage>], step: &StateStep) -> f64 {
+    predicted
+        .iter()
+        .flatten()
+        .map(|p| (p.jacobian * step.delta).norm())
+        .fold(0.0, f64::max)
 }

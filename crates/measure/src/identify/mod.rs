@@ -3,20 +3,21 @@
 //! | stage | in | out | file |
 //! |---|---|---|---|
 //! | consensus | detections of a ground frame | coarse rotation | `consensus.rs`, `attitude.rs` |
-//! | adjustment | ground frames with identities | rotation with covariance | `ground.rs`, `refine.rs`, `image_problem.rs` |
+//! | adjustment | ground frames with identities | rotation with covariance | `ground.rs`, `refine.rs` |
 //! | scan | detections in flight | candidate deflections and shifts | `scan.rs` |
 //! | matching | one of the candidates | pairs and a fitted state | `matching.rs`, `fit.rs` |
 //! | decision | pairs | unambiguous identities, reasons for the others | `decide.rs`, `flight.rs` |
 //! | bias | identified outlines | images of the centres | `bias.rs`, `outline.rs` |
-//! | diagnosis | images that do not fit | causes with sizes | `diagnose/`, `image_problem.rs` |
+//! | diagnosis | images that do not fit | causes with sizes | `diagnose/` |
 //! | prediction | identities or observations of a frame | predicted images | `wing_state.rs` |
 //! | guided search | detections in parts of a frame | predicted images | `locate.rs` |
 //! | patches | templates of points | their predicted images | `points.rs` |
 //!
-//! All stages share the wing of `wing.rs`, which is that of the adjustment with few terms; those of frames in flight are
-//! functions of the [`WingView`].
+//! All stages share the wing model of `skin.rs`, `beam.rs` and `scene.rs`; those of frames in flight are functions of the
+//! [`WingView`].
 
 mod attitude;
+mod beam;
 mod bias;
 mod consensus;
 mod decide;
@@ -24,7 +25,6 @@ mod diagnose;
 mod fit;
 mod flight;
 mod ground;
-mod image_problem;
 mod locate;
 mod matching;
 mod outline;
@@ -32,7 +32,7 @@ mod points;
 mod refine;
 mod scan;
 mod scene;
-mod wing;
+mod skin;
 mod wing_state;
 
 use nalgebra::Vector2;
@@ -43,12 +43,11 @@ use super::observation::{Estimate, Observation};
 use super::setup::{Orientation, Setup};
 
 pub use diagnose::{
-    Cause, Diagnosis, Explanation, OTHER_AIRCRAFT, UNITS, diagnose_ground, diagnose_ground_fit,
-    diagnose_observations,
+    Cause, Diagnosis, Explanation, OTHER_AIRCRAFT, SizedShape, UNITS, diagnose_ground,
+    diagnose_ground_fit, diagnose_observations,
 };
 pub use flight::MIN_IDENTIFIED;
 pub use ground::estimate_orientation;
-pub use image_problem::SizedShape;
 pub use locate::MIN_SEPARATION_PX;
 pub use points::{PATCH_REACH_PX, PatchNodes, PatchPrediction};
 pub use scene::WingView;

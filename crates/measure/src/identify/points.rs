@@ -6,9 +6,9 @@
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 
 use super::Identities;
+use super::beam::{CoarseBeam, WingState, facing_attitude};
 use super::fit::{MatchedPair, squared_distance};
 use super::scene::{Matrix8, PredictedImage, WingView};
-use super::wing::{StateWing, WingState, facing_attitude};
 use crate::detect::{Detection, MarkerPrediction};
 use crate::setup::Shape;
 
@@ -98,8 +98,8 @@ impl PatchPrediction {
 
 /// Nodes of the patches of all templates.
 pub struct PatchNodes {
-    /// Wing that carries the nodes, [`NODES`] per patch, for each slope.
-    wing: StateWing,
+    /// Beam that carries the nodes, [`NODES`] per patch, for each slope.
+    beam: CoarseBeam,
     /// Template, marker and the inverse of the map's design matrix for the nominal slope and its two changes.
     patches: Vec<(usize, usize, [SMatrix<f64, NODES, TERMS>; 3])>,
 }
@@ -107,9 +107,9 @@ pub struct PatchNodes {
 impl<'a> WingView<'a> {
     /// Returns the nodes of the patches; of a template that is seen edge-on in the ground frame there are none.
     pub fn patch_nodes(&self) -> PatchNodes {
-        let ground = WingView::with_wing(self.setup, self.orientation, false, self.wing.clone());
+        let ground = WingView::with_beam(self.setup, self.orientation, false, self.beam.clone());
         let mut nodes = PatchNodes {
-            wing: self.wing.clone(),
+            beam: self.beam.clone(),
             patches: Vec::new(),
         };
         let mut points = Vec::new();
@@ -119,7 +119,7 @@ impl<'a> WingView<'a> {
                 nodes.patches.push((k, template.marker, inverses));
             }
         }
-        nodes.wing = self.wing.with_targets(points);
+        nodes.beam = self.beam.with_points(&points);
         nodes
     }
 
@@ -130,7 +130,8 @@ impl<'a> WingView<'a> {
         &self,
         marker: usize,
     ) -> Option<(Vec<(Vector3<f64>, bool)>, [SMatrix<f64, NODES, TERMS>; 3])> {
-        let (point, fixed) = *self.wing.targets.get(marker)?;
+        let fixed = self.setup.markers.get(marker)?.fixed;
+        let point = *self.beam.ground_m.get(marker)?;
         let facing = facing_attitude(&point).filter(|_| fixed);
         let slopes = [
             Vector2::zeros(),
@@ -142,9 +143,10 @@ impl<'a> WingView<'a> {
                 point + across * at.x + normal.cross(across) * at.y + normal * slope.dot(at)
             }
             None => {
-                let there = point + Vector3::new(at.x, 0.0, at.y);
-                let rise = self.wing.skin_at(&there).0 - self.wing.skin_at(&point).0;
-                there + Vector3::y() * (rise + slope.dot(at))
+                let skin = &self.beam.skin;
+                let rise =
+                    skin.height(point.x + at.x, point.z + at.y) - skin.height(point.x, point.z);
+                point + Vector3::new(at.x, rise + slope.dot(at), at.y)
             }
         };
         let project = |points: &[Vector3<f64>]| -> Option<Vec<Vector2<f64>>> {
@@ -194,7 +196,7 @@ impl<'a> WingView<'a> {
         sigmas: f64,
     ) -> Vec<Option<Vec<PatchPrediction>>> {
         let images = self.linearise(state);
-        let pixels = self.project_targets(&nodes.wing, state);
+        let pixels = self.project_points(&nodes.beam, state);
         let mut all: Vec<Option<Vec<PatchPrediction>>> = vec![None; images.len()];
         for ((template, marker, inverses), own) in
             nodes.patches.iter().zip(pixels.chunks_exact(3 * NODES))
@@ -251,13 +253,7 @@ impl WingView<'_> {
         let points = identities.pairs().into_iter().filter(is_point);
         let off = |pair| {
             (
-                squared_distance(
-                    pair,
-                    &fitted.predicted,
-                    detections,
-                    &fitted.covariance,
-                    true,
-                ),
+                squared_distance(pair, &fitted.images, detections, &fitted.covariance, true),
                 pair.0,
             )
         };

@@ -2,10 +2,9 @@
 
 use nalgebra::Vector2;
 
-use super::fit::{MatchedPair, StatePrior, select_nearest};
+use super::beam::WingState;
+use super::fit::{MatchedPair, StatePrior, select_one_to_one};
 use super::matching::MatchingProblem;
-use super::wing::WingState;
-use crate::adjust::shapes::TIP_DEFLECTIONS;
 
 /// Cell size of the vote over the image shift, px; a vote counts in a block of 3 x 3 cells.
 const CELL_PX: f64 = 20.0;
@@ -14,11 +13,14 @@ const MAX_CELLS: usize = 31;
 const STEP_PX: f64 = 30.0;
 /// Range of the tip deflection over span.
 pub(super) const DEFLECTION_RANGE: (f64, f64) = (-0.11, 0.22);
-/// Ratios of the second term of the curvature to the first: nearly constant curvature of a strong taper, the reference,
-/// curvature that decreases as 1 - x and nearly as its square.
-const FAMILY: [f64; 4] = [0.5, 0.0, -0.3, -1.2];
-/// Standard deviation of the deflection of a guess: as a fraction of it and, of an unbent wing, over the length.
-const GUESS_SIGMAS: (f64, f64) = (0.4, 7e-3);
+/// Curvature over the span as coefficients, and L^2 * curvature / tip deflection: (1 - x)(1 + 3x) for a strong taper, 1, 1
+/// - x, (1 - x)^2.
+pub(super) const FAMILY: [([f64; 3], f64); 4] = [
+    ([1.0, 0.0, 3.0], 12.0 / 7.0),
+    ([1.0, 1.0, 0.0], 2.0),
+    ([1.0, 0.0, 0.0], 3.0),
+    ([1.0, 0.0, -1.0], 4.0),
+];
 const MAX_GUESSES: usize = 8;
 
 /// A deflection and a shift, with the pairs that agree on it.
@@ -36,11 +38,11 @@ fn window_px(mount_repeatability_px: f64) -> f64 {
 
 /// Returns the best guesses, best first.
 pub(super) fn scan_deflections(problem: &MatchingProblem<'_>) -> Vec<StateGuess> {
-    let wing = &problem.scene.wing;
+    let beam = &problem.scene.beam;
     let setup = problem.scene.setup;
     let tip = problem.scene.outermost_marker();
-    let span_m = wing.length_m;
-    let range_m = wing.targets.get(tip).map_or(span_m, |(p, _)| p.norm());
+    let span_m = beam.length_m;
+    let range_m = beam.ground_m.get(tip).map_or(span_m, |p| p.norm());
     let step_m = STEP_PX * range_m / setup.lens.focal_px();
     let steps = (((DEFLECTION_RANGE.1 - DEFLECTION_RANGE.0) * span_m / step_m).ceil())
         .clamp(8.0, 400.0) as usize;
@@ -48,15 +50,17 @@ pub(super) fn scan_deflections(problem: &MatchingProblem<'_>) -> Vec<StateGuess>
     let mut guesses: Vec<StateGuess> = Vec::new();
     for step in 0..=steps {
         let fraction = step as f64 / steps as f64;
-        let deflection = DEFLECTION_RANGE.0 + (DEFLECTION_RANGE.1 - DEFLECTION_RANGE.0) * fraction;
+        let deflection_m =
+            span_m * (DEFLECTION_RANGE.0 + (DEFLECTION_RANGE.1 - DEFLECTION_RANGE.0) * fraction);
         let best = FAMILY
             .iter()
-            .filter_map(|ratio| {
+            .filter_map(|(shape, unit)| {
+                let amplitude = unit * deflection_m / (span_m * span_m);
                 let mut state = WingState::zeros();
-                state[0] =
-                    deflection / (span_m * (TIP_DEFLECTIONS[0] + ratio * TIP_DEFLECTIONS[1]));
-                state[1] = ratio * state[0];
-                vote_shift(problem, &state, deflection, window, step)
+                for (k, s) in shape.iter().enumerate() {
+                    state[k] = s * amplitude;
+                }
+                vote_shift(problem, &state, amplitude, window, step)
             })
             .max_by_key(|g| g.pairs.len());
         guesses.extend(best);
@@ -83,7 +87,7 @@ fn select_apart(mut guesses: Vec<StateGuess>) -> Vec<StateGuess> {
 fn vote_shift(
     problem: &MatchingProblem<'_>,
     state: &WingState,
-    deflection: f64,
+    amplitude: f64,
     window: f64,
     cell: usize,
 ) -> Option<StateGuess> {
@@ -116,7 +120,7 @@ fn vote_shift(
     let coordinate = |cell: usize| (cell as f64 - 0.5) * CELL_PX - window;
     let centre = Vector2::new(coordinate(best / cells), coordinate(best % cells));
     Some(StateGuess {
-        prior: guess_prior(problem, state, deflection),
+        prior: guess_prior(problem, state, amplitude),
         pairs: agreeing_pairs(problem, &pixels, &centre),
         cell,
     })
@@ -149,20 +153,31 @@ fn agreeing_pairs(
             pairs.push((off(&i), (i, j)));
         }
     }
-    let mut once = select_nearest(pairs);
+    pairs.sort_by(|a: &(f64, MatchedPair), b| a.0.total_cmp(&b.0));
+    let mut once: Vec<MatchedPair> = select_one_to_one(pairs)
+        .into_iter()
+        .map(|(_, pair)| pair)
+        .collect();
     once.sort_by_key(|p| p.1);
     once
 }
 
-/// Returns the prior around a guessed wing state; its standard deviations grow with the deflection.
-fn guess_prior(problem: &MatchingProblem<'_>, state: &WingState, deflection: f64) -> StatePrior {
-    let (fraction, unbent) = GUESS_SIGMAS;
+/// Returns the prior around a guessed wing state; its standard deviations grow with the bending amplitude.
+fn guess_prior(problem: &MatchingProblem<'_>, state: &WingState, amplitude: f64) -> StatePrior {
+    let a = amplitude.abs();
+    let [x, y, z] = problem.scene.turn_sigmas();
+    let sigma = WingState::from([
+        0.4 * a + 6e-4,
+        0.5 * a + 4e-4,
+        0.9 * a + 6e-4,
+        0.06,
+        0.05,
+        x,
+        y,
+        z,
+    ]);
     StatePrior {
         mean: *state,
-        ..StatePrior::new(
-            problem.scene,
-            deflection,
-            fraction * deflection.abs() + unbent,
-        )
+        sigma,
     }
 }

@@ -2,9 +2,8 @@
 
 use nalgebra::{Matrix2, Rotation3, SMatrix, Vector2, Vector3};
 
+use super::beam::{CoarseBeam, WingState};
 use super::outline::{DiscOutline, SkinDisc};
-use super::wing::{CURVATURE_TERMS, StateWing, WING_TERMS, WingState};
-use crate::adjust::marker_arm::CarriedMarker;
 use crate::detect::Detection;
 use crate::environment::Plate;
 use crate::geometry::cross_matrix;
@@ -26,6 +25,8 @@ const MIN_ROLL_RAD: f64 = 5e-3;
 const MIN_NAMED_SHARE: f64 = 2.0 / 3.0;
 /// Fraction of the span from which on a marker is near the tip, where only a state that is right along the wing names it.
 const NEAR_TIP: f64 = 0.75;
+/// Steps of the differences for the wing's part of the Jacobian: 1/m, rad.
+const STEPS: [f64; 5] = [1e-5, 1e-5, 1e-5, 1e-4, 1e-4];
 
 /// A wing seen by a camera of known attitude: identifies its markers, and predicts their images.
 pub struct WingView<'a> {
@@ -33,7 +34,7 @@ pub struct WingView<'a> {
     pub setup: &'a Setup,
     /// Attitude of the camera, with the observations of the ground frames.
     pub orientation: &'a Orientation,
-    pub(super) wing: StateWing,
+    pub(super) beam: CoarseBeam,
     camera_from_wing: Rotation3<f64>,
     /// Window pane, camera frame.
     pane: Option<Plate>,
@@ -75,19 +76,19 @@ impl<'a> WingView<'a> {
     }
 
     fn new(setup: &'a Setup, orientation: &'a Orientation, in_flight: bool) -> Self {
-        let wing = StateWing::new(setup, &orientation.shaping_markers(setup.markers.len()));
-        Self::with_wing(setup, orientation, in_flight, wing)
+        let beam = CoarseBeam::new(setup, &orientation.shaping_markers(setup.markers.len()));
+        Self::with_beam(setup, orientation, in_flight, beam)
     }
 
-    /// Creates the view of a known wing.
-    pub(super) fn with_wing(
+    /// Creates the view of a wing whose beam is known.
+    pub(super) fn with_beam(
         setup: &'a Setup,
         orientation: &'a Orientation,
         in_flight: bool,
-        wing: StateWing,
+        beam: CoarseBeam,
     ) -> Self {
         let camera_from_wing =
-            orientation.camera_from_survey * wing.frame.wing_from_survey.inverse();
+            orientation.camera_from_survey * beam.frame.wing_from_survey.inverse();
         let thermal = setup.thermal.filter(|_| in_flight);
         let pane = Plate::from_window(
             setup.window.as_ref(),
@@ -97,11 +98,17 @@ impl<'a> WingView<'a> {
         Self {
             setup,
             orientation,
-            wing,
+            beam,
             camera_from_wing,
             pane,
             scale: thermal.map_or(1.0, |t| t.scale()),
         }
+    }
+
+    /// Returns standard deviations of the camera's rotation since the ground frames, about its own axes, rad.
+    pub(super) fn turn_sigmas(&self) -> [f64; 3] {
+        let turn = self.setup.mount_repeatability_px.max(MIN_TURN_PX) / self.setup.lens.focal_px();
+        [turn, turn, turn.max(MIN_ROLL_RAD)]
     }
 
     /// Returns the point at which the camera sees a point of the wing frame, camera frame, m.
@@ -116,20 +123,20 @@ impl<'a> WingView<'a> {
 
     /// Returns the pixels of all markers; `None` behind the camera.
     pub(super) fn project_markers(&self, state: &WingState) -> Vec<Option<Vector2<f64>>> {
-        self.project_targets(&self.wing, state)
+        self.project_points(&self.beam, state)
     }
 
-    /// Returns the pixels of the targets of a wing; `None` behind the camera.
-    pub(super) fn project_targets(
+    /// Returns the pixels of the points of a beam; `None` behind the camera.
+    pub(super) fn project_points(
         &self,
-        wing: &StateWing,
+        beam: &CoarseBeam,
         state: &WingState,
     ) -> Vec<Option<Vector2<f64>>> {
         let rotation = self.camera_from_wing(state);
         let lens = &self.setup.lens;
-        wing.carry(state, self.scale)
+        beam.marker_positions(state, self.scale)
             .iter()
-            .map(|at| lens.project(&self.apparent_point(&rotation, &at.position_m)))
+            .map(|p| lens.project(&self.apparent_point(&rotation, p)))
             .collect()
     }
 
@@ -143,24 +150,27 @@ impl<'a> WingView<'a> {
     /// Returns the predicted images of all markers, with Jacobians and covariances; `None` behind the camera.
     pub(super) fn linearise(&self, state: &WingState) -> Vec<Option<PredictedImage>> {
         let rotation = self.camera_from_wing(state);
-        let carried = self.wing.carry_with_derivatives(state, self.scale);
+        let placed = self.beam.marker_positions(state, self.scale);
+        let stepped: [Vec<Vector3<f64>>; 5] = std::array::from_fn(|k| {
+            let mut next = *state;
+            next[k] += STEPS[k];
+            self.beam.marker_positions(&next, self.scale)
+        });
         let centre = self.setup.projection_centre_sigma_m;
         let common = centre * centre + MODEL_SIGMA_M * MODEL_SIGMA_M;
-        carried
-            .iter()
-            .zip(&self.setup.markers)
-            .map(|(at, marker)| {
-                let p = self.apparent_point(&rotation, &at.carried.position_m);
+        (0..placed.len())
+            .map(|j| {
+                let p = self.apparent_point(&rotation, &placed[j]);
                 let (pixel, by_point) = self.setup.lens.project_with_jacobian(&p)?;
                 let mut jacobian = Jacobian::zeros();
-                let motions = at.by_bending[..CURVATURE_TERMS].iter().chain(&at.by_twist);
-                for (k, motion) in motions.take(WING_TERMS).enumerate() {
-                    jacobian.set_column(k, &(by_point * (rotation * motion)));
+                for k in 0..5 {
+                    let motion = rotation * (stepped[k][j] - placed[j]) / STEPS[k];
+                    jacobian.set_column(k, &(by_point * motion));
                 }
                 jacobian
-                    .fixed_columns_mut::<3>(WING_TERMS)
+                    .fixed_columns_mut::<3>(5)
                     .copy_from(&(by_point * -cross_matrix(&p)));
-                let sigma = marker.sigma_m;
+                let sigma = self.setup.markers[j].sigma_m;
                 let covariance = by_point * by_point.transpose() * (sigma * sigma + common)
                     + Matrix2::identity() * (PIXEL_FLOOR_PX * PIXEL_FLOOR_PX);
                 Some(PredictedImage {
@@ -174,30 +184,55 @@ impl<'a> WingView<'a> {
 
     /// Returns the disc of a marker, camera frame.
     pub(super) fn marker_disc(&self, state: &WingState, marker: usize) -> Option<SkinDisc> {
-        let at = *self.wing.carry(state, self.scale).get(marker)?;
-        self.disc_in_camera(&self.camera_from_wing(state), marker, &at)
+        let rotation = self.camera_from_wing(state);
+        let surveyed = self.setup.markers.get(marker)?;
+        let position = self
+            .beam
+            .marker_positions(state, self.scale)
+            .get(marker)
+            .copied()?;
+        self.disc_in_camera(state, marker, &rotation, &position, surveyed.diameter_m)
     }
 
-    /// Returns the disc of a carried marker, camera frame.
+    /// Returns the disc of a marker at a position of the wing, camera frame.
     fn disc_in_camera(
         &self,
-        rotation: &Rotation3<f64>,
+        state: &WingState,
         marker: usize,
-        at: &CarriedMarker,
+        rotation: &Rotation3<f64>,
+        position: &Vector3<f64>,
+        diameter_m: f64,
     ) -> Option<SkinDisc> {
-        let centre_m = self.apparent_point(rotation, &at.position_m);
-        let diameter_m = self.setup.markers.get(marker)?.diameter_m;
-        skin_disc(&self.wing, marker, at, rotation, centre_m, diameter_m)
+        let (normal, chord) = self.beam.skin_attitude(state, marker)?;
+        Some(SkinDisc {
+            centre_m: self.apparent_point(rotation, position),
+            normal: rotation * normal,
+            chord: rotation * chord,
+            radius_m: 0.5
+                * diameter_m
+                * if self.is_fixed(marker) {
+                    1.0
+                } else {
+                    self.scale
+                },
+            warp_per_m: 0.0,
+        })
+    }
+
+    fn is_fixed(&self, marker: usize) -> bool {
+        self.setup.markers.get(marker).is_some_and(|m| m.fixed)
     }
 
     pub(super) fn marker_outlines(&self, state: &WingState) -> Vec<Option<DiscOutline>> {
         let rotation = self.camera_from_wing(state);
-        let carried = self.wing.carry(state, self.scale);
-        let outline = |(j, at): (usize, &CarriedMarker)| {
-            self.disc_in_camera(&rotation, j, at)?
-                .outline(&self.setup.lens)
-        };
-        carried.iter().enumerate().map(outline).collect()
+        let placed = self.beam.marker_positions(state, self.scale);
+        let markers = self.setup.markers.iter().zip(&placed).enumerate();
+        markers
+            .map(|(j, (marker, position))| {
+                self.disc_in_camera(state, j, &rotation, position, marker.diameter_m)?
+                    .outline(&self.setup.lens)
+            })
+            .collect()
     }
 
     /// Returns the number of markers with a decal that the ground frames show; of all, if their observations are not known.
@@ -214,7 +249,7 @@ impl<'a> WingView<'a> {
     /// Returns whether a guided search that named these markers followed the wing: they are most of those shown, or reach the
     /// tip. Where it lost the wing, it names only markers inboard.
     pub fn is_followed(&self, named: &[Observation]) -> bool {
-        let span_m = |marker: usize| self.wing.targets[marker].0.x;
+        let span_m = |marker: usize| self.beam.ground_m[marker].x;
         let near_tip_m = NEAR_TIP * span_m(self.outermost_marker());
         named.len() as f64 >= MIN_NAMED_SHARE * self.count_shown() as f64
             || named.iter().any(|o| span_m(o.marker) >= near_tip_m)
@@ -227,46 +262,23 @@ impl<'a> WingView<'a> {
 
     /// Returns the vertical deflection of a marker relative to the ground, wing frame, m.
     pub(super) fn deflection_m(&self, state: &WingState, marker: usize) -> f64 {
-        let carried = self.wing.carry(state, self.scale);
-        let ends = carried.get(marker).zip(self.wing.targets.get(marker));
-        ends.map_or(0.0, |(flight, (ground, _))| flight.position_m.y - ground.y)
+        let placed = self.beam.marker_positions(state, self.scale);
+        match (placed.get(marker), self.beam.ground_m.get(marker)) {
+            (Some(flight), Some(ground)) => flight.y - ground.y,
+            _ => 0.0,
+        }
     }
 
     /// Returns the index of the outermost marker along the span.
     pub(super) fn outermost_marker(&self) -> usize {
-        let targets = self.wing.targets.iter().enumerate();
-        targets
-            .filter(|(_, (_, fixed))| !fixed)
-            .max_by(|(_, (a, _)), (_, (b, _))| a.x.total_cmp(&b.x))
-            .map_or(0, |(marker, _)| marker)
+        let span = |j: usize| match self.beam.ground_m.get(j) {
+            Some(p) if !self.is_fixed(j) => p.x,
+            _ => f64::MIN,
+        };
+        (0..self.beam.ground_m.len())
+            .max_by(|a, b| span(*a).total_cmp(&span(*b)))
+            .unwrap_or(0)
     }
-}
-
-/// Returns standard deviations of the camera's rotation since the ground frames, about its axes, rad.
-pub(super) fn turn_sigmas(setup: &Setup) -> [f64; 3] {
-    let turn = setup.mount_repeatability_px.max(MIN_TURN_PX) / setup.lens.focal_px();
-    [turn, turn, turn.max(MIN_ROLL_RAD)]
-}
-
-/// Returns the disc of a marker that a wing carries. `rotation`: from wing to camera; `centre_m`: apparent centre, camera frame.
-pub(super) fn skin_disc(
-    wing: &StateWing,
-    marker: usize,
-    at: &CarriedMarker,
-    rotation: &Rotation3<f64>,
-    centre_m: Vector3<f64>,
-    diameter_m: f64,
-) -> Option<SkinDisc> {
-    let (normal, chord) = wing.skin_attitude(marker)?;
-    let [normal, chord] = [normal, chord].map(|side| rotation * (at.by_ground * side));
-    Some(SkinDisc {
-        centre_m,
-        normal: normal.normalize(),
-        chord: chord.normalize(),
-        // The skin around the target expands with it.
-        radius_m: 0.5 * diameter_m * chord.norm(),
-        warp_per_m: 0.0,
-    })
 }
 
 /// Returns true if a detection may show the marker with an index in the survey: by its known name, or if its kind and

@@ -2,22 +2,36 @@
 
 use nalgebra::Vector2;
 
+use super::beam::WingState;
 use super::bias::correct_centres;
-use super::fit::{ANY_DEFLECTION, MatchedPair, StateFit, StatePrior, fit_pairs};
+use super::fit::{Clutter, MatchedPair, StatePrior, solve_step};
 use super::outline::DiscOutline;
-use super::scene::{WingView, is_usable};
-use super::wing::WingState;
+use super::scene::{Matrix8, PredictedImage, WingView, is_usable};
 use super::{Identities, PredictedMarker};
 use crate::detect::{Detection, ExpectedMarker, MarkerPrediction};
 use crate::observation::Observation;
-use crate::setup::{Shape, SurveyMarker};
+use crate::setup::Shape;
 
-/// Step at convergence, px.
-const SETTLED_PX: f64 = 1e-3;
+/// Prior standard deviations of the wing state if the identities are known: three terms of the curvature, 1/m, two of the
+/// twist, rad. Larger than any wing bends.
+pub(super) const WING_SIGMAS: [f64; 5] = [0.01, 0.005, 0.005, 0.06, 0.05];
+/// Maximum number of linear steps; four or five are typical.
+const MAX_STEPS: usize = 15;
+/// Step of the state at convergence, 1/m and rad: 0.001 px.
+const SETTLED: f64 = 1e-7;
+
 /// Largest shift of the image until the next frame, px.
 const NEXT_SHIFT_PX: f64 = 8.0;
 /// Standard deviations within which a marker lies at its predicted position: 1 in 370 at random.
 const EXPECTED_SIGMAS: f64 = 3.0;
+
+/// State fitted to identified detections.
+pub(super) struct FittedState {
+    pub(super) state: WingState,
+    pub(super) covariance: Matrix8,
+    /// Predicted images of the markers.
+    pub(super) images: Vec<Option<PredictedImage>>,
+}
 
 impl WingView<'_> {
     /// Fits the state to identified detections; `None` if they are too few or do not fit.
@@ -25,7 +39,7 @@ impl WingView<'_> {
         &self,
         detections: &[Detection],
         identities: &Identities,
-    ) -> Option<StateFit> {
+    ) -> Option<FittedState> {
         self.fit_state_from(detections, identities, super::flight::MIN_IDENTIFIED)
     }
 
@@ -36,17 +50,47 @@ impl WingView<'_> {
         detections: &[Detection],
         identities: &Identities,
         least: usize,
-    ) -> Option<StateFit> {
+    ) -> Option<FittedState> {
         let pairs: Vec<MatchedPair> = identities
-            .pairs()
-            .into_iter()
+            .marker_of
+            .iter()
+            .enumerate()
+            .filter_map(|(i, j)| Some((i, (*j)?)))
             .filter(|(i, _)| detections.get(*i).is_some_and(is_usable))
             .collect();
         if pairs.len() < least {
             return None;
         }
-        let prior = StatePrior::new(self, 0.0, ANY_DEFLECTION);
-        fit_pairs(self, &pairs, detections, &prior, &prior.mean, SETTLED_PX)
+        let [a, b, c, d, e] = WING_SIGMAS;
+        let [x, y, z] = self.turn_sigmas();
+        let sigma = WingState::from([a, b, c, d, e, x, y, z]);
+        let prior = StatePrior {
+            mean: WingState::zeros(),
+            sigma,
+        };
+        let mut fitted = FittedState {
+            state: prior.mean,
+            covariance: Matrix8::zeros(),
+            images: Vec::new(),
+        };
+        for _ in 0..MAX_STEPS {
+            fitted.images = self.linearise(&fitted.state);
+            let clutter = Clutter::new(0, &self.setup.lens);
+            let step = solve_step(
+                &pairs,
+                &fitted.images,
+                detections,
+                &prior,
+                &fitted.state,
+                clutter,
+            )?;
+            fitted.state += step.delta;
+            fitted.covariance = step.covariance;
+            if step.delta.amax() < SETTLED {
+                break;
+            }
+        }
+        fitted.state.iter().all(|v| v.is_finite()).then_some(fitted)
     }
 
     /// Moves the identified markers' detections to the images of their true centres: the perspective bias of the ellipse is
@@ -77,24 +121,28 @@ impl WingView<'_> {
         let Some(fitted) = self.fit_state(detections, identities) else {
             return Vec::new();
         };
-        let found = |marker| identities.marker_of.iter().position(|m| *m == Some(marker));
-        let predicted = self.predict_each(&fitted.state, |marker, _| {
-            let image = fitted.predicted[marker].as_ref()?;
-            let search_px = image.sigma_px(&fitted.covariance) * EXPECTED_SIGMAS;
-            Some((search_px, found(marker).is_some()))
-        });
-        let expected = |(marker, prediction): (usize, Option<MarkerPrediction>)| {
+        let markers = self
+            .setup
+            .markers
+            .iter()
+            .zip(self.marker_outlines(&fitted.state))
+            .zip(&fitted.images)
+            .enumerate();
+        let expected = markers.filter_map(|(i, ((marker, outline), image))| {
+            let found = identities.marker_of.iter().position(|m| *m == Some(i));
+            let search_px = image.as_ref()?.sigma_px(&fitted.covariance) * EXPECTED_SIGMAS;
             Some(ExpectedMarker {
-                prediction: prediction?,
-                found: found(marker),
-                marker,
+                prediction: self.visible_prediction(
+                    marker.shape,
+                    &outline?,
+                    search_px,
+                    found.is_some(),
+                )?,
+                found,
+                marker: i,
             })
-        };
-        predicted
-            .into_iter()
-            .enumerate()
-            .filter_map(expected)
-            .collect()
+        });
+        expected.collect()
     }
 
     /// Predicts the markers of a frame from observations of known identity, for example manual marks. One observation is
@@ -161,37 +209,37 @@ impl WingView<'_> {
         identities: &Identities,
         deflection_m: f64,
     ) -> Vec<MarkerPrediction> {
-        let Some(StateFit { state, .. }) = self.fit_state(detections, identities) else {
+        let Some(FittedState { state, .. }) = self.fit_state(detections, identities) else {
             return Vec::new();
         };
         let mut deflected = state;
-        deflected[0] += self.wing.curvature_per_m(deflection_m);
+        // Curvature that decreases to 0 at the tip: the typical effect of a change of load.
+        deflected[0] += 3.0 * deflection_m / self.beam.length_m.powi(2);
         let moved = self.project_markers(&deflected);
-        let predicted = self.predict_each(&state, |marker, outline| {
-            let travel = moved[marker].map_or(0.0, |m| (m - outline.point_px).norm());
-            let seen = identities.marker_of.contains(&Some(marker));
-            Some((Vector2::repeat(travel + NEXT_SHIFT_PX), seen))
-        });
-        predicted.into_iter().flatten().collect()
-    }
-
-    /// Predicts each marker at a state, given the largest deviation of its image and whether it was seen.
-    pub(super) fn predict_each(
-        &self,
-        state: &WingState,
-        search: impl Fn(usize, &DiscOutline) -> Option<(Vector2<f64>, bool)>,
-    ) -> Vec<Option<MarkerPrediction>> {
-        let markers = self.setup.markers.iter().zip(self.marker_outlines(state));
-        let one = |(marker, (surveyed, outline)): (usize, (&SurveyMarker, Option<DiscOutline>))| {
-            let outline = outline?;
-            let (search_px, seen) = search(marker, &outline)?;
-            self.visible_prediction(surveyed.shape, &outline, search_px, seen)
-        };
-        markers.enumerate().map(one).collect()
+        let markers = self
+            .setup
+            .markers
+            .iter()
+            .zip(self.marker_outlines(&state))
+            .zip(moved);
+        markers
+            .enumerate()
+            .filter_map(|(i, ((marker, outline), moved))| {
+                let outline = outline?;
+                let travel = moved.map_or(0.0, |m| (m - outline.point_px).norm());
+                let seen = identities.marker_of.contains(&Some(i));
+                self.visible_prediction(
+                    marker.shape,
+                    &outline,
+                    Vector2::repeat(travel + NEXT_SHIFT_PX),
+                    seen,
+                )
+            })
+            .collect()
     }
 
     /// Returns the prediction of a marker if its image is in the frame.
-    fn visible_prediction(
+    pub(super) fn visible_prediction(
         &self,
         shape: Shape,
         outline: &DiscOutline,

@@ -2,9 +2,9 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use crate::adjust::beam::{Bending, GAUSS_POINTS};
-use crate::adjust::ground::GroundShape;
-use crate::adjust::target_wing::TargetWing;
+use crate::adjust::beam::{BeamGrid, BeamSection, Bending};
+use crate::adjust::ground::{GroundShape, Station};
+use crate::adjust::marker_arm::MarkerArm;
 use crate::setup::Setup;
 
 /// Number of steps to the curvature of a tip deflection; each reduces the error to 1 %.
@@ -16,19 +16,32 @@ pub(super) fn bend_markers(
     shape: &GroundShape,
     tip_deflection_m: f64,
 ) -> Vec<Vector3<f64>> {
-    let wing = TargetWing::of_survey(setup, shape.clone(), GAUSS_POINTS);
+    let arcs: Vec<f64> = shape.stations.iter().map(|s| s.arc_m).collect();
+    let grid = BeamGrid::new(shape, &arcs);
+    let mounts = MarkerArm::all_on_ground(&grid, shape);
     let scale = setup.thermal.map_or(1.0, |t| t.scale());
     let place = |curvature: f64| -> Vec<Vector3<f64>> {
-        let bending = Bending {
+        let sections = grid.bend(&Bending {
             curvature_per_m: &[curvature],
             scale,
             ..Bending::UNBENT
+        });
+        let carried = sections.iter().zip(&mounts).zip(&shape.stations);
+        let position = |((section, mount), s): ((&BeamSection, &MarkerArm), &Station)| {
+            mount.carry(section, &s.surveyed_m, scale).0.position_m
         };
-        let carried = wing.carry(&bending).into_iter();
-        carried.map(|at| at.position_m).collect()
+        carried
+            .zip(&setup.markers)
+            .map(|(at, m)| {
+                if m.fixed {
+                    at.1.surveyed_m
+                } else {
+                    position(at)
+                }
+            })
+            .collect()
     };
-    let arc_m = |k: usize| shape.stations[k].arc_m;
-    let outermost = (0..shape.stations.len()).max_by(|&a, &b| arc_m(a).total_cmp(&arc_m(b)));
+    let outermost = (0..arcs.len()).max_by(|&a, &b| arcs[a].total_cmp(&arcs[b]));
     let deflection = |points: &[Vector3<f64>]| {
         outermost.map_or(0.0, |k| points[k].y - shape.stations[k].surveyed_m.y)
     };

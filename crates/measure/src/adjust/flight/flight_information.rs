@@ -1,6 +1,6 @@
 //! Information of a flight's images about the flight-invariant parameters.
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 
 use super::flight_problem::FlightProblem;
 use super::joint::JointSolution;
@@ -9,7 +9,7 @@ use crate::adjust::flight_prior::{FlightContribution, InvariantParameter, Reduce
 use crate::adjust::snooping::ResidualSum;
 use crate::adjust::{AdjustError, AdjustResult, Estimate, GlobalTest, Observation, Options};
 use crate::estimation::quality::global_test;
-use crate::estimation::{Fit, Prior, normal_equations_at};
+use crate::estimation::{Block, BlockFit, Fit, Group, GroupFit, Prior};
 use crate::setup::{Orientation, Setup};
 use crate::widths::Unknown;
 
@@ -76,12 +76,23 @@ fn reduce_to_invariant_parameters(
     flight_problem: &FlightProblem,
     fit: &Fit,
 ) -> Option<ReducedNormals> {
+    let p = fit.global.len();
+    let (mut normal, mut gradient) = (DMatrix::zeros(p, p), DVector::zeros(p));
+    let frames = flight_problem
+        .problem
+        .groups
+        .iter()
+        .zip(&fit.groups)
+        .take(flight_problem.layouts.len());
+    for (group, solved) in frames {
+        add_frame_normals(group, solved, &mut normal, &mut gradient)?;
+    }
     let invariant: Vec<usize> = flight_problem
         .invariant
         .iter()
         .map(|(_, column)| *column)
         .collect();
-    let flight_own: Vec<usize> = (0..fit.global.len())
+    let flight_own: Vec<usize> = (0..p)
         .filter(|column| !invariant.contains(column))
         .collect();
     let is_own = |prior: &&Prior| {
@@ -90,14 +101,9 @@ fn reduce_to_invariant_parameters(
             .iter()
             .all(|column| flight_own.contains(column))
     };
-    let (problem, frames) = (&flight_problem.problem, flight_problem.layouts.len());
-    let (normal, right) = normal_equations_at(
-        fit,
-        0..frames,
-        &problem.groups[..frames],
-        problem.priors.iter().filter(is_own).cloned().collect(),
-    )
-    .ok()?;
+    for prior in flight_problem.problem.priors.iter().filter(is_own) {
+        add_weight(prior, 0, &mut normal)?;
+    }
     let of_own = normal.select_columns(&flight_own);
     let factor = of_own.select_rows(&flight_own).cholesky()?;
     let coupling = of_own.select_rows(&invariant);
@@ -106,7 +112,7 @@ fn reduce_to_invariant_parameters(
     let normal = (&normal + normal.transpose()) * 0.5;
     // The gradient with respect to the flight's own unknowns is 0 at the solution.
     let value = fit.global.select_rows(&invariant) - flight_problem.nominal.select_rows(&invariant);
-    let right = &normal * value + right.select_rows(&invariant);
+    let right = &normal * value - gradient.select_rows(&invariant);
     let unknowns: Vec<InvariantParameter> = flight_problem
         .invariant
         .iter()
@@ -151,4 +157,56 @@ fn invariant_sigmas(flight_problem: &FlightProblem, fit: &Fit) -> DVector<f64> {
         .map(|(_, column)| *column)
         .collect();
     sigmas.select_rows(&invariant)
+}
+
+/// Adds a frame's normal equations, reduced by its own unknowns, and the gradient of half its sum of squares.
+pub(super) fn add_frame_normals(
+    group: &Group,
+    solved: &GroupFit,
+    normal: &mut DMatrix<f64>,
+    gradient: &mut DVector<f64>,
+) -> Option<()> {
+    let (p, q) = (normal.nrows(), solved.local.len());
+    let mut all = DMatrix::zeros(p + q, p + q);
+    for (block, fit) in group.blocks.iter().zip(&solved.blocks) {
+        let (rows, right) = whiten_block(block, fit, p)?;
+        all.gemm_tr(1.0, &rows, &rows, 1.0);
+        gradient.gemv_tr(1.0, &rows.columns(0, p), &right, 1.0);
+    }
+    for prior in &group.priors {
+        add_weight(prior, p, &mut all)?;
+    }
+    let coupling = all.view((0, p), (p, q)).into_owned();
+    let local = all.view((p, p), (q, q)).into_owned().cholesky()?;
+    *normal += all.view((0, 0), (p, p)) - &coupling * local.solve(&coupling.transpose());
+    Some(())
+}
+
+/// Adds the weight of a prior to a normal matrix in which its parameters begin at column `first`.
+fn add_weight(prior: &Prior, first: usize, normal: &mut DMatrix<f64>) -> Option<()> {
+    let weight = prior.covariance.clone().cholesky()?.inverse();
+    for (i, row) in prior.columns.iter().enumerate() {
+        for (j, column) in prior.columns.iter().enumerate() {
+            normal[(first + row, first + column)] += weight[(i, j)];
+        }
+    }
+    Some(())
+}
+
+/// Scales a block's conditions to unit variance; returns the derivatives with respect to global and local parameters, and
+/// the misclosures.
+fn whiten_block(block: &Block, fit: &BlockFit, p: usize) -> Option<(DMatrix<f64>, DVector<f64>)> {
+    let lin = &fit.linearised;
+    let covariance = &lin.observations * &block.covariance * lin.observations.transpose();
+    let lower = covariance.cholesky()?.l();
+    let mut rows = DMatrix::zeros(lin.misclosure.len(), p + lin.local.ncols());
+    for (column, by) in lin.columns.iter().zip(lin.global.column_iter()) {
+        rows.column_mut(*column).axpy(1.0, &by, 1.0);
+    }
+    rows.columns_mut(p, lin.local.ncols()).copy_from(&lin.local);
+    let open = &lin.misclosure - &lin.observations * &fit.residuals;
+    Some((
+        lower.solve_lower_triangular(&rows)?,
+        lower.solve_lower_triangular(&open)?,
+    ))
 }

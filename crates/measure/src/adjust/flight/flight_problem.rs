@@ -9,19 +9,19 @@ use nalgebra::{DVector, Matrix3};
 use super::frames::Flight;
 use super::knowledge::{EarlierFrames, Knowledge};
 use super::shape::{ShapeColumns, SharedShape};
-use crate::adjust::beam::MAX_TWIST_TERMS;
+use crate::adjust::beam::{Bending, MAX_TWIST_TERMS};
 use crate::adjust::budget::BlockMembers;
 use crate::adjust::flight_prior::InvariantParameter;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::layout::{
     BlockMember, GroundPositions, MarkerMotions, MountingColumns, ParameterLayout,
 };
+use crate::adjust::marker_state::DimensionDerivatives;
 use crate::adjust::scene::WingScene;
 use crate::adjust::term::{ColumnAllocator, ParameterScope, PlacedTerm};
 use crate::adjust::terms::{self, SharedTerms};
 use crate::estimation::{
-    EstimationError, EstimationResult, Fit, GroupPoint, Linearised, Problem, SolveOptions,
-    solve_groups,
+    EstimationResult, Fit, GroupPoint, Linearised, Problem, SolveOptions, solve_groups,
 };
 use crate::setup::Thermal;
 use crate::widths::{Unknown, Width};
@@ -59,7 +59,12 @@ struct MountingTerms {
 impl MountingTerms {
     fn allocate(input: &AdjustmentInput, stayed: bool, columns: &mut ColumnAllocator) -> Self {
         let first = columns.missing.len();
-        let placed = columns.allocate_terms(terms::mounting_terms(input, stayed));
+        let terms = [
+            vec![terms::mounting_rotation(input, stayed)],
+            terms::mounting_terms(input, stayed),
+        ]
+        .concat();
+        let placed = columns.allocate_terms(terms);
         Self {
             placed,
             columns: MountingColumns {
@@ -84,6 +89,24 @@ fn frame_rotation_covariance(flight: &Flight) -> Option<Matrix3<f64>> {
         true => (hyperparameters.drift_rad > 0.0)
             .then(|| hyperparameters.drift_covariance(&flight.input.scene.camera_from_wing)),
     }
+}
+
+/// Derivatives of a frame's marker positions with respect to the estimated dimensions, if they do not follow its unknowns; see
+/// [`FlightHyperparameters::smoothed_bending`](super::hyperparameters::FlightHyperparameters::smoothed_bending).
+fn dimension_derivatives(
+    flight: &Flight,
+    frame: usize,
+    scale: f64,
+) -> Option<DimensionDerivatives> {
+    let smoothed = flight.hyperparameters.smoothed_bending(frame)?;
+    let (curvature_per_m, twist_rad) = (&smoothed.curvature_per_m[..], &smoothed.twist_rad[..]);
+    let bending = Bending {
+        curvature_per_m,
+        twist_rad,
+        scale,
+        ..Bending::UNBENT
+    };
+    Some(flight.input.scene.dimension_derivatives(&bending))
 }
 
 /// Unknowns of a flight, with their columns.
@@ -119,7 +142,7 @@ impl FlightUnknowns {
         });
         let head = columns.missing.len();
         let constant_m = input.setup.uncertainty[Width::ConstantBend];
-        let constant_per_m = constant_m / input.scene.wing.ground.axis.length_m.powi(2);
+        let constant_per_m = constant_m / input.scene.ground.axis.length_m.powi(2);
         let shape = (!is_alone)
             .then(|| ShapeColumns::allocate(&mut columns, curvature_terms, constant_per_m));
         let allocate = |mounting| {
@@ -185,11 +208,7 @@ impl FlightUnknowns {
             expected_scale,
             ground_positions: self.positions,
             motions: self.motions.clone(),
-            dimension_derivatives: Some(hyperparameters.twist.dimension_derivatives(
-                input.scene,
-                &hyperparameters.curvatures_per_m[frame],
-                expected_scale,
-            )),
+            dimension_derivatives: dimension_derivatives(flight, frame, expected_scale),
             root: self.shared.root.clone(),
             head: self.head,
             mounting: mounting.columns,
@@ -245,7 +264,7 @@ impl FlightUnknowns {
             shape.set_start(&mut nominal);
         }
         if let GroundPositions::Global(first) = self.positions {
-            for (k, station) in input.scene.wing.ground.stations.iter().enumerate() {
+            for (k, station) in input.scene.ground.stations.iter().enumerate() {
                 nominal
                     .rows_mut(first + 3 * k, 3)
                     .copy_from(&station.surveyed_m);
@@ -306,7 +325,7 @@ impl FlightProblem {
             flight.input.options.flight_prior.as_deref(),
         );
         let known = prior.and_then(|prior| prior.information_prior(&invariant, &nominal));
-        let axis = &flight.input.scene.wing.ground.axis;
+        let axis = &flight.input.scene.ground.axis;
         let shape = unknowns.shape.map(|columns| {
             SharedShape::new(columns, &flight.hyperparameters, axis, from.is_none())
         });
@@ -341,14 +360,10 @@ impl FlightProblem {
     fn after_frames(flight: &Flight, earlier: &EarlierFrames, from: Option<&Fit>) -> Self {
         let local = from.map_or(earlier.local, |fit| &fit.groups[0].local);
         let curvature_per_m = &local.as_slice()[..earlier.layout.curvature_terms];
-        let (scene, scale) = (flight.input.scene, earlier.layout.expected_scale);
-        let derivatives = earlier
-            .twist
-            .dimension_derivatives(scene, curvature_per_m, scale);
-        let layout = ParameterLayout {
-            dimension_derivatives: Some(derivatives),
-            ..earlier.layout.clone()
-        };
+        let layout =
+            earlier
+                .twist
+                .fix_derivatives(flight.input.scene, &earlier.layout, curvature_per_m);
         let (mut group, members) = flight.frame_group(0, &layout, None);
         group.local.copy_from(local);
         let problem = Problem {
@@ -412,19 +427,8 @@ impl FlightProblem {
     /// # Errors
     /// Returns an error if the conditions cannot be evaluated or the normal equations are singular.
     pub fn solve(&self, scene: &WingScene, solve_options: &SolveOptions) -> EstimationResult<Fit> {
-        let solved = solve_groups(&self.problem, solve_options, |at, blocks| {
+        solve_groups(&self.problem, solve_options, |at, blocks| {
             self.linearise(scene, at, blocks)
-        });
-        solved.map_err(|error| match error {
-            EstimationError::SingularGroup { group, parameter } => {
-                let missing = self
-                    .layouts
-                    .get(group)
-                    .map_or("", |layout| layout.missing_of_local(parameter));
-                let missing = missing.into();
-                EstimationError::Singular { missing }
-            }
-            error => error,
         })
     }
 }

@@ -2,13 +2,13 @@
 
 use nalgebra::{DVector, Matrix3, Vector3};
 
-use super::load_twist::LoadTwist;
 use super::mountings::FrameMountings;
 use crate::adjust::input::AdjustmentInput;
 use crate::adjust::layout::ParameterLayout;
 use crate::adjust::shapes::{TYPICAL_CURVATURE_PER_M, bounded_amplitude};
 use crate::adjust::term::ParameterScope;
 use crate::adjust::terms::mount_drift_rad;
+use crate::adjust::values::UnknownValues;
 use crate::estimation::Fit;
 
 /// Initial departure of a frame's shape from the shared shape, as a fraction of the prior spread of shapes.
@@ -38,10 +38,16 @@ pub struct FlightHyperparameters<'a> {
     pub sags: bool,
     /// Unknowns of the mounting for each frame; the first three are the rotation including the frame's own part.
     mounting_values: Vec<DVector<f64>>,
-    /// Curvature of each frame, 1/m; typical before the first solution.
-    pub curvatures_per_m: Vec<Vec<f64>>,
-    /// Twist of the frames.
-    pub twist: LoadTwist,
+    /// Bending and twist of each frame.
+    bendings: Vec<FrameBending>,
+}
+
+/// Bending and twist of a frame; empty if they are not known.
+#[derive(Clone, Debug, Default)]
+pub struct FrameBending {
+    pub curvature_per_m: Vec<f64>,
+    /// Coefficients of the twist basis, rad.
+    pub twist_rad: Vec<f64>,
 }
 
 impl<'a> FlightHyperparameters<'a> {
@@ -56,29 +62,26 @@ impl<'a> FlightHyperparameters<'a> {
             pitch_drift_increase: 0.0,
             sags: false,
             mounting_values: vec![DVector::zeros(3); frames],
-            curvatures_per_m: vec![vec![TYPICAL_CURVATURE_PER_M]; frames],
-            twist: LoadTwist::default(),
+            bendings: vec![FrameBending::default(); frames],
         }
     }
 
-    /// Values of a single frame, which has the rotation of its mounting.
+    /// Values of a single frame, which has the rotation of its mounting, and a typical bending before the first solution.
     pub fn for_single_frame(input: &AdjustmentInput<'a>) -> Self {
         let mountings = FrameMountings::for_single_frame(input.options.mountings.as_deref());
+        let typical = FrameBending {
+            curvature_per_m: vec![TYPICAL_CURVATURE_PER_M],
+            twist_rad: vec![],
+        };
         Self {
             drift_rad: 0.0,
+            bendings: vec![typical],
             ..Self::initial(input, 1, mountings)
         }
     }
 
-    /// Updates the frames' values from a solution.
-    pub fn update_from_frames(&mut self, layouts: &[ParameterLayout], fit: &Fit) {
-        self.twist = LoadTwist::default();
-        for (frame, layout) in layouts.iter().enumerate() {
-            self.update_from_frame(frame, layout, fit);
-        }
-    }
-
-    fn update_from_frame(&mut self, frame: usize, layout: &ParameterLayout, fit: &Fit) {
+    /// Updates a frame's values from a solution.
+    pub fn update_from_frame(&mut self, frame: usize, layout: &ParameterLayout, fit: &Fit) {
         let local = &fit.groups[frame].local;
         self.amplitudes_per_m[frame] = bounded_amplitude(local[0]);
         let mut own = fit
@@ -90,9 +93,38 @@ impl<'a> FlightHyperparameters<'a> {
             rotation += local.rows(first, 3);
         }
         self.mounting_values[frame] = own;
-        let values = layout.values(&fit.global, local);
-        self.twist = std::mem::take(&mut self.twist).with_frame(&values);
-        self.curvatures_per_m[frame] = values.curvature_per_m;
+        let UnknownValues {
+            curvature_per_m,
+            twist_rad,
+            ..
+        } = layout.values(&fit.global, local);
+        self.bendings[frame] = FrameBending {
+            curvature_per_m,
+            twist_rad,
+        };
+    }
+
+    /// Bending of a frame, with the twist that all frames together show at its amplitude; `None` if it is not known. Derivatives
+    /// with respect to the estimated dimensions, which hardly change in a solution, depend on the twist. With each frame's own
+    /// twist, its noise would be counted as information if there are many frames.
+    pub fn smoothed_bending(&self, frame: usize) -> Option<FrameBending> {
+        let bending = self
+            .bendings
+            .get(frame)
+            .filter(|bending| !bending.curvature_per_m.is_empty())?;
+        let at = self.amplitudes_per_m[frame];
+        let one = |k: usize| {
+            let all = self.amplitudes_per_m.iter().zip(&self.bendings);
+            value_on_line(
+                all.map(|(a, other)| (*a, other.twist_rad.get(k).copied().unwrap_or(0.0))),
+                at,
+            )
+        };
+        let twist_rad = (0..bending.twist_rad.len()).map(one).collect();
+        Some(FrameBending {
+            twist_rad,
+            ..bending.clone()
+        })
     }
 
     /// Mean of a mounting's unknowns over its frames.
@@ -133,6 +165,23 @@ impl<'a> FlightHyperparameters<'a> {
         let increase = PITCH_DRIFT_FACTOR * PITCH_DRIFT_FACTOR - 1.0 + self.pitch_drift_increase;
         let more = pitch * pitch.transpose() * increase;
         (Matrix3::identity() + more) * (self.drift_rad * self.drift_rad)
+    }
+}
+
+/// Value at a position on the least-squares line through the points.
+fn value_on_line(points: impl Iterator<Item = (f64, f64)> + Clone, at: f64) -> f64 {
+    let count = points.clone().count().max(1) as f64;
+    let (x, y) = points
+        .clone()
+        .fold((0.0, 0.0), |(sx, sy), (x, y)| (sx + x, sy + y));
+    let (x, y) = (x / count, y / count);
+    let (square, both) = points.fold((0.0, 0.0), |(xx, xy), (px, py)| {
+        (xx + (px - x).powi(2), xy + (px - x) * (py - y))
+    });
+    y + if square > 0.0 {
+        both / square * (at - x)
+    } else {
+        0.0
     }
 }
 

@@ -1,14 +1,15 @@
 //! Joint shape of a flight: errors that last beyond the flight, that its frames share, and that each has on its own.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
+use super::flight_information::add_frame_normals;
 use super::joint::JointSolution;
 use crate::adjust::flight_prior::{InvariantParameter, RepeatingParameters};
 use crate::adjust::joint_shape::{
     FrameShape, JointShape, ShapeFunctions, StationChoice, empty_shape, reduce_factors,
 };
 use crate::adjust::{AdjustError, AdjustResult};
-use crate::estimation::{Prior, normal_equations_at, symmetric_root};
+use crate::estimation::{Prior, symmetric_root};
 
 impl JointSolution<'_> {
     /// Shape of the flight, without the frames' results.
@@ -49,10 +50,17 @@ impl JointSolution<'_> {
     /// part that repeats counts.
     fn lasting_information(&self) -> Option<(Vec<usize>, DMatrix<f64>)> {
         let (problem, fit) = (&self.solved.flight_problem, &self.solved.fit);
-        let (groups, frames) = (&problem.problem.groups, problem.layouts.len());
-        let ground = frames..groups.len();
-        let equations = normal_equations_at(fit, ground, &groups[frames..], vec![]);
-        let (mut normal, _) = equations.ok()?;
+        let p = fit.global.len();
+        let (mut normal, mut gradient) = (DMatrix::zeros(p, p), DVector::zeros(p));
+        let ground = problem
+            .problem
+            .groups
+            .iter()
+            .zip(&fit.groups)
+            .skip(problem.layouts.len());
+        for (group, solved) in ground {
+            add_frame_normals(group, solved, &mut normal, &mut gradient)?;
+        }
         let (unknowns, columns): (Vec<InvariantParameter>, Vec<usize>) =
             problem.invariant.iter().copied().unzip();
         let repeating = RepeatingParameters::new(&unknowns, self.flight.input.setup).ok()?;

@@ -1,13 +1,13 @@
-//! Twist of frames in proportion to their bending.
+//! Twist of live frames in proportion to their bending.
 
 use crate::adjust::beam::Bending;
-use crate::adjust::marker_state::DimensionDerivatives;
+use crate::adjust::layout::ParameterLayout;
 use crate::adjust::scene::WingScene;
-use crate::adjust::values::UnknownValues;
+use crate::estimation::Fit;
 
-/// Ratio of the twist coefficients to the amplitude of the curvature, from all frames. The twist of a single frame is mostly
-/// noise; derivatives with respect to the estimated dimensions, which hardly change in a solution, depend on it, so each
-/// frame's noise would be counted as information about them.
+/// Ratio of the twist coefficients to the amplitude of the curvature, from all accepted frames. The twist of a single frame
+/// is mostly noise; derivatives with respect to the estimated dimensions depend on it, so each frame's noise would be
+/// counted as information about them.
 #[derive(Clone, Debug, Default)]
 pub struct LoadTwist {
     /// Sum of twist coefficients times amplitude, rad/m.
@@ -17,8 +17,9 @@ pub struct LoadTwist {
 }
 
 impl LoadTwist {
-    /// Adds a frame.
-    pub fn with_frame(mut self, values: &UnknownValues) -> Self {
+    /// Adds the first frame of a solution.
+    pub fn with_frame(mut self, layout: &ParameterLayout, fit: &Fit) -> Self {
+        let values = layout.values(&fit.global, &fit.groups[0].local);
         let amplitude = values.curvature_per_m[0];
         self.products.resize(values.twist_rad.len(), 0.0);
         self.products
@@ -29,14 +30,14 @@ impl LoadTwist {
         self
     }
 
-    /// Returns the derivatives with respect to the estimated dimensions of a wing with this curvature, 1/m, and its expected
-    /// twist. `scale`: length in flight over length on the ground.
-    pub fn dimension_derivatives(
+    /// Returns the layout with the derivatives with respect to the estimated dimensions of a wing with this curvature, 1/m,
+    /// and its expected twist.
+    pub fn fix_derivatives(
         &self,
         scene: &WingScene,
+        layout: &ParameterLayout,
         curvature_per_m: &[f64],
-        scale: f64,
-    ) -> DimensionDerivatives {
+    ) -> ParameterLayout {
         let ratio = if self.square > 0.0 {
             curvature_per_m[0] / self.square
         } else {
@@ -47,11 +48,15 @@ impl LoadTwist {
             .iter()
             .map(|product| product * ratio)
             .collect();
-        scene.dimension_derivatives(&Bending {
+        let bending = Bending {
             curvature_per_m,
             twist_rad: &twist_rad,
-            scale,
+            scale: layout.expected_scale,
             ..Bending::UNBENT
-        })
+        };
+        ParameterLayout {
+            dimension_derivatives: Some(scene.dimension_derivatives(&bending)),
+            ..layout.clone()
+        }
     }
 }

@@ -77,11 +77,7 @@ impl<'a> Flight<'a> {
         }
         let (solved, mut removed) = self.run_data_snooping(solved)?;
         if self.frames.len() == 1 {
-            // An early suspect may be a consequence of a later one.
-            let solved = match removed.len() {
-                0 | 1 => solved,
-                _ => self.readmit_observations(solved, &mut removed)?,
-            };
+            let solved = self.readmit_observations(solved, &mut removed)?;
             return Ok((solved, removed));
         }
         // Images that were tested together with a wrong surveyed position are tested again without it.
@@ -169,8 +165,9 @@ impl<'a> Flight<'a> {
             .collect()
     }
 
-    /// Tests each observation that was removed from all frames again, the least suspect first: it is added with all others
-    /// removed, and stays if no observation of its frame or marker is suspect then.
+    /// Tests each marker that was removed from all frames again, the least suspect first: it is added with all others
+    /// removed, and stays if it fits. In a single frame each observation is tested, and none may be suspect then: an early
+    /// suspect may be a consequence of a later one.
     ///
     /// # Errors
     /// Returns an error if the flight has no solution.
@@ -180,6 +177,9 @@ impl<'a> Flight<'a> {
         removed: &mut Vec<RemovedObservation>,
     ) -> AdjustResult<SolvedFlight> {
         let is_single = self.frames.len() == 1;
+        if is_single && removed.len() < 2 {
+            return Ok(last);
+        }
         let mut queue: Vec<_> = removed
             .iter()
             .filter(|r| is_single || r.suspect.target != SuspectTarget::Flight)
@@ -193,11 +193,15 @@ impl<'a> Flight<'a> {
                 .copied()
                 .collect();
             self.usage.reset_except(&others);
+            let group = match is_single {
+                true => candidate.group,
+                false => self.frames.len(),
+            };
             let is_tested = |m: &BlockMember| is_single || m.marker == candidate.suspect.marker;
             let before = self.hyperparameters.clone();
             let with = self.solve_rough(Some(&last.fit));
             let fits = |with: &SolvedFlight| {
-                let group = with.group(&self.input, candidate.group);
+                let group = with.group(&self.input, group);
                 group.worst_suspect_among(is_tested).is_none()
             };
             match with {

@@ -4,7 +4,6 @@
 use super::frames::Flight;
 use super::solving::SolvedFlight;
 use super::tuning::{VarianceEvidence, is_settled};
-use crate::adjust::prior_scales::PriorScales;
 use crate::widths::{Unknown, Width};
 
 /// Weight of the default as a number of observations. Aircraft differ from the default by about 50 %, which corresponds to
@@ -80,29 +79,25 @@ impl Flight<'_> {
             return true;
         }
         let priors = &self.input.setup.uncertainty;
-        let (skin_motion_m, before) = (priors[Width::SkinMotion], self.prior_scales);
-        let tuned =
-            |is_scaled: bool, before: f64, evidence: &dyn Fn() -> VarianceEvidence| match is_scaled
-            {
-                true => tuned_prior_scale(before, evidence()),
-                false => before,
-            };
-        let skin = || solved.skin_evidence(self, before.skin * skin_motion_m);
-        let after = PriorScales {
-            skin: tuned(
-                priors.skin_scaled_by_frames && skin_motion_m > 0.0,
+        let skin_motion_m = priors[Width::SkinMotion];
+        let before = self.prior_scales;
+        if priors.skin_scaled_by_frames && skin_motion_m > 0.0 {
+            self.prior_scales.skin = tuned_prior_scale(
                 before.skin,
-                &skin,
-            ),
-            vibration: tuned(priors.vibration.scaled_by_frames, before.vibration, &|| {
-                solved.unknown_evidence(Unknown::WingVibration)
-            }),
-            shake: tuned(priors.shake.scaled_by_frames, before.shake, &|| {
-                solved.unknown_evidence(Unknown::CameraShake)
-            }),
-            ..before
-        };
-        self.prior_scales = after;
+                solved.skin_evidence(self, before.skin * skin_motion_m),
+            );
+        }
+        if priors.vibration.scaled_by_frames {
+            self.prior_scales.vibration = tuned_prior_scale(
+                before.vibration,
+                solved.unknown_evidence(Unknown::WingVibration),
+            );
+        }
+        if priors.shake.scaled_by_frames {
+            self.prior_scales.shake =
+                tuned_prior_scale(before.shake, solved.unknown_evidence(Unknown::CameraShake));
+        }
+        let after = self.prior_scales;
         is_settled(before.skin, after.skin)
             && is_settled(before.vibration, after.vibration)
             && is_settled(before.shake, after.shake)

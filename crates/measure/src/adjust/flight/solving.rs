@@ -97,9 +97,10 @@ impl Flight<'_> {
         }
         for pass in 1.. {
             let weighted = self.hyperparameters.amplitudes_per_m[0];
-            let layouts = &solved.flight_problem.layouts;
-            self.hyperparameters
-                .update_from_frames(layouts, &solved.fit);
+            for (frame, layout) in solved.flight_problem.layouts.iter().enumerate() {
+                self.hyperparameters
+                    .update_from_frame(frame, layout, &solved.fit);
+            }
             let found = self.hyperparameters.amplitudes_per_m[0];
             let has_settled = (found / weighted).ln().abs() < AMPLITUDE_SETTLED;
             if !self.knowledge.is_alone() || has_settled || pass == AMPLITUDE_PASSES {

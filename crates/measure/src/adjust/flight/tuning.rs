@@ -16,8 +16,8 @@ use crate::widths::Width;
 
 /// Bounds of a frame's departure from the shared shape, as fractions of the prior spread of shapes.
 const DEPARTURE_BOUNDS: (f64, f64) = (0.002, 1.0);
-/// Change of a standard deviation's logarithm below which it has settled: results change by less than a tenth of theirs.
-const SETTLED_LOG_CHANGE: f64 = 0.1;
+/// Change of a standard deviation's logarithm below which it has settled.
+const SETTLED_LOG_CHANGE: f64 = 0.3;
 /// Redundancy below which residuals do not determine a variance.
 const MIN_REDUNDANCY: f64 = 0.5;
 /// Significance level of the test for remounts, for the flight as a whole.

@@ -43,20 +43,10 @@ impl SurfaceFrame {
         })
     }
 
-    /// Chord at a span from the root over that at the root, by which the crown flattens, and its slope, 1/m.
-    fn chord_at(&self, x: f64) -> (f64, f64) {
-        let taper = (TYPICAL_TAPER - 1.0) / self.reach;
-        match x / self.reach {
-            inboard if inboard < 0.0 => (1.0, 0.0),
-            outboard if outboard > 1.0 => (TYPICAL_TAPER, 0.0),
-            _ => (1.0 + taper * x, taper),
-        }
-    }
-
     /// Row of the surface's design matrix for one point.
     fn row(&self, p: &Vector3<f64>) -> DVector<f64> {
         let (x, z) = (p.x - self.root_x, p.z - self.axis_z);
-        let (chord, _) = self.chord_at(x);
+        let chord = 1.0 - (1.0 - TYPICAL_TAPER) * (x / self.reach).clamp(0.0, 1.0);
         let smooth = [1.0, x, x * x, x * x * x, z, z * x, z * z / chord];
         let broken = self.breaks_x_m.iter().map(|at| (p.x - at).max(0.0));
         DVector::from_iterator(
@@ -69,7 +59,6 @@ impl SurfaceFrame {
 /// Skin surface through the markers: heights over (x from the root, z from the axis), `a0 + a1 x + a2 x^2 + a3 x^3 + b z +
 /// c z x + d z^2 / (1 - (1 - taper) x / reach)`, and for each break of the dihedral `k max(0, x - x_k)`. The crown is flatter
 /// for longer chords.
-#[derive(Clone, Debug, PartialEq)]
 pub struct SurveySurface {
     pub frame: SurfaceFrame,
     pub coefficients: DVector<f64>,
@@ -257,21 +246,6 @@ impl SurveySurface {
     /// Height of a point above the surface, m.
     pub fn height_above(&self, p: &Vector3<f64>) -> f64 {
         p.y - self.frame.row(p).dot(&self.coefficients)
-    }
-
-    /// Height of the surface at X and Z of a point, m, and its slopes along the span and across it.
-    pub fn height_and_slopes(&self, p: &Vector3<f64>) -> (f64, [f64; 2]) {
-        let (frame, c) = (&self.frame, &self.coefficients);
-        let (x, z) = (p.x - frame.root_x, p.z - frame.axis_z);
-        let (chord, taper) = frame.chord_at(x);
-        let crown = c[6] * z / chord;
-        let broken = self.breaks().filter(|(at, _)| p.x > *at);
-        let along = c[1]
-            + x * (2.0 * c[2] + x * 3.0 * c[3])
-            + z * (c[5] - crown * taper / chord)
-            + broken.map(|(_, slope)| slope).sum::<f64>();
-        let across = c[4] + c[5] * x + 2.0 * crown;
-        (frame.row(p).dot(c), [along, across])
     }
 
     /// Variance of the surface's height at a point, m^2.

@@ -3,8 +3,7 @@
 use nalgebra::{DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 
 use super::{BlockMember, GroundPositions, ParameterLayout};
-use crate::adjust::beam::BeamSection;
-use crate::adjust::scene::{PosedCamera, WingScene, marker_displacement};
+use crate::adjust::scene::{BentWing, PosedCamera, WingScene, marker_displacement};
 use crate::adjust::term::{ParameterScope, ParameterTerm};
 use crate::adjust::values::UnknownValues;
 use crate::estimation::{EstimationError, EstimationResult, GroupPoint, Linearised};
@@ -13,7 +12,7 @@ use crate::estimation::{EstimationError, EstimationResult, GroupPoint, Linearise
 struct EvaluatedFrame<'a> {
     scene: &'a WingScene,
     values: UnknownValues,
-    bent: Vec<BeamSection>,
+    bent: BentWing,
     in_flight: PosedCamera,
     on_ground: PosedCamera,
 }

@@ -165,9 +165,9 @@ impl FrameOutcome<'_> {
                 motion.twist_rad += by.twist_rad * x;
             }
         }
-        let nose = self.solved.input.scene.wing.ground.nose;
+        let nose = self.solved.input.scene.ground.nose;
         let moved = |(motion, flat): (SectionMotion, &BeamSection)| {
-            MovedSection::new(motion, flat.at.slope_rad, nose)
+            MovedSection::new(motion, flat.slope_rad, nose)
         };
         let sections = motions.into_iter().zip(&curve.flat).map(moved).collect();
         MovedSections {
@@ -234,7 +234,7 @@ impl FrameOutcome<'_> {
             }
         }
         for (function, section) in functions[2].iter_mut().zip(&curve.bent) {
-            let from_root_m = section.at.axis_m - curve.root_m;
+            let from_root_m = section.axis_m - curve.root_m;
             function.value -= self.values.root_displacement_m(&from_root_m).y;
         }
     }
@@ -249,7 +249,7 @@ impl FrameOutcome<'_> {
             .try_normalize(f64::EPSILON)?;
         self.solved.input.setup.side()?;
         Some(
-            self.solved.input.scene.wing.ground.frame.wing_from_survey
+            self.solved.input.scene.ground.frame.wing_from_survey
                 * Vector3::new(flow.x, flow.y, 0.0),
         )
     }

@@ -58,7 +58,6 @@ impl FrameOutcome<'_> {
             self.solved
                 .input
                 .scene
-                .wing
                 .ground
                 .stations
                 .get(m)

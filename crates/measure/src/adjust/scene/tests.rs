@@ -38,7 +38,7 @@ fn multiply_matrix(m: &Matrix3<f64>, p: Dual3) -> Dual3 {
 
 /// Slope of the bending at an arc length.
 fn bending_slope(scene: &WingScene, c: &[Dual64], arc: f64) -> Dual64 {
-    let length = scene.wing.ground.axis.length_m;
+    let length = scene.ground.axis.length_m;
     let shapes = curvature_integrals(arc / length);
     c.iter()
         .zip(shapes)
@@ -51,8 +51,8 @@ fn flight_position(scene: &WingScene, marker: usize, x: &[Dual64; ALL]) -> Dual3
     let (t, rest) = rest.split_at(T);
     let (h, rest) = rest.split_at(RAISE_TERMS);
     let (p, scale) = (&rest[9..12], rest[12]);
-    let axis = &scene.wing.ground.axis;
-    let end = scene.wing.ground.stations[marker].arc_m;
+    let axis = &scene.ground.axis;
+    let end = scene.ground.stations[marker].arc_m;
     let step = end / STEPS as f64;
     let mut ground = [
         Dual64::from(axis.root_m.x),
@@ -81,7 +81,7 @@ fn flight_position(scene: &WingScene, marker: usize, x: &[Dual64; ALL]) -> Dual3
         .iter()
         .zip(twist_basis(axis, end))
         .fold(Dual64::from(0.0), |s, (t, b)| s + *t * b)
-        * scene.wing.ground.nose;
+        * scene.ground.nose;
     let (n, z) = (
         normal * twist.cos() - arm[2] * twist.sin(),
         normal * twist.sin() + arm[2] * twist.cos(),
@@ -135,8 +135,13 @@ fn computed_pixel(
         scale: x[ALL - 1],
         raise_m: std::array::from_fn(|j| x[C + T + j]),
     };
-    let section = &scene.wing.grid.bend(&bending)[marker];
-    let state = scene.wing.state(marker, section, &at(first + 9), &bending);
+    let state = scene.marker_with_dimensions(
+        marker,
+        &scene.bend(&bending),
+        &at(first + 9),
+        &bending,
+        &[0.0; ESTIMATED_DIMENSIONS],
+    );
     let seen = scene
         .project(&state.carried.position_m, &scene.flight_camera(&pose))
         .unwrap();
@@ -167,7 +172,7 @@ fn computed_pixel(
 fn derivatives_match_dual_numbers() {
     let scene = WingScene::new(&setup(), &orientation()).unwrap();
     for marker in [0, 3, 8] {
-        let ground = scene.wing.ground.stations[marker].surveyed_m;
+        let ground = scene.ground.stations[marker].surveyed_m;
         let mut x = [0.0; ALL];
         let typical = [
             4e-3, 2e-3, -1e-3, 5e-4, 2e-4, 0.03, -0.02, 0.01, 4e-3, -6e-3, 3e-3, 2e-3,
@@ -319,16 +324,33 @@ fn corrected_dimensions_match_a_scene_built_with_them() {
     for (estimated, there) in moved {
         let other = WingScene::new(&there, &orientation()).unwrap();
         for marker in [0, 4, 8] {
-            let nominal = scene.wing.carry_with_derivatives(&bending)[marker];
-            let mut found = nominal;
-            found.apply_dimensions(&scene.dimension_derivatives(&bending)[marker], &estimated);
-            let built = other.wing.carry_with_derivatives(&bending)[marker];
-            let survey_position = |s: &WingScene, state: &MarkerState| {
-                s.wing.ground.frame.survey_point(&state.carried.position_m)
-            };
-            let found_m = survey_position(&scene, &found);
-            let error = found_m - survey_position(&other, &built);
-            let effect = (found_m - survey_position(&scene, &nominal)).norm();
+            let here = scene.ground.stations[marker].surveyed_m;
+            let found = scene.marker_with_dimensions(
+                marker,
+                &scene.bend(&bending),
+                &here,
+                &bending,
+                &estimated,
+            );
+            let there = other.ground.stations[marker].surveyed_m;
+            let built = other.marker_with_dimensions(
+                marker,
+                &other.bend(&bending),
+                &there,
+                &bending,
+                &[0.0; ESTIMATED_DIMENSIONS],
+            );
+            let survey_position = |s: &WingScene, p: &Vector3<f64>| s.ground.frame.survey_point(p);
+            let found_m = survey_position(&scene, &found.carried.position_m);
+            let error = found_m - survey_position(&other, &built.carried.position_m);
+            let nominal = scene.marker_with_dimensions(
+                marker,
+                &scene.bend(&bending),
+                &here,
+                &bending,
+                &[0.0; ESTIMATED_DIMENSIONS],
+            );
+            let effect = (found_m - survey_position(&scene, &nominal.carried.position_m)).norm();
             assert!(
                 error.norm() < 1e-3 + 0.03 * effect,
                 "{estimated:?} marker {marker}: {error} of {effect}"
@@ -340,26 +362,25 @@ fn corrected_dimensions_match_a_scene_built_with_them() {
 #[test]
 fn twist_inboard_of_a_break_carries_the_outboard_part_along() {
     let scene = WingScene::new(&gull_wing(None), &orientation()).unwrap();
-    let flat = scene.wing.grid.bend(&Bending::UNBENT);
-    let twisted = scene.wing.grid.bend(&Bending {
+    let flat = scene.grid.bend(&Bending::UNBENT);
+    let twisted = scene.grid.bend(&Bending {
         twist_rad: &[0.02],
         ..Bending::UNBENT
     });
-    let at = |k: usize| flat[k].at.axis_m;
-    let arc_m = scene.wing.ground.axis.breaks[0].arc_m;
-    let inboard_rad =
-        0.02 * twist_basis(&scene.wing.ground.axis, arc_m)[0] * scene.wing.ground.nose;
+    let at = |k: usize| flat[k].axis_m;
+    let arc_m = scene.ground.axis.breaks[0].arc_m;
+    let inboard_rad = 0.02 * twist_basis(&scene.ground.axis, arc_m)[0] * scene.ground.nose;
     for (k, section) in twisted.iter().enumerate().skip(5) {
         // The axis inboard of the break is straight; what lies outboard rotates about its extension.
         let slope = (at(3) - at(1)).y / (at(3) - at(1)).x;
         let above_m = at(k).y - at(3).y - slope * (at(k).x - at(3).x);
-        let (aft_m, expected_m) = (section.at.axis_m.z - at(k).z, inboard_rad.sin() * above_m);
+        let (aft_m, expected_m) = (section.axis_m.z - at(k).z, inboard_rad.sin() * above_m);
         assert!(
             (aft_m - expected_m).abs() < 0.02 * expected_m,
             "{k}: {aft_m} {expected_m}"
         );
     }
-    assert_eq!(twisted[2].at.axis_m.z, at(2).z);
+    assert_eq!(twisted[2].axis_m.z, at(2).z);
 }
 
 #[test]
@@ -384,7 +405,7 @@ fn check_derivatives(setup: &Setup) {
         },
     ] {
         let marker = 5;
-        let ground = scene.wing.ground.stations[marker].surveyed_m;
+        let ground = scene.ground.stations[marker].surveyed_m;
         let at = |values: &UnknownValues, ground: &Vector3<f64>| {
             scene.marker_in_flight(marker, &scene.bend_frame(values), ground, values)
         };

@@ -56,9 +56,8 @@ struct WingPoint {
 }
 
 fn markers_on_wing(scene: &WingScene) -> impl Iterator<Item = WingPoint> {
-    let axis = &scene.wing.ground.axis;
+    let axis = &scene.ground.axis;
     let stations = scene
-        .wing
         .ground
         .stations
         .iter()
@@ -72,7 +71,7 @@ fn markers_on_wing(scene: &WingScene) -> impl Iterator<Item = WingPoint> {
 }
 
 fn zero_displacements(scene: &WingScene) -> DisplacementField {
-    vec![Vector3::zeros(); scene.wing.ground.stations.len()]
+    vec![Vector3::zeros(); scene.ground.stations.len()]
 }
 
 /// Displacements on ground by a small bending or twist.
@@ -80,10 +79,12 @@ fn field_on_ground(
     scene: &WingScene,
     derivative: fn(&MarkerState) -> Vector3<f64>,
 ) -> DisplacementField {
-    let flat = scene.wing.carry_with_derivatives(&Bending::UNBENT);
+    let flat = scene.grid.bend(&Bending::UNBENT);
     let mut field = zero_displacements(scene);
     for WingPoint { marker, .. } in markers_on_wing(scene) {
-        field[marker] = derivative(&flat[marker]);
+        let ground_m = scene.ground.stations[marker].surveyed_m;
+        let state = scene.marker_on_beam(marker, &flat[marker], &ground_m, &Bending::UNBENT);
+        field[marker] = derivative(&state);
     }
     field
 }
@@ -131,7 +132,7 @@ fn skin_bulges(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     let mut fields = vec![zero_displacements(scene); BULGE_COUNT];
     let bulge = |k: usize, eta: f64| (-(eta * BULGE_COUNT as f64 - k as f64 - 0.5).powi(2)).exp();
     for WingPoint { marker, eta, .. } in markers_on_wing(scene) {
-        let normal = scene.wing.ground.stations[marker].skin_normal;
+        let normal = scene.ground.stations[marker].skin_normal;
         let of_all: [f64; BULGE_COUNT] = std::array::from_fn(|k| bulge(k, eta.clamp(0.0, 1.0)));
         // Equal standard deviation at all positions.
         let rms = of_all.iter().map(|b| b * b).sum::<f64>().sqrt();
@@ -180,7 +181,7 @@ fn in_plane(scene: &WingScene, sigma_m: f64) -> Option<ParameterTerm> {
     let mut fields = vec![zero_displacements(scene); IN_PLANE_RATIOS.len()];
     for WingPoint { marker, eta, arm_m } in markers_on_wing(scene) {
         for (k, field) in fields.iter_mut().enumerate() {
-            let motion = in_plane_motion(k, eta, scene.wing.ground.axis.length_m);
+            let motion = in_plane_motion(k, eta, scene.ground.axis.length_m);
             field[marker] =
                 motion.displacement_m + motion.rotation_rad.cross(&(Vector3::z() * arm_m));
         }
@@ -204,7 +205,7 @@ const PART_SIGMAS: [f64; 3] = [0.2, 0.1, 0.02];
 
 /// Motion of one moving part that carries these markers.
 fn moving_part(scene: &WingScene, markers: &[usize]) -> ParameterTerm {
-    let chord_m = |marker: usize| scene.wing.ground.stations[marker].surveyed_m.z;
+    let chord_m = |marker: usize| scene.ground.stations[marker].surveyed_m.z;
     let mean_m = markers.iter().map(|k| chord_m(*k)).sum::<f64>() / markers.len().max(1) as f64;
     let mut fields = vec![zero_displacements(scene); PART_SIGMAS.len()];
     for &marker in markers {
@@ -272,7 +273,7 @@ fn row_times_s(
             .flatten()
             .map_or(0.0, |seen| time_s(seen.pixel.y))
     };
-    (0..scene.wing.ground.stations.len()).map(time_of).collect()
+    (0..scene.ground.stations.len()).map(time_of).collect()
 }
 
 /// Vibration of the wing in its first mode during readout: velocity of the tip at the middle row, m/s.
@@ -308,7 +309,7 @@ fn camera_shake(scene: &WingScene, times_s: &[f64], vibration: Vibration) -> Opt
         (Vector3::y(), 2),
     ] {
         let about = scene.camera_from_wing.transpose() * axis;
-        let stations = scene.wing.ground.stations.iter().zip(times_s);
+        let stations = scene.ground.stations.iter().zip(times_s);
         fields.push(
             stations
                 .map(|(s, t)| s.surveyed_m.cross(&about) * t.powi(power))

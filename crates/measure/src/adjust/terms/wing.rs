@@ -210,7 +210,7 @@ pub fn thermal_scale(thermal: Option<&Thermal>) -> Option<ParameterTerm> {
             position: |state, _| state.by_scale,
             sections: |curve, _| {
                 let moved =
-                    |section: &BeamSection| (section.at.axis_m - curve.root_m) / curve.values.scale;
+                    |section: &BeamSection| (section.axis_m - curve.root_m) / curve.values.scale;
                 curve
                     .bent
                     .iter()
@@ -261,8 +261,7 @@ fn dimension_term<const WHICH: usize>(unknown: Unknown) -> ParameterTerm {
                     .iter()
                     .map(|arc| (arc - neighbour.root_m).max(0.0))
                     .collect();
-                let (there, sections) =
-                    curve.motions_on(&BeamGrid::new(&neighbour.wing.ground, &own));
+                let (there, sections) = curve.motions_on(&BeamGrid::new(&neighbour.ground, &own));
                 let scale = curve.values.scale;
                 let pairs = curve
                     .motions
@@ -295,7 +294,7 @@ fn root_rotation(sigma_rad: f64) -> ParameterTerm {
             sections: |curve, k| {
                 let rotation_rad = Vector3::ith(k, 1.0);
                 let motion = |section: &BeamSection| SectionMotion {
-                    displacement_m: rotation_rad.cross(&(section.at.axis_m - curve.root_m)),
+                    displacement_m: rotation_rad.cross(&(section.axis_m - curve.root_m)),
                     rotation_rad,
                     twist_rad: 0.0,
                 };

@@ -1,7 +1,5 @@
 use super::*;
-use crate::estimation::{
-    EstimationResult, Group, GroupPoint, Linearised, SolveOptions, solve_groups,
-};
+use crate::estimation::{EstimationResult, GroupPoint, Linearised, SolveOptions, solve_groups};
 
 /// Creates a problem of three global parameters, a local one per group, and two observations per block, the second from a
 /// survey.
@@ -79,6 +77,7 @@ fn each_contribution_matches_the_effect_of_its_errors() {
     let naming = SourceNames {
         observations: &observation_names,
         known: "earlier",
+        rest: "image",
     };
     let parts = VarianceSources::new(&problem, &fit, naming, None).contributions(1, &gradient());
     let nominal = value(&problem);
@@ -121,6 +120,7 @@ fn variance_if_known_equals_that_of_a_narrow_prior() {
     let naming = SourceNames {
         observations: &observation_names,
         known: "earlier",
+        rest: "image",
     };
     let parts = VarianceSources::new(&problem, &fit, naming, None).contributions(1, &gradient());
     let of = |source| {
@@ -146,6 +146,7 @@ fn information_priors_keep_the_names_of_their_sources() {
     let naming = SourceNames {
         observations: &observation_names,
         known: "earlier",
+        rest: "image",
     };
     let attributed =
         AttributedInformation::from_solution(&problem, &fit, |column| column == 0, 0, &naming);

@@ -2,9 +2,6 @@
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 
-use super::super::image_problem::{
-    CENTRE, FREE, LENS, MARK, MARKERS, POINT_SCALE, PRINT, SCALE, TURN, WING,
-};
 use super::subject::Subject;
 use crate::observation::Estimate;
 use crate::setup::Setup;
@@ -18,7 +15,7 @@ pub enum Cause {
     PrincipalPoint,
     /// Projection centre: one coordinate, or all three, m.
     Centre(Option<usize>),
-    /// Markers' diameters relative to the lengths of survey and projection centre.
+    /// Lengths of survey and projection centre relative to the markers' diameters.
     SurveyScale,
     /// Coordinates of the survey relative to those of the projection centre.
     PointScale,
@@ -74,9 +71,6 @@ const MARK_AXES: [MarkAxesRow; 9] = [
     ),
 ];
 
-/// Standard deviations of [`Cause::Flexible`]: of the logarithm of the scale, and of the projection centre, m.
-const FLEXIBLE_SCALE: f64 = 0.1;
-const FLEXIBLE_CENTRE_M: f64 = 0.3;
 /// Number of signed permutations of three axes.
 const AXES: usize = 48;
 /// Orders of three axes.
@@ -119,27 +113,20 @@ impl Cause {
         (0..MARK_AXES.len()).map(Self::MarkAxes)
     }
 
-    /// Returns the unknowns that it frees: column and standard deviation that is added to the prior's.
-    pub(super) fn unknowns(self) -> Vec<(usize, f64)> {
-        let (first, count) = match self {
-            Self::ImageScale => (SCALE, 1),
-            Self::PrincipalPoint => (LENS + 2, 2),
-            Self::Centre(axis) => axis.map_or((CENTRE, 3), |axis| (CENTRE + axis, 1)),
-            Self::SurveyScale => (PRINT, 1),
-            Self::PointScale => (POINT_SCALE, 1),
-            Self::Bend => (WING, 1),
-            Self::Turn => (TURN, 3),
-            Self::Point(marker, axis) => (MARKERS + 3 * marker + axis, 1),
-            Self::Mark(_) => (MARK, 2),
-            Self::Flexible => {
-                let centre = (CENTRE..CENTRE + 3).map(|column| (column, FLEXIBLE_CENTRE_M));
-                return centre.chain([(SCALE, FLEXIBLE_SCALE)]).collect();
-            }
-            _ => (0, 0),
-        };
-        (first..first + count)
-            .map(|column| (column, FREE))
-            .collect()
+    /// Returns the number of its parameters.
+    pub(super) fn parameters(self) -> usize {
+        match self {
+            Self::ImageScale | Self::SurveyScale | Self::PointScale | Self::Bend => 1,
+            Self::Point(..) | Self::Centre(Some(_)) => 1,
+            Self::PrincipalPoint | Self::Mark(_) => 2,
+            Self::Centre(None) | Self::Turn => 3,
+            Self::Flexible => 4,
+            Self::Axes(_)
+            | Self::UpsideDown
+            | Self::Mirrored
+            | Self::Exchange(..)
+            | Self::MarkAxes(_) => 0,
+        }
     }
 
     /// Returns the number of causes of its kind that are tried, for `markers` of the survey.
@@ -164,6 +151,29 @@ impl Cause {
         }
     }
 
+    /// Returns steps of the parameters for differences: some hundredths of a pixel.
+    pub(super) fn step(self) -> f64 {
+        match self {
+            Self::PrincipalPoint | Self::Mark(_) => 1e-2,
+            Self::ImageScale
+            | Self::SurveyScale
+            | Self::PointScale
+            | Self::Turn
+            | Self::Flexible => 1e-6,
+            _ => 1e-5,
+        }
+    }
+
+    /// Returns the prior standard deviation of a parameter; infinite except for [`Cause::Flexible`]: 10 % of scale, and
+    /// 0.3 m of the projection centre.
+    pub(super) fn prior_sigma(self, parameter: usize) -> f64 {
+        match (self, parameter) {
+            (Self::Flexible, 0) => 0.1,
+            (Self::Flexible, _) => 0.3,
+            _ => f64::INFINITY,
+        }
+    }
+
     /// Returns the subject with the error corrected. Scales are logarithms.
     pub(super) fn apply(self, subject: &Subject, values: &[f64]) -> Subject {
         let mut new = subject.clone();
@@ -171,10 +181,13 @@ impl Cause {
         let setup = &mut new.setup;
         let size = Vector2::new(f64::from(setup.lens.width), f64::from(setup.lens.height));
         match self {
-            Self::ImageScale => {
+            Self::ImageScale | Self::Flexible => {
                 setup.lens = setup
                     .lens
                     .with_flight_change(&Vector2::repeat(value(0).exp()), &Vector2::zeros());
+                if self == Self::Flexible {
+                    setup.projection_centre_m += Vector3::new(value(1), value(2), value(3));
+                }
             }
             Self::PrincipalPoint => {
                 setup.lens = setup
@@ -189,7 +202,7 @@ impl Cause {
             Self::SurveyScale => setup
                 .markers
                 .iter_mut()
-                .for_each(|m| m.diameter_m *= value(0).exp()),
+                .for_each(|m| m.diameter_m *= (-value(0)).exp()),
             Self::PointScale => setup
                 .markers
                 .iter_mut()
@@ -202,7 +215,6 @@ impl Cause {
                         Vector3::from(sources.map(|(axis, sign)| sign * given[axis]));
                 }
             }
-            Self::Flexible => {}
             Self::Bend => new.bend_m += value(0),
             Self::Turn => {
                 new.turn = Rotation3::new(Vector3::new(value(0), value(1), value(2))) * new.turn
@@ -267,7 +279,7 @@ impl CauseSize<'_> {
 
     fn camera_text(&self, cause: Cause) -> Option<String> {
         Some(match cause {
-            Cause::ImageScale if self.in_flight => {
+            Cause::ImageScale | Cause::Flexible if self.in_flight => {
                 let (sign, word) = if self.value(0) < 0.0 {
                     (-100.0, "smaller")
                 } else {
@@ -279,7 +291,7 @@ impl CauseSize<'_> {
                     self.with_sigma(0, sign, 2)
                 )
             }
-            Cause::ImageScale => format!(
+            Cause::ImageScale | Cause::Flexible => format!(
                 "the focal length is off by {} %: camera.toml (fx, fy) is of another lens, zoom or size of image; \
                  calibrate this one",
                 self.with_sigma(0, 100.0, 2)
@@ -324,7 +336,7 @@ impl CauseSize<'_> {
         Some(match cause {
             Cause::SurveyScale => {
                 let (factor, sigma) = (
-                    self.value(0).exp(),
+                    (-self.value(0)).exp(),
                     self.size.first().and_then(|e| e.sigma).unwrap_or(0.0),
                 );
                 format!(

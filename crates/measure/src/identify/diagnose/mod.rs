@@ -16,9 +16,8 @@ mod flight;
 mod search;
 mod subject;
 
-use nalgebra::Rotation3;
+use nalgebra::{Matrix2, Rotation3};
 
-use super::image_problem::{NamedImage, SIZE_SIGMAS, SizedShape, size_derivatives, size_variance};
 use super::{Identities, WingView};
 use crate::detect::Detection;
 use crate::estimation::quality::{GlobalTest, global_test};
@@ -30,7 +29,8 @@ pub(super) use cause::span_m;
 pub use cause::{Cause, UNITS};
 use evidence::{CauseFit, Evidence};
 pub use search::{OTHER_AIRCRAFT, diagnose_ground, diagnose_ground_fit};
-use subject::Subject;
+pub use subject::SizedShape;
+use subject::{NamedImage, Subject, size_covariance};
 
 /// Levels of significance of a diagnosis on the ground and in flight, where the result of a frame that is accused is doubtful:
 /// probability that a sound setup is accused.
@@ -216,10 +216,12 @@ fn rank_single_causes(
     orientation: Option<&Orientation>,
     found: Option<(Cause, &[f64])>,
 ) -> Option<Diagnosis> {
-    let evidence = Evidence {
-        subject,
-        orientation,
-    };
+    let linear = found.map_or_else(
+        || subject.clone(),
+        |(cause, values)| cause.apply(subject, values),
+    );
+    let pose = evidence::start_pose(&linear, orientation)?;
+    let evidence = Evidence::new(subject.clone(), orientation, (&linear, &pose))?;
     let base = evidence.solve(None, &[]);
     let mut tried: Vec<(Cause, CauseFit)> = vec![];
     let mut attempt = |cause: Cause, values: &[f64]| {
@@ -276,7 +278,7 @@ fn rank_single_causes(
 
 /// Tests a cause against the sum of squares without it.
 fn weigh_cause(evidence: &Evidence, cause: Cause, fit: &CauseFit, without: f64) -> Explanation {
-    let (parameters, markers) = (cause.unknowns().len(), evidence.subject.setup.markers.len());
+    let (parameters, markers) = (cause.parameters(), evidence.subject.setup.markers.len());
     let left = fit.sum_of_squares / evidence.redundancy().saturating_sub(parameters).max(1) as f64;
     let decrease = (without - fit.sum_of_squares) / left.max(1.0);
     let rows = (evidence.redundancy() as f64).max(1.0);
@@ -295,7 +297,7 @@ fn weigh_cause(evidence: &Evidence, cause: Cause, fit: &CauseFit, without: f64) 
             &evidence.subject.setup,
             evidence.orientation.is_some(),
         ),
-        camera_from_survey: fit.camera_from_survey,
+        camera_from_survey: fit.pose.rotation(),
         evidence: decrease - penalty,
         is_significant: decrease > evidence.limit(cause, alpha / KINDS),
     }
@@ -324,7 +326,8 @@ impl WingView<'_> {
         identities: &Identities,
     ) -> Option<Estimate> {
         let outlines = self.marker_outlines(&self.fit_state(detections, identities)?.state);
-        let (mut sum, mut weights, mut own, mut common) = (0.0, 0.0, 0.0, [0.0; 3]);
+        let mut sizes: Vec<(f64, (Shape, f64), Matrix2<f64>)> = vec![];
+        let (mut sum, mut weights) = (0.0, 0.0);
         for (i, j) in identities.pairs() {
             let (Some(d), Some(Some(outline))) = (
                 detections.get(i).filter(|d| d.shape != Shape::Point),
@@ -333,28 +336,17 @@ impl WingView<'_> {
                 continue;
             };
             let size = (d.shape, d.semi_major_px);
-            let (variance, by) = (
-                size_variance(size, &d.covariance_px2),
-                size_derivatives(size),
-            );
-            let shared = by
-                .iter()
-                .zip(SIZE_SIGMAS)
-                .map(|(by, sigma)| (by * sigma).powi(2));
-            let weight = (variance + shared.sum::<f64>()).recip();
+            let weight = size_covariance(size, size, Some(&d.covariance_px2)).recip();
+            sizes.push((weight, size, *d.covariance_px2));
             sum += weight * (d.semi_major_px / outline.semi_major_px).ln();
             weights += weight;
-            own += weight * weight * variance;
-            common
-                .iter_mut()
-                .zip(by)
-                .for_each(|(sum, by)| *sum += weight * by);
         }
-        let shared = common
-            .iter()
-            .zip(SIZE_SIGMAS)
-            .map(|(by, sigma)| (by * sigma).powi(2));
-        let variance = own + shared.sum::<f64>();
+        let all = || sizes.iter().enumerate();
+        let pairs =
+            all().flat_map(|(i, a)| all().map(move |(k, b)| (a, b, (i == k).then_some(&a.2))));
+        let variance: f64 = pairs
+            .map(|(a, b, own)| a.0 * b.0 * size_covariance(a.1, b.1, own))
+            .sum();
         (weights > 0.0).then_some(Estimate {
             value: sum / weights,
             sigma: Some(variance.sqrt() / weights),

@@ -2,17 +2,17 @@
 
 use super::super::bias::correct_centres;
 use super::super::consensus::list_candidates;
-use super::super::fit::{MatchedPair, select_nearest};
+use super::super::fit::{MatchedPair, select_one_to_one};
 use super::super::outline::DiscOutline;
 use super::super::scene::{WingView, is_usable};
-use super::super::wing::WingState;
 use super::super::{Identities, OrientationFit, estimate_orientation};
 use super::cause::{Cause, UNITS, is_bent, span_m};
-use super::evidence::Evidence;
+use super::evidence::{Evidence, Pose, predict_outlines, start_pose};
 use super::subject::Subject;
-use super::{Diagnosis, GROSS, NamedImage, named_image, rank_causes};
+use super::{Diagnosis, GROSS, named_image, rank_causes};
 use crate::detect::Detection;
 use crate::observation::Estimate;
+use crate::ordering::sort_by_value;
 use crate::setup::{Orientation, Setup, Shape};
 
 /// Ratio of detections to markers above which a frame is clutter: a diagnosis would mean nothing and take seconds.
@@ -136,52 +136,60 @@ pub fn diagnose_ground_fit(
     fit: &OrientationFit,
 ) -> Option<Diagnosis> {
     let view = WingView::on_ground(setup, &fit.orientation);
-    let frames = frames.iter().zip(&fit.identities);
-    let images = frames.flat_map(|(frame, identities)| {
-        let subject = Subject::new(setup, name_pairs(frame, &identities.pairs()));
-        complete_images(&view, subject, frame, frame, identities.pairs())
-    });
-    rank_causes(&Subject::new(setup, images.collect()), None, None)
-}
-
-fn name_pairs(detections: &[Detection], pairs: &[MatchedPair]) -> Vec<NamedImage> {
-    let named = pairs.iter().map(|(i, j)| named_image(&detections[*i], *j));
-    named.collect()
+    let state = super::super::beam::WingState::zeros();
+    let outlines = view.marker_outlines(&state);
+    let mut images = vec![];
+    for (frame, identities) in frames.iter().zip(&fit.identities) {
+        let mut pairs = identities.pairs();
+        let named = pairs
+            .iter()
+            .map(|(i, j)| named_image(&frame[*i], *j))
+            .collect();
+        add_remaining(
+            &mut Subject::new(setup, named),
+            frame,
+            &outlines,
+            &mut pairs,
+        );
+        let identities = Identities::from_pairs(frame.len(), &pairs);
+        let centred = correct_centres(&view, &state, frame, &identities);
+        images.extend(pairs.iter().map(|(i, j)| named_image(&centred[*i], *j)));
+    }
+    rank_causes(&Subject::new(setup, images), None, None)
 }
 
 /// Ranks the causes for pairs, and for each remaining marker with the nearest similar detection.
 fn rank_pairs(setup: &Setup, detections: &[Detection], found: &Pairing) -> Option<Diagnosis> {
+    let images = |pairs: &[MatchedPair], of: &[Detection]| {
+        pairs
+            .iter()
+            .map(|(i, j)| named_image(&of[*i], *j))
+            .collect()
+    };
     let values: Vec<f64> = found.start.iter().map(|s| s.1).collect();
     let given = found.start.map(|(cause, _)| (cause, values.as_slice()));
-    let rough = Subject::new(setup, name_pairs(detections, &found.pairs));
-    let right = given.map_or_else(
-        || rough.clone(),
-        |(cause, values)| cause.apply(&rough, values),
-    );
-    let attitude = Orientation::from_rotation(right.start_rotation(&right, None)?);
-    let pixels = turn_detections(&right, detections, given.map(|g| g.0));
-    let view = WingView::on_ground(&right.setup, &attitude);
-    let pairs = found.pairs.clone();
-    let images = complete_images(&view, right.clone(), &pixels, detections, pairs);
-    rank_causes(&Subject::new(setup, images), None, given)
-}
-
-/// Returns the images of pairs and of remaining markers, with the perspective bias removed. `seen`: detections with the pixels of
-/// the subject.
-fn complete_images(
-    view: &WingView,
-    subject: Subject,
-    seen: &[Detection],
-    detections: &[Detection],
-    mut pairs: Vec<MatchedPair>,
-) -> Vec<NamedImage> {
-    let mut state = WingState::zeros();
-    state[0] = view.wing.curvature_per_m(subject.bend_m);
-    let outlines = view.marker_outlines(&state);
-    add_remaining(&subject, seen, &outlines, &mut pairs);
+    let modified = |subject: &Subject| {
+        given.map_or_else(
+            || subject.clone(),
+            |(cause, values)| cause.apply(subject, values),
+        )
+    };
+    let rough = Subject::new(setup, images(&found.pairs, detections));
+    let pose = start_pose(&modified(&rough), None)?;
+    let mut right = modified(&rough);
+    let outlines = predict_outlines(&right, None, &pose);
+    let mut pairs = found.pairs.clone();
+    let pixels: Vec<Detection> = turn_detections(&right, detections, given.map(|g| g.0));
+    add_remaining(&mut right, &pixels, &outlines, &mut pairs);
+    let attitude = Orientation::from_rotation(pose.camera_from_survey);
     let identities = Identities::from_pairs(detections.len(), &pairs);
-    let centred = correct_centres(view, &state, detections, &identities);
-    name_pairs(&centred, &pairs)
+    let centred = correct_centres(
+        &WingView::on_ground(&right.setup, &attitude),
+        &pose.state,
+        detections,
+        &identities,
+    );
+    rank_causes(&Subject::new(setup, images(&pairs, &centred)), None, given)
 }
 
 /// Lists modifications of the setup, the most likely first.
@@ -189,8 +197,16 @@ fn list_starts(setup: &Setup, detections: &[Detection]) -> Vec<Option<(Cause, f6
     let mut starts = vec![None, Some((Cause::Mirrored, 0.0))];
     let log_ratio = log_size_ratio(setup, detections);
     if log_ratio.abs() > 0.1 {
-        let scales = [Cause::SurveyScale, Cause::ImageScale];
-        starts.extend(scales.map(|cause| Some((cause, log_ratio))));
+        starts.extend([Cause::SurveyScale, Cause::ImageScale].map(|cause| {
+            Some((
+                cause,
+                if cause == Cause::ImageScale {
+                    log_ratio
+                } else {
+                    -log_ratio
+                },
+            ))
+        }));
     }
     starts.extend(DEFLECTIONS.map(|d| Some((Cause::Bend, d * span_m(setup)))));
     starts.extend([-0.08, 0.08, -0.16, 0.16].map(|s| Some((Cause::ImageScale, s))));
@@ -286,13 +302,13 @@ fn pair_with(
 fn bend_markers(setup: &mut Setup, bend_m: f64) {
     let level = Orientation::from_rotation(nalgebra::Rotation3::identity());
     let view = WingView::on_ground(setup, &level);
-    let mut state = WingState::zeros();
-    state[0] = view.wing.curvature_per_m(bend_m);
+    let mut state = super::super::beam::WingState::zeros();
+    state[0] = 3.0 * bend_m / view.beam.length_m.powi(2);
     let places: Vec<_> = view
-        .wing
-        .carry(&state, 1.0)
+        .beam
+        .marker_positions(&state, 1.0)
         .iter()
-        .map(|place| view.wing.frame.survey_point(&place.position_m))
+        .map(|place| view.beam.frame.survey_point(place))
         .collect();
     setup
         .markers
@@ -308,19 +324,28 @@ fn complete_pairs(
     mut pairs: Vec<MatchedPair>,
 ) -> Vec<MatchedPair> {
     for gate_px in GATES_PX {
+        let images = pairs
+            .iter()
+            .map(|(i, j)| named_image(&seen[*i], *j))
+            .collect();
         let subject = Subject {
-            images: name_pairs(seen, &pairs),
+            images,
             ..right.clone()
         };
         let solved = || {
-            let problem = subject.image_problem(subject.start_rotation(&subject, None)?, None);
-            let freed = problem.with_freed(&Cause::Flexible.unknowns());
-            Some(problem.outlines(&problem.solve(&freed, true)?.global))
+            let pose: Pose = start_pose(&subject, None)?;
+            Evidence::new(subject.clone(), None, (&subject, &pose))?
+                .solve(Some(Cause::Flexible), &[])
         };
-        let Some(outlines) = solved().filter(|_| pairs.len() >= MIN_PAIRS - 2) else {
+        let Some(fit) = solved().filter(|_| pairs.len() >= MIN_PAIRS - 2) else {
             return vec![];
         };
-        pairs = nearest_pairs(seen, &outlines, right, gate_px);
+        pairs = nearest_pairs(
+            seen,
+            &predict_outlines(&fit.subject, None, &fit.pose),
+            right,
+            gate_px,
+        );
     }
     pairs
 }
@@ -347,7 +372,11 @@ fn nearest_pairs(
             }
         }
     }
-    select_nearest(all)
+    sort_by_value(&mut all, |one| one.0);
+    select_one_to_one(all)
+        .into_iter()
+        .map(|(_, pair)| pair)
+        .collect()
 }
 
 /// Largest square of an image's normalised misclosure after its marker was moved: chi-square of three degrees of freedom,
@@ -357,12 +386,12 @@ const CONSISTENT: f64 = 16.3;
 /// Pairs remaining markers with remaining detections if one wrong coordinate explains place and size of the image, or if
 /// several have each other's kinds. A false detection beside a hidden marker hardly satisfies either.
 fn add_remaining(
-    subject: &Subject,
+    subject: &mut Subject,
     seen: &[Detection],
     outlines: &[Option<DiscOutline>],
     pairs: &mut Vec<MatchedPair>,
 ) {
-    let markers = &subject.setup.markers;
+    let markers = subject.setup.markers.clone();
     let is_named = |i: usize| pairs.iter().any(|p| p.0 == i) || !is_usable(&seen[i]);
     let free: Vec<usize> = (0..seen.len()).filter(|i| !is_named(*i)).collect();
     let missing = (0..markers.len()).filter(|j| pairs.iter().all(|p| p.1 != *j));
@@ -379,22 +408,26 @@ fn add_remaining(
             }
         }
     }
+    sort_by_value(&mut similar, |one| one.0);
     similar.retain(|(_, (i, j))| {
         let mut with = subject.clone();
         with.images.push(named_image(&seen[*i], *j));
-        let evidence = Evidence {
-            subject: &with,
-            orientation: None,
-        };
-        (0..3).any(|axis| {
+        let pose = start_pose(subject, None);
+        let evidence = pose.and_then(|pose| Evidence::new(with.clone(), None, (&with, &pose)));
+        let explains = |evidence: &Evidence, axis: usize| {
             let fit = evidence.solve(Some(Cause::Point(*j, axis)), &[]);
-            fit.is_some_and(|fit| fit.image_square(subject.images.len()) < CONSISTENT)
-        })
+            fit.is_some_and(|fit| evidence.image_square(&fit, subject.images.len()) < CONSISTENT)
+        };
+        evidence.is_some_and(|evidence| (0..3).any(|axis| explains(&evidence, axis)))
     });
-    let mut added = select_nearest(similar);
-    let other = select_nearest(other);
+    let mut added = select_one_to_one(similar);
+    sort_by_value(&mut other, |one| one.0);
+    let other = select_one_to_one(other);
     if other.len() > 1 {
         added.extend(other);
     }
-    pairs.extend(added);
+    subject
+        .images
+        .extend(added.iter().map(|(_, (i, j))| named_image(&seen[*i], *j)));
+    pairs.extend(added.into_iter().map(|(_, pair)| pair));
 }

@@ -83,8 +83,7 @@ fn initial_state_from_flight(flight: Flight) -> AdjustResult<InitialState> {
         },
         attributed: Arc::new(attributed),
         local: fit.groups[0].local.clone(),
-        twist: LoadTwist::default()
-            .with_frame(&flight_problem.layouts[0].values(&fit.global, &fit.groups[0].local)),
+        twist: LoadTwist::default().with_frame(&flight_problem.layouts[0], &fit),
         departure: ShapeDeparture::initial(),
         frames: 1,
         accepted_frames: 1,

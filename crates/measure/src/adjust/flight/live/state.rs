@@ -143,10 +143,7 @@ impl LiveState {
             mount_disturbed,
             base,
         } = step;
-        let (fit, layout) = (
-            &attempt.solved.fit,
-            &attempt.solved.flight_problem.layouts[0],
-        );
+        let fit = &attempt.solved.fit;
         let frames = if *mount_disturbed { 1 } else { self.frames + 1 };
         let mut next = LiveState {
             known: fit.information_prior(),
@@ -155,7 +152,7 @@ impl LiveState {
             twist: self
                 .twist
                 .clone()
-                .with_frame(&layout.values(&fit.global, &fit.groups[0].local)),
+                .with_frame(&attempt.solved.flight_problem.layouts[0], fit),
             frames,
             accepted_frames: self.accepted_frames.saturating_add(1),
             rejected_frames: 0,
@@ -223,7 +220,9 @@ impl LiveState {
     /// Resets the mounting to its priors.
     fn reset_mounting(&self, flight: &Flight, known: &mut InformationPrior) -> AdjustResult<()> {
         let own = self.model.layout.mounting;
-        let terms = terms::mounting_terms(&flight.input, false);
+        let input = &flight.input;
+        let mut terms = vec![terms::mounting_rotation(input, false)];
+        terms.extend(terms::mounting_terms(input, false));
         let mut covariance = DMatrix::zeros(own.count, own.count);
         let mut first = 0;
         for prior in terms.iter().flat_map(|term| &term.priors) {
