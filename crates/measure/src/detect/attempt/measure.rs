@@ -124,7 +124,7 @@ pub fn measure_hypothesis(
         );
     }
     let is_determined = !fitted.is_in_glare() || fitted.prior.has_full_size();
-    if fitted.pattern == MarkerPattern::Disc && !fitted.is_covered() && is_determined {
+    if fitted.pattern == MarkerPattern::Disc && !fitted.is_under_decal() && is_determined {
         let least = scale.max(attempt.floor);
         let seams = seam::find_seams(image, &fitted.ellipse, &near, least)
             .into_iter()
@@ -196,7 +196,7 @@ impl FitAttempt<'_> {
             floor,
             ..
         } = *self;
-        let budget = if hypothesis.is_covered() {
+        let budget = if hypothesis.is_under_decal() {
             UNLIMITED
         } else {
             COARSE
@@ -251,7 +251,7 @@ impl FitAttempt<'_> {
             .overshoot
             .iter()
             .for_each(|known| overshoot::add_overshoot_prior(known, &mut unknowns));
-        let whole = !hypothesis.is_covered();
+        let whole = !hypothesis.is_under_decal();
         let (masked, all) = if whole {
             (exclude_darker_surroundings(near, floor), FINAL)
         } else {

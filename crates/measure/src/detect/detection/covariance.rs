@@ -36,6 +36,8 @@ pub enum CovarianceSource {
     Misfit,
     /// Length of a thin disc that differs from that predicted by its neighbours.
     NeighbourLength,
+    /// Thickness of a disc below that of a neighbour whose decal may hide a part of it.
+    NeighbourThickness,
     /// Size of a disc that differs from that predicted by the survey's diameter at its distance.
     SurveyedSize,
     /// Uncertainty of the perspective bias of a disc's centre, which is removed.

@@ -38,7 +38,7 @@ pub fn select_unknowns(hypothesis: &Hypothesis) -> (FitUnknowns, &'static [usize
         .into_iter()
         .chain(OUTLINE..N)
         .for_each(|k| free[k] = false);
-    let part = hypothesis.is_covered();
+    let part = hypothesis.is_under_decal();
     if part {
         // The visible outline determines an ellipse and no more.
         FINE_LIGHT.iter().for_each(|&k| free[k] = false);

@@ -9,6 +9,7 @@ use nalgebra::Vector2;
 use crate::detect::appearance::parameters::MarkerPattern;
 use crate::detect::hypothesis::prior::MarkerPrior;
 use crate::detect::image::ellipse::Ellipse;
+use crate::detect::occlusion::decal::Decal;
 use crate::detect::occlusion::region::{OcclusionBand, Region};
 use crate::raster::Raster;
 
@@ -57,7 +58,7 @@ impl Hypothesis {
 
     /// Returns whether no part of the marker is assumed to be hidden.
     pub fn is_whole(&self) -> bool {
-        !self.is_covered() && !self.is_in_glare()
+        !self.is_under_decal() && !self.is_in_glare()
     }
 
     /// Returns whether dark paint touches an end of the marker.
@@ -67,11 +68,14 @@ impl Hypothesis {
             .any(|region| matches!(region, Region::Paint(_)))
     }
 
-    /// Returns whether another object lies over the marker.
-    pub fn is_covered(&self) -> bool {
-        self.excluded
-            .iter()
-            .any(|region| matches!(region, Region::Cover(_)))
+    /// Returns the decals that may lie over the marker.
+    pub fn decals(&self) -> impl Iterator<Item = &Decal> {
+        self.excluded.iter().filter_map(Region::decal)
+    }
+
+    /// Returns whether a decal may lie over the marker.
+    pub fn is_under_decal(&self) -> bool {
+        self.decals().next().is_some()
     }
 
     /// Returns the bands in which glare hides the marker.
@@ -88,6 +92,13 @@ impl Hypothesis {
     pub fn with_glare(mut self, bands: Vec<OcclusionBand>) -> Self {
         self.excluded.retain(|region| region.glare().is_none());
         self.excluded.extend(bands.into_iter().map(Region::Glare));
+        self
+    }
+
+    /// Replaces the decals.
+    pub fn with_decals(mut self, decals: Vec<Decal>) -> Self {
+        self.excluded.retain(|region| region.decal().is_none());
+        self.excluded.extend(decals.into_iter().map(Region::Decal));
         self
     }
 

@@ -1,7 +1,7 @@
-//! Occlusions of a part of a marker: covering objects, glare, seams, paint.
+//! Occlusions of a part of a marker: decals, glare, seams, paint.
 
+pub mod decal;
 pub mod glare;
-pub mod mask;
 pub mod options;
 pub mod paint;
 pub mod region;

@@ -3,6 +3,27 @@
 use std::ops::Range;
 
 numbers! {
+    /// Decals that may lie over a marker.
+    DECAL: DecalOptions {
+        /// Extent of a decal beyond its print, above and below it, px. From the decals of the rendered sets, seen from the
+        /// cabin; `tests/detect/decals.rs`.
+        margin_px: f64 = 7.0,
+        /// Approximate number of contour points of a blob from which a line is made. A bound on time: all pairs are tried.
+        line_points: usize = 40,
+        /// Minimum number of points on the line along which a decal cuts a blob. Chosen; the slanted decals of
+        /// `tests/detect/decals.rs`.
+        line_support: usize = 12,
+        /// Minimum distance between the two points that define a line, px. Derived: a contour is accurate to 0.5 px, so the
+        /// direction is accurate to 0.06 rad before all points refine it.
+        line_reach_px: f64 = 12.0,
+        /// Maximum distance of a point from the line, px. Derived: contour points lie 0.5 px from the pixels, with 0.1 px
+        /// for rounding.
+        line_off_px: f64 = 0.6,
+        /// Angle below which a direction is treated as that of rows or columns, rad. Derived: 0.4 px over a disc of 40 px,
+        /// less than the accuracy of a contour.
+        level_rad: f64 = 0.01,
+    }
+
     /// Glare over a marker, from the skin next to it.
     GLARE: GlareOptions {
         /// Minimum ratio of lit skin to the median of the skin for glare. Chosen on the rendered glare frames;

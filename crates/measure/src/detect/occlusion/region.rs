@@ -2,15 +2,13 @@
 
 use nalgebra::Vector2;
 
-use std::rc::Rc;
-
-use super::mask::PixelMask;
+use super::decal::Decal;
 
 /// Region that a fit excludes, by type of occlusion.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Region {
-    /// Pixels of another object over the marker or next to it, as a decal.
-    Cover(Rc<PixelMask>),
+    /// Decal that lies over the marker.
+    Decal(Decal),
     /// Glare that hides the marker.
     Glare(OcclusionBand),
     /// Seam of the skin that meets the marker.
@@ -23,8 +21,17 @@ impl Region {
     /// Returns true if the point lies in the region.
     pub fn contains(&self, at: &Vector2<f64>) -> bool {
         match self {
-            Self::Cover(mask) => mask.contains(at),
+            Self::Decal(decal) => decal.contains(at),
             Self::Glare(band) | Self::Seam(band) | Self::Paint(band) => band.contains(at),
+        }
+    }
+
+    /// Returns the decal of a decal region.
+    pub fn decal(&self) -> Option<&Decal> {
+        if let Self::Decal(decal) = self {
+            Some(decal)
+        } else {
+            None
         }
     }
 

@@ -110,29 +110,34 @@ numbers! {
         pair: GrowingLength = GrowingLength { factor: 3.0, px: 3.0 },
     }
 
-    /// Discs that another object partly covers. Chosen on drawn decals; `tests/detect/decals.rs` checks them.
-    COVER: CoverOptions {
-        /// Extent of a decal beyond its print, with the error of an expected outline, px.
-        margin_px: f64 = 10.0,
-        /// Skin around a disc whose grey is determined, px: as far as a fit uses pixels.
-        reach_px: f64 = 14.0,
-        /// Minimum fraction of a disc's outline that is hidden.
+    /// Discs that are partly covered by a decal. Chosen on drawn and rendered decals; `tests/detect/decals.rs` checks them.
+    DECAL_CUT: DecalCutOptions {
+        /// Minimum fraction of a disc's outline under a decal.
         touches: f64 = 0.15,
+        /// Maximum fraction of the outline under decals.
+        covered: f64 = 0.85,
         /// Maximum offset of an expected outline, px.
         aside_px: f64 = 3.0,
         /// Prior standard deviation of the relative difference in thickness between neighbouring discs.
         same_minor: f64 = 0.04,
         /// Prior standard deviation of the difference in direction between neighbouring discs, rad.
         same_angle_rad: f64 = 0.015,
-        /// Minimum number of contour points of a blob away from the decal.
+        /// Width of the rows or columns of a blob that end at the decal, px: they do not show the outline.
+        cut_px: f64 = 0.75,
+        /// Minimum number of contour points of a blob outside the decal.
         min_points: usize = 16,
         /// Maximum root mean square distance of these points from the outline, px: contours are accurate to 0.5 px.
         off_px: f64 = 0.7,
-        /// Distance of the first centre from the middle of the visible part, radii: towards the neighbour.
+        /// Distance to which the edge of a decal is blurred into its surroundings, blurs: 1 % of the contrast.
+        edge_blurs: f64 = 2.4,
+        /// Default extent of a decal to the sides of its print, px: in the image it is wider than long.
+        side_px: f64 = 35.0,
+        /// Distance of the first centre from the middle of the visible rim, radii: towards the neighbour.
         first_step: f64 = 0.7,
         /// Iterations in which the centre converges.
         iterations: usize = 12,
     }
+
     /// Discs that are partly hidden by glare. Chosen on rendered glare frames; `tests/detect/glare.rs` checks them.
     GLARE_CUT: GlareCutOptions {
         /// Distance on either side of the contour at which the step from black to skin is measured, px.

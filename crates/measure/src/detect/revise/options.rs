@@ -25,6 +25,10 @@ numbers! {
         /// Axis ratio (minor over major) relative to that of the neighbour below which a disc that looks whole may be a
         /// part of a thicker one: beyond the effect of the skin's slope on two neighbours.
         thin_ratio: f64 = 0.88,
+        /// Relative axis ratio below which the skin's slope does not explain it.
+        thin_ratio_whole: f64 = 0.7,
+        /// Relative axis ratio of a partly hidden disc below which the hidden edge may lie elsewhere.
+        thin_ratio_part: f64 = 0.95,
     }
 
     /// Markers whose outline the orientation predicts. Chosen on some 110 rendered sets; `tests/detect/second_pass.rs`.
@@ -54,8 +58,6 @@ numbers! {
         inner_fraction: f64 = 0.75,
         /// Error of quadrants' outline, px: near the camera the centre of a target's outline is not its own.
         outline_error_px: f64 = 8.0,
-        /// Largest hidden fraction of the outline of a disc whose size is predicted.
-        max_covered: f64 = 0.85,
         /// Largest blur over that of the frame, a ratio.
         max_blur_ratio: f64 = 2.5,
     }

@@ -19,7 +19,7 @@ use crate::detect::hypothesis::Hypothesis;
 use crate::detect::hypothesis::prior::{EdgePrior, MarkerPrior, PriorValue, SizePrior, SlopePrior};
 use crate::detect::image::ellipse::{Ellipse, wrap_half_turn};
 use crate::detect::numbers::{MIN_TYPICAL, SIGNIFICANT_SIGMAS};
-use crate::detect::occlusion::{glare, options::GLARE};
+use crate::detect::occlusion::{decal::ROW_DIRECTION, glare, options::GLARE};
 use crate::detect::propose::{decal_cut, quadrant_edges};
 use crate::detect::revise::options::ORIENTATION;
 use crate::estimation::robust::{SIGMA_OVER_MEDIAN, median};
@@ -363,17 +363,14 @@ impl SecondPass<'_> {
     /// outside a decal.
     fn hypotheses(&self, target: &SearchTarget, is_sure: bool) -> Vec<Hypothesis> {
         let SearchTarget {
-            prediction, sizes, ..
+            prediction,
+            sizes,
+            others,
         } = target;
         let whole = sizes.hypothesis(self.measurer.image, prediction);
         // The disc is assumed to be hidden only if it does not look whole.
         let hidden = |whole| {
-            decal_cut::covered_disc(
-                self.measurer.image,
-                whole,
-                self.psf,
-                ORIENTATION.max_covered,
-            )
+            decal_cut::occluded_disc(self.measurer.image, whole, others, ROW_DIRECTION, self.psf)
         };
         let hidden = whole.as_ref().and_then(hidden);
         whole
@@ -416,6 +413,6 @@ impl SecondPass<'_> {
             detection.semi_minor_px /= ORIENTATION.inner_fraction;
         }
         sizes.inflate_size_outlier(prediction, &mut measured.detection);
-        Some((measured, !hypothesis.is_covered()))
+        Some((measured, !hypothesis.is_under_decal()))
     }
 }

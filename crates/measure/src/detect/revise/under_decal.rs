@@ -1,11 +1,18 @@
 //! Repeated measurement of discs under the decal of a neighbouring disc.
 
+use nalgebra::Matrix2;
+
 use super::neighbours::{has_predicted_length, predict_major_from_others};
-use crate::detect::accept::{found::FoundMarkers, verdict::MeasuredMarker};
+use crate::detect::accept::options::VERDICT;
+use crate::detect::accept::{
+    found::FoundMarkers, preference::fits_better, verdict::MeasuredMarker,
+};
 use crate::detect::attempt::strategies::Measurer;
-use crate::detect::detection::RejectReason;
+use crate::detect::detection::{RejectReason, covariance::CovarianceSource};
 use crate::detect::hypothesis::{Hypothesis, prior::PriorValue};
+use crate::detect::image::ellipse::Ellipse;
 use crate::detect::numbers::IMPROBABLE_SIGMAS;
+use crate::detect::occlusion::decal::{self, ROW_DIRECTION};
 use crate::detect::propose::decal_cut;
 use crate::detect::revise::options::UNDER_DECAL;
 use crate::detect::segment::blob::Blob;
@@ -52,33 +59,72 @@ impl PartialDisc<'_> {
                 .contains(new.detection.centre_px)
     }
 
-    /// Measures the part of the disc outside the decal.
+    /// Measures the part of the disc outside the decal, for a decal along rows and one along the line in which the blob
+    /// ends.
     fn measure(
         &self,
         measurer: &Measurer,
         is_included: impl Fn(&Hypothesis) -> bool,
     ) -> Option<MeasuredMarker> {
-        let hypothesis = decal_cut::disc_under_decal(
-            measurer.image,
-            self.blob,
-            &self.neighbour.detection.ellipse(),
-            self.size,
-            self.neighbour.blur,
-        )?;
-        let hypothesis = Some(Hypothesis {
-            blobs: vec![self.index],
-            ..hypothesis
+        let other_ellipse = self.neighbour.detection.ellipse();
+        let under = |axis| {
+            let hypothesis = decal_cut::disc_under_decal(
+                measurer.image,
+                self.blob,
+                &other_ellipse,
+                axis,
+                self.size,
+                self.neighbour.blur,
+            )?;
+            let hypothesis = Some(Hypothesis {
+                blobs: vec![self.index],
+                ..hypothesis
+            })
+            .filter(&is_included)?;
+            measurer
+                .measure(&hypothesis)
+                .ok()
+                .filter(|new| self.matches_disc(new))
+        };
+        let both = [
+            Some(ROW_DIRECTION),
+            decal::find_cut_direction(self.blob, &other_ellipse),
+        ]
+        .into_iter()
+        .flatten()
+        .filter_map(under);
+        both.reduce(|one, other| {
+            if fits_better(&other.detection, &one.detection) {
+                other
+            } else {
+                one
+            }
         })
-        .filter(is_included)?;
-        measurer
-            .measure(&hypothesis)
-            .ok()
-            .filter(|new| self.matches_disc(new))
     }
+}
+
+/// Returns the outline of a disc that is too thin compared with its neighbour, and the covariance to add, px^2: it may be
+/// displaced across by the missing thickness.
+fn inflation_if_thin(
+    thin: &MeasuredMarker,
+    neighbour: &MeasuredMarker,
+) -> Option<(Ellipse, Matrix2<f64>)> {
+    let (ellipse, other_ellipse) = (thin.detection.ellipse(), neighbour.detection.ellipse());
+    let least = if thin.is_whole {
+        UNDER_DECAL.thin_ratio_whole
+    } else {
+        UNDER_DECAL.thin_ratio_part
+    };
+    let is_far_thinner = axis_ratio(thin) < least * axis_ratio(neighbour)
+        // Dirt is shorter than half of it.
+        && is_within_factor(ellipse.major, other_ellipse.major, 2.0);
+    let off = ellipse.minor_direction() * (axis_ratio(neighbour) * ellipse.major - ellipse.minor);
+    is_far_thinner.then(|| (ellipse, off * off.transpose()))
 }
 
 /// Measures the visible part of discs under the decal of a neighbour, with the length predicted from the neighbours and the
 /// shape of that neighbour. Candidates are blobs without a marker, and markers that are too thin or of another size.
+/// Increases the covariance of those that are too thin and cannot be measured this way.
 pub fn revise_under_decals(
     measurer: &Measurer,
     found: &mut FoundMarkers,
@@ -99,6 +145,7 @@ pub fn revise_under_decals(
                 .iter()
                 .any(|decal| decal_cut::overlaps_box(blob, decal))
     };
+    let mut inflations: Vec<(Ellipse, Matrix2<f64>)> = Vec::new();
     for (index, blob) in measurer
         .blobs
         .iter()
@@ -149,6 +196,7 @@ pub fn revise_under_decals(
             continue;
         }
         let Some(measured) = part.and_then(|part| part.measure(measurer, &is_included)) else {
+            inflations.extend(slot.and_then(|slot| inflation_if_thin(slot, neighbour)));
             continue;
         };
         let ellipse = measured.detection.ellipse();
@@ -168,6 +216,29 @@ pub fn revise_under_decals(
         found.replace_or_add(own, measured);
         found.reject_indices(RejectReason::Duplicate, &parts);
     }
+    apply_inflations(found, &inflations);
+}
+
+/// Increases the covariances of discs with some outlines, at any threshold, or rejects those for which the increase is too
+/// large.
+fn apply_inflations(found: &mut FoundMarkers, inflations: &[(Ellipse, Matrix2<f64>)]) {
+    let is_it = |m: &MeasuredMarker, ellipse: &Ellipse| {
+        let own = m.detection.ellipse();
+        ellipse.contains(own.centre)
+            && is_within_factor(own.minor, ellipse.minor, UNDER_DECAL.max_size_ratio)
+    };
+    let mut none = Vec::new();
+    for (i, m) in found.measured.iter_mut().enumerate() {
+        if let Some((_, inflation)) = inflations.iter().find(|(ellipse, _)| is_it(m, ellipse)) {
+            m.detection
+                .covariance_px2
+                .add(CovarianceSource::NeighbourThickness, *inflation);
+            none.extend(
+                (inflation.trace() > VERDICT.max_sigma_px * VERDICT.max_sigma_px).then_some(i),
+            );
+        }
+    }
+    found.reject_indices(RejectReason::Uncertain, &none);
 }
 
 /// Returns a disc's thickness over its length.

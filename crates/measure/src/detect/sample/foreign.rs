@@ -5,7 +5,6 @@ use crate::detect::appearance::parameters::{BLUR, HALO, LIGHT, MarkerParameters,
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::image::scanline::{EllipseFrame, PixelBox, Ring};
-use crate::detect::occlusion::mask::PixelMask;
 use crate::detect::segment::blob::Blob;
 use crate::raster::Raster;
 
@@ -15,6 +14,32 @@ const MARGIN_PX: usize = 3;
 /// blurs from the edge, where 1.4 % of the contrast remains. In a sharpened image the halo reaches as far as the blur of
 /// the copy.
 const MARGIN_BLURS: f64 = 1.5;
+
+/// Excluded pixels of a box.
+struct PixelMask {
+    area: PixelBox,
+    /// Margin around an object that is excluded as well, px.
+    margin: usize,
+    marks: Option<Vec<bool>>,
+}
+
+impl PixelMask {
+    /// Marks the pixels near a run.
+    fn mark_run(&mut self, y: usize, from: usize, to: usize) {
+        let [x0, y0, x1, y1] = self.area;
+        let width = x1 - x0 + 1;
+        let marks = self
+            .marks
+            .get_or_insert_with(|| vec![false; width * (y1 - y0 + 1)]);
+        let margin = self.margin;
+        let (from, to) = (from.saturating_sub(margin).max(x0), (to + margin).min(x1));
+        for row in y.saturating_sub(margin).max(y0)..=(y + margin).min(y1) {
+            if from <= to {
+                marks[(row - y0) * width + from - x0..=(row - y0) * width + to - x0].fill(true);
+            }
+        }
+    }
+}
 
 /// Marks the pixels near those outside the disc's outline that are darker than the light by more than `limit`.
 pub fn mask_darker(
@@ -28,7 +53,11 @@ pub fn mask_darker(
     let margin = (MARGIN_BLURS * m[BLUR].hypot(m[HALO]))
         .ceil()
         .clamp(1.0, 2.0 * MARGIN_PX as f64) as usize;
-    let mut mask = PixelMask::new(area, margin);
+    let mut mask = PixelMask {
+        area,
+        margin,
+        marks: None,
+    };
     let frame = EllipseFrame::new(ellipse);
     let reach = f64::from(bands.flat) + margin as f64;
     // No pixel lighter than this is darker than the light anywhere in the ring.
@@ -53,14 +82,18 @@ pub fn mask_darker(
             }
         }
     }
-    mask.into_marks()
+    mask.marks
 }
 
 /// Marks the pixels of a box near blobs that do not belong to the hypothesis. Returns `None` if there are none.
 pub fn mask_foreign(blobs: &[Blob], hypothesis: &Hypothesis, area: PixelBox) -> Option<Vec<bool>> {
     let ellipse = &hypothesis.ellipse;
     let [x0, y0, x1, y1] = area;
-    let mut mask = PixelMask::new(area, MARGIN_PX);
+    let mut mask = PixelMask {
+        area,
+        margin: MARGIN_PX,
+        marks: None,
+    };
     for (i, blob) in blobs.iter().enumerate() {
         let b = blob.bounds;
         let apart = b[0] > x1 + MARGIN_PX
@@ -79,7 +112,7 @@ pub fn mask_foreign(blobs: &[Blob], hypothesis: &Hypothesis, area: PixelBox) -> 
             mask.mark_run(y, from, to);
         }
     }
-    mask.into_marks()
+    mask.marks
 }
 
 /// Returns true if a blob contains the hypothesis's own blob, joined with a line that touches it at a laxer level.
