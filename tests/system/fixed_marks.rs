@@ -108,17 +108,24 @@ fn dev() -> String {
 
 #[test]
 fn the_plan_reports_the_gain_from_fixed_targets_and_the_contribution_of_each_unknown() {
-    let plan: Value =
-        serde_json::from_str(&stdout(&["plan", "--installation", &dev(), "--json"])).unwrap();
+    let dev = dev();
+    let wanted = ["plan", "--installation", &dev, "--want", "5mm"];
+    let plan: Value = serde_json::from_str(&stdout(&[&wanted[..], &["--json"]].concat())).unwrap();
     let prediction = &plan["prediction"];
-    let tip = |value: &Value| value["sigma_tip_deflection_m"].as_f64().unwrap();
-    let mut before = tip(&prediction["expected"]);
-    let marks = prediction["fixed_targets"].as_array().unwrap();
-    assert_eq!(marks.len(), 3);
-    for mark in marks {
-        let now = tip(&mark["expected"]);
-        assert!(now < before, "{mark}: {now} m after {before} m");
-        before = now;
+    let now = prediction["expected"]["sigma_tip_deflection_m"]
+        .as_f64()
+        .unwrap();
+    let remedies = plan["remedies"].as_array().unwrap();
+    let with_targets: Vec<&Value> = remedies
+        .iter()
+        .filter(|one| one["remedy"].as_str().unwrap().contains("fixed targets"))
+        .collect();
+    assert!(!with_targets.is_empty(), "{remedies:?}");
+    for one in with_targets {
+        let then = one["sigma_taken_m"]
+            .as_f64()
+            .or(one["sigma_alone_m"].as_f64());
+        assert!(then.is_some_and(|m| m < now), "{one} after {now} m");
     }
     let budget = prediction["budget"].as_array().unwrap();
     assert!(budget.len() >= 5, "{budget:?}");
@@ -127,7 +134,7 @@ fn the_plan_reports_the_gain_from_fixed_targets_and_the_contribution_of_each_unk
         .map(|one| one["share"].as_f64().unwrap())
         .sum();
     assert!((shares - 1.0).abs() < 1e-9, "{shares}");
-    let text = stdout(&["plan", "--installation", &dev()]);
+    let text = stdout(&wanted);
     assert!(
         text.contains("2 fixed targets") && text.contains("root flexibility"),
         "{text}"
