@@ -10,7 +10,7 @@ use super::camera_shots::{ShotArgs, take_shots};
 use super::workstation;
 use crate::camera::section::CameraSection;
 use crate::config::{self, Config};
-use crate::daemon::{self, machine, memory};
+use crate::daemon::{self, memory, radios};
 use wingd_base::clock::SystemClock;
 use wingd_base::failure::{Completion, Failure, TaskResult};
 use wingd_base::fault::Fault;
@@ -117,7 +117,7 @@ fn print_findings(reported: &[Finding], faults: &[Fault]) -> TaskResult<Completi
 
 /// Findings on cabin rules: radio transmitters, time to stop. None is an error: the operator decides.
 fn cabin_findings(config: &Config, sys: &Path) -> Vec<Finding> {
-    let radios = machine::list_radios(sys);
+    let radios = radios::list_radios(sys);
     let open: Vec<String> = radios
         .iter()
         .filter(|r| !r.blocked)
@@ -220,7 +220,7 @@ impl Findings {
             self.check_camera(config, file);
         }
         self.reported
-            .extend(cabin_findings(config, Path::new(machine::SYSFS)));
+            .extend(cabin_findings(config, Path::new(radios::SYSFS)));
     }
 
     /// Checks an installation; with `flies` it must have an orientation, because it will solve frames.

@@ -16,7 +16,7 @@
 //!
 //! | files | subject |
 //! |---|---|
-//! | `schedule`, `config`, `shutdown`, `command`, `watchdog`, `machine`, `memory`, `endpoint`, `tcp_keepalive`, `event`, `solver` | basic types: times, durations, commands, events |
+//! | `schedule`, `config`, `shutdown`, `command`, `watchdog`, `memory`, `radios`, `endpoint`, `tcp_keepalive`, `event`, `solver` | basic types: times, durations, commands, events |
 //! | `status` | the state in words and numbers, and the only definition of health |
 //! | `core`, `worker`, `budget` | objects shared by all threads; calls on a thread with a deadline, abandoned and counted; limits of data with a lower priority than series |
 //! | `capture` | the camera, with the checks of each frame and its time of exposure |
@@ -36,10 +36,10 @@ mod event;
 mod event_log;
 mod frame_storage;
 pub mod live;
-pub mod machine;
 pub mod memory;
 pub mod power;
 mod processing;
+pub mod radios;
 mod recorder;
 mod run;
 pub mod schedule;

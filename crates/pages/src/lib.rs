@@ -82,7 +82,7 @@ pub fn page_runtime() -> io::Result<tokio::runtime::Runtime> {
 /// Maximum number of archives sent at the same time; a small computer records meanwhile.
 const MAX_ARCHIVES: usize = 2;
 
-/// Timeout for an archive's permit; after it the client is head to retry.
+/// Timeout for an archive's permit; after it the client is asked to retry.
 const PERMIT_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Maximum number of frames decoded for display at the same time.

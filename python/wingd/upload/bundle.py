@@ -148,7 +148,10 @@ def store_id(root: Path) -> str:
         raise StoreError(f"{file}: cannot be read ({error}); restore it from a copy") from None
     number, id = about.get("format"), about.get("id")
     if number == 1:
-        raise StoreError(f"{root}: has format 1 and no id that distinguishes its flights from those of other recorders")
+        raise StoreError(
+            f"{root}: has format 1 and no id that distinguishes its flights from those of other recorders; "
+            "import its frames into a new store"
+        )
     if number != FORMAT or not isinstance(id, str) or not id:
         raise StoreError(f"{file}: has format {number}; this program reads format {FORMAT}")
     return id

@@ -133,7 +133,7 @@ fn shot_data(number: u32, picture: &DatedImage, name: String) -> ShotData {
 }
 
 fn write_page(page: &ReportFile, data: &ReportData) -> TaskResult<()> {
-    let content = run_long_task("writing the report", || (page.builder.page)(data));
+    let content = run_long_task("writing the report", || (page.builder)(data));
     write_output(page.file, content, CHECK_WRITE_ACCESS)?;
     eprintln!("wingd: report: {}", page.file.display());
     Ok(())

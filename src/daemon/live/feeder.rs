@@ -38,7 +38,7 @@ pub(crate) struct Feeder {
     /// Time at which the next frame is due, since boot.
     next_frame: Duration,
     failures: u32,
-    /// Number of the camera opening that the raw frames have noted_opening.
+    /// Number of the camera opening that the raw frames have noted.
     noted_opening: u64,
 }
 

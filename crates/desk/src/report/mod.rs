@@ -36,7 +36,7 @@ pub const SCRIPT: &str = concat!(
 );
 
 /// Builder of reports.
-pub const REPORT_BUILDER: ReportBuilder = ReportBuilder { page: report_page };
+pub const REPORT_BUILDER: ReportBuilder = report_page;
 
 /// Builds a self-contained page; `units` describes its units.
 pub fn standalone_page(title: &str, main: &Markup, units: &str) -> String {

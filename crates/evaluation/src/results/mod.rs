@@ -203,9 +203,6 @@ pub struct ReportData {
     pub warnings: Vec<String>,
 }
 
-/// Builder of reports. Pages and commands of the recorder get it as a value, so that the on-board build needs none.
-#[derive(Clone, Copy)]
-pub struct ReportBuilder {
-    /// Builds the page, without external resources.
-    pub page: fn(&ReportData) -> String,
-}
+/// Builds the page of a report, without external resources. Commands of the recorder get it as a value, so that the on-board
+/// build needs none.
+pub type ReportBuilder = fn(&ReportData) -> String;

@@ -31,16 +31,6 @@ pub struct ResultChoice<'a> {
     pub inputs: Option<&'a str>,
 }
 
-impl<'a> ResultChoice<'a> {
-    /// Selects a flight with its default results.
-    pub fn for_flight(flight: &'a str) -> Self {
-        Self {
-            flight: Some(flight),
-            inputs: None,
-        }
-    }
-}
-
 /// Maximum number of frames with a full record in a report: about 4 MB of the page with 40 markers each.
 const MAX_FULL_RECORDS: usize = 400;
 /// Default number of images in a report, about 200 kB of the page each.

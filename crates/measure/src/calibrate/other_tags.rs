@@ -40,7 +40,8 @@ mod tests {
 
     /// Kind of tag: code bits along a side, bits of the black border, codes.
     type TagKind = ([u8; 2], &'static [u64]);
-    const KINDS: [TagKind; 3] = [([6, 2], &T36H11), ([6, 1], &T36H11), ([5, 2], &T25H9)];
+    /// Kinds that are drawn: the board's, and two others.
+    const DRAWN_KINDS: [TagKind; 3] = [([6, 2], &T36H11), ([6, 1], &T36H11), ([5, 2], &T25H9)];
 
     /// Side of a bit of a tag, px.
     const BIT_PX: f64 = 5.0;
@@ -99,7 +100,7 @@ mod tests {
             tag_m: 0.1,
             spacing: 0.3,
         };
-        let found = |kind: usize, first: usize| board.find(&draw_board(&KINDS[kind], first));
+        let found = |kind: usize, first: usize| board.find(&draw_board(&DRAWN_KINDS[kind], first));
         assert!(found(0, 0).is_ok_and(|found| found.view.len() > 70 && found.mismatch.is_none()));
         for (kind, first, words) in [
             (0, 20, "tags 20 to 39 found, not 0 to 19"),

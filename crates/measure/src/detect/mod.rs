@@ -105,17 +105,6 @@ impl GuidedDetector {
         }
     }
 
-    /// Creates a guided detector for a frame with detections, whose noise and sharpening it takes.
-    pub fn from_detections(found: &Detections) -> Self {
-        let sharpening = found
-            .overshoot
-            .map_or(Sharpening::Absent, Sharpening::Sharpened);
-        Self {
-            noise: found.noise,
-            sharpening,
-        }
-    }
-
     /// Finds the predicted markers, as [`detect_guided`] does.
     pub fn detect(&self, image: &Raster, predictions: &[MarkerPrediction]) -> Detections {
         let mut all = search_frame(image, self.search_options_for(Scope::Around(predictions)));

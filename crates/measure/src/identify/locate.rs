@@ -25,7 +25,7 @@ const NEAR_PX: f64 = 60.0;
 /// Search radius at which all markers are searched for together, px.
 const SETTLED_PX: f64 = 40.0;
 /// Distance below which two detections are equal, px.
-pub const MIN_SEPARATION_PX: f64 = 3.0;
+const MIN_SEPARATION_PX: f64 = 3.0;
 /// Relative variation of the curvature's shape along the span between wings, as in [`super::scan`].
 const SHAPE_FRACTION: f64 = 0.5;
 /// Standard deviation of the tip's twist, rad, as in [`super::scan`].

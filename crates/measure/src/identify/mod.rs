@@ -48,7 +48,6 @@ pub use diagnose::{
 };
 pub use flight::MIN_IDENTIFIED;
 pub use ground::estimate_orientation;
-pub use locate::MIN_SEPARATION_PX;
 pub use points::{PATCH_REACH_PX, PatchNodes, PatchPrediction};
 pub use scene::WingView;
 

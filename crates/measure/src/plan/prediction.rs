@@ -203,11 +203,22 @@ impl<'a> SimulatedFlight<'a> {
             .ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
     }
 
-    /// Adjusts the frame alone.
+    /// Adjusts the frame alone, or as many frames of one mounting together.
     ///
     /// # Errors
     /// Returns an error if the layout cannot be adjusted.
-    pub fn adjust_frame(&self) -> AdjustResult<Solution> {
+    pub fn adjust(
+        &self,
+        frames: usize,
+        flight_prior: Option<&FlightPrior>,
+    ) -> AdjustResult<Solution> {
+        match (frames, flight_prior) {
+            (..=1, None) => self.adjust_frame(),
+            _ => self.adjust_flight(frames, flight_prior),
+        }
+    }
+
+    fn adjust_frame(&self) -> AdjustResult<Solution> {
         adjust::solve_spatial(
             self.setup,
             &self.orientation,
@@ -219,10 +230,7 @@ impl<'a> SimulatedFlight<'a> {
     /// Adjusts `frames` frames of one mounting together, and returns the solution of the frame with the largest
     /// deflection. The tip deflections range from [`MIN_DEFLECTION_FRACTION`] of the deflection to all of it.
     /// `flight_prior`: prior from earlier flights.
-    ///
-    /// # Errors
-    /// Returns an error if the layout cannot be adjusted.
-    pub fn adjust_flight(
+    fn adjust_flight(
         &self,
         frames: usize,
         flight_prior: Option<&FlightPrior>,

@@ -156,11 +156,7 @@ pub fn predict_precision(
     flight_prior: Option<&FlightPrior>,
 ) -> AdjustResult<LayoutPrecision> {
     let simulation = SimulatedFlight::new(setup, orientation, options)?;
-    let solution = match (frames, flight_prior) {
-        (..=1, None) => simulation.adjust_frame(),
-        _ => simulation.adjust_flight(frames, flight_prior),
-    };
-    simulation.layout_precision(&solution?)
+    simulation.layout_precision(&simulation.adjust(frames, flight_prior)?)
 }
 
 /// Returns the attitude of the camera; without an orientation it looks at the middle of the wing, upright.
@@ -179,10 +175,7 @@ impl Campaign {
     /// Returns the standard deviation of the tip's deflection, m, and the solution of the frame with the largest one.
     fn adjust(&self, options: &PlanOptions) -> AdjustResult<(f64, Solution)> {
         let simulation = SimulatedFlight::new(&self.setup, Some(&self.orientation), options)?;
-        let solution = match self.frames {
-            ..=1 => simulation.adjust_frame(),
-            frames => simulation.adjust_flight(frames, None),
-        }?;
+        let solution = simulation.adjust(self.frames, None)?;
         let precision = simulation.layout_precision(&solution)?;
         Ok((precision.sigma_tip_deflection_m, solution))
     }

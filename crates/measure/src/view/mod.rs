@@ -23,6 +23,7 @@ pub use picture::Picture;
 
 /// Largest number of second passes. In flight, passes that add a marker do not count.
 pub const MAX_PASSES: usize = 3;
+
 /// Processing step of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Work {

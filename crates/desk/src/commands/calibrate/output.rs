@@ -46,25 +46,15 @@ pub(super) fn result_json(
         })
     };
     let is_refused = report.verdict == Verdict::Refused.name() && report.accepted.is_none();
-    let mut all = Map::new();
-    all.insert(
-        "status".into(),
-        if is_refused { "refused" } else { "ok" }.into(),
-    );
+    let mut all = json_fields(&json!({ "status": if is_refused { "refused" } else { "ok" } }));
     all.extend(json_fields(report));
-    all.extend([
-        ("reasons".to_owned(), json!(reasons)),
-        (
-            "model".to_owned(),
-            if rational { "rational" } else { "brown" }.into(),
-        ),
-        ("parameters".to_owned(), parameters.into()),
-        ("sigma".to_owned(), sigma.into()),
-        (
-            "images".to_owned(),
-            pictures.iter().enumerate().map(image).collect(),
-        ),
-    ]);
+    all.extend(json_fields(&json!({
+        "reasons": reasons,
+        "model": if rational { "rational" } else { "brown" },
+        "parameters": parameters,
+        "sigma": sigma,
+        "images": pictures.iter().enumerate().map(image).collect::<Vec<_>>(),
+    })));
     all
 }
 

@@ -135,7 +135,7 @@ numbers! {
     /// Contamination along a disc. Chosen on 2244 discs of 24 rendered sets, whose normalised error across fell from 1.21
     /// to 1.06; `tests/detect/dirt.rs`.
     DIRT: DirtOptions {
-        /// Number of pixels sampled outwards from there; the nearer half of them is compared between the sides.
+        /// Number of pixels sampled outwards from the outline; the nearer half is compared between the sides.
         reach_px: usize = 6,
         /// Step of the samples along the disc, px.
         step_px: f64 = 2.0,

@@ -62,9 +62,7 @@ impl BlobCollector {
         let factor = near.factor as f64;
         Self {
             near: BackgroundLevels::new(near, 0),
-            far: far.map(|far| {
-                BackgroundLevels::new(far, BACKGROUND.reach[BACKGROUND.reach.len() - 1])
-            }),
+            far: far.map(|far| BackgroundLevels::new(far, BACKGROUND.near_reach())),
             unique: UniqueBlobs::default(),
             uneven: Vec::new(),
             swallowed: Vec::new(),

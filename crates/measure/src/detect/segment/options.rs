@@ -37,3 +37,10 @@ numbers! {
         pad: usize = 2,
     }
 }
+
+impl BackgroundOptions {
+    /// Returns the largest distance of the near background, reduced px. Thicker regions need the far one.
+    pub const fn near_reach(&self) -> usize {
+        self.reach[self.reach.len() - 1]
+    }
+}

@@ -37,7 +37,7 @@ impl SearchWindow {
     /// Returns true if the marker may be so thick that it is detected relative to the far background.
     fn may_be_thick(&self, factor: usize) -> bool {
         // Both rims may cover a part of a reduced pixel.
-        self.thick / factor as f64 + 2.0 >= BACKGROUND.reach[BACKGROUND.reach.len() - 1] as f64
+        self.thick / factor as f64 + 2.0 >= BACKGROUND.near_reach() as f64
     }
 
     /// Returns the box in a frame of `width` x `height` reduced pixels, and the boxes from which its background is
